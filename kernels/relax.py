@@ -1,0 +1,111 @@
+"""Settling: the static equilibrium of the rollers with all sprockets held, by dynamic relaxation with kinetic damping.
+
+The rollers move undamped from rest under link elasticity, elastic contact, guides and gravity; whenever their kinetic
+energy has passed a peak, all velocities are set to zero. The state is settled when no roller's net force exceeds a
+fraction of the largest link force (or of a roller's weight).
+"""
+
+from functools import cache
+
+import warp as wp
+
+from .rollers import STATE_ROWS, accessors, passes, rows
+from .serial import stepping
+from .structs import types
+
+LOOK_EVERY = wp.constant(4)  # steps between two looks at the kinetic energy
+
+
+@wp.struct
+class Settling:
+    """One variant's relaxation: its step, tolerance, and how it stands."""
+
+    step: wp.float64  # h [s]
+    tolerance: wp.float64  # residual to reach
+    steps: wp.int32  # taken so far
+    limit: wp.int32  # most steps to take
+    residual: wp.float64  # largest net force over the largest link force or weight
+    energy: wp.float64  # kinetic energy at the last look [J]
+    settled: wp.int32
+
+
+@cache
+def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
+    """The kernel that settles variants, for up to `capacity` - 1 rollers."""
+    kinds = types(Real)
+    part = passes(Real, capacity)
+    do = stepping(Real, capacity)
+    load, store = accessors(Real).load, accessors(Real).store
+    at = rows(capacity)
+    VX, VY, TENSION = at.vx, at.vy, at.tension
+    kick_drift, acceleration = part.kick_drift, part.acceleration
+
+    @wp.func
+    def kinetic_energy(w: wp.array(dtype=Real), n: int, mass: Real):
+        total = wp.float64(0.0)
+        i = int(0)
+        while i < n:
+            vx = load(w, VX + i)
+            vy = load(w, VY + i)
+            total += wp.float64(vx * vx + vy * vy)
+            i = i + 1
+        return wp.float64(0.5) * wp.float64(mass) * total
+
+    @wp.func
+    def stop(w: wp.array(dtype=Real), n: int):
+        i = int(0)
+        while i < n:
+            store(w, VX + i, Real(0.0))
+            store(w, VY + i, Real(0.0))
+            i = i + 1
+
+    @wp.func
+    def residual(w: wp.array(dtype=Real), n: int, chain: kinds.Chain):
+        """Largest net force on a roller over the largest link force or a roller's weight."""
+        worst = Real(0.0)
+        scale = chain.mass * wp.length(chain.gravity)
+        i = int(0)
+        while i < n:
+            a = acceleration(w, i, Real(1.0) / chain.mass, chain.gravity)
+            worst = wp.max(worst, wp.length(a))
+            scale = wp.max(scale, wp.abs(load(w, TENSION + i)))
+            i = i + 1
+        if scale == Real(0.0):
+            return wp.float64(worst)
+        return wp.float64(chain.mass * worst / scale)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def relax(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        settling: wp.array(dtype=Settling),
+        w: wp.array(dtype=Real),
+        first: int,
+        block: int,
+    ):
+        """Variants `first` + thread: up to `block` steps of relaxation."""
+        variant = first + wp.tid()
+        drive = ensemble.drives[variant]
+        chain = ensemble.chains[variant]
+        s = settling[variant]
+        n = drive.rollers
+        part.fetch(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+        end = wp.min(s.steps + block, s.limit)
+        while s.steps < end and s.settled == 0:
+            do.evaluate(ensemble, state, drive, chain, w, 0)
+            if s.steps % LOOK_EVERY == 0:
+                energy = kinetic_energy(w, n, chain.mass)
+                s.residual = residual(w, n, chain)
+                if s.residual < s.tolerance:
+                    s.settled = 1
+                if energy < s.energy:
+                    stop(w, n)
+                    energy = wp.float64(0.0)
+                s.energy = energy
+            if s.settled == 0:
+                kick_drift(w, n, chain, Real(s.step), Real(s.step))
+                s.steps = s.steps + 1
+        settling[variant] = s
+        part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+
+    return relax

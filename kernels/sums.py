@@ -1,0 +1,163 @@
+"""What is added up over the window, in float64: tension, displacement, contacts, work, each step with its weight in time."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from .rollers import accessors, rows
+from .structs import ChainSums, ContactSums, SprocketSums, Strand, StrandSums, Totals, types
+
+
+@wp.func
+def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64):
+    """One partner's contacts of one step; `weight` is the time it stands for [s]."""
+    sums.force_max = wp.max(sums.force_max, totals.force_max)
+    sums.impacts = sums.impacts + totals.impacts
+    sums.impulse = sums.impulse + weight * totals.force
+    sums.dissipated = sums.dissipated + weight * totals.dissipated
+    return sums
+
+
+@wp.func
+def add_sprocket(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load: wp.float64, weight: wp.float64):
+    """One sprocket's speed, contact moment and load moment at one step."""
+    sums.speed_min = wp.min(sums.speed_min, speed)
+    sums.speed_max = wp.max(sums.speed_max, speed)
+    sums.speed = sums.speed + weight * speed
+    sums.speed_square = sums.speed_square + weight * speed * speed
+    sums.moment = sums.moment + weight * moment
+    sums.contact_work = sums.contact_work + weight * moment * speed
+    sums.load_work = sums.load_work + weight * load * speed
+    return sums
+
+
+@wp.func
+def add_displacement(sums: StrandSums, displacement: wp.float64):
+    """One mid-strand transverse displacement [m]."""
+    sums.samples = sums.samples + wp.int64(1)
+    sums.displacement_min = wp.min(sums.displacement_min, displacement)
+    sums.displacement_max = wp.max(sums.displacement_max, displacement)
+    sums.displacement = sums.displacement + displacement
+    sums.displacement_square = sums.displacement_square + displacement * displacement
+    return sums
+
+
+@cache
+def tallies(Real: type, capacity: int) -> SimpleNamespace:
+    """The sums over the rollers of one variant, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    load = accessors(Real).load
+    at = rows(capacity)
+    X, Y, VX, VY, TENSION, RATE = at.x, at.y, at.vx, at.vy, at.tension, at.rate
+    LINK_X, LINK_Y, FX, FY = at.link_x, at.link_y, at.fx, at.fy
+
+    @wp.func
+    def add_links(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, sums: ChainSums, weight: wp.float64):
+        """Tension of every link, and the power of the links' dampers."""
+        lowest = Real(sums.tension_min)
+        highest = Real(sums.tension_max)
+        total = wp.float64(0.0)
+        square = wp.float64(0.0)
+        rates = Real(0.0)
+        i = int(0)
+        while i < n:
+            tension = load(w, TENSION + i)
+            lowest = wp.min(lowest, tension)
+            highest = wp.max(highest, tension)
+            value = wp.float64(tension)
+            total += value
+            square += value * value
+            rate = load(w, RATE + i)
+            rates += rate * rate
+            i = i + 1
+        sums.tension_min = wp.float64(lowest)
+        sums.tension_max = wp.float64(highest)
+        sums.tension = sums.tension + total
+        sums.tension_square = sums.tension_square + square
+        sums.samples = sums.samples + wp.int64(1)
+        sums.dissipated = sums.dissipated + weight * wp.float64(chain.damping * rates)
+        return sums
+
+    @wp.func
+    def along(w: wp.array(dtype=Real), i: int, strand: Strand):
+        """Coordinate of roller i along a strand's nominal line [m]."""
+        return (wp.float64(load(w, X + i)) - strand.start[0]) * strand.direction[0] + (
+            wp.float64(load(w, Y + i)) - strand.start[1]
+        ) * strand.direction[1]
+
+    @wp.func
+    def across(w: wp.array(dtype=Real), i: int, strand: Strand):
+        """Distance of roller i to the left of a strand's nominal line [m]."""
+        return (wp.float64(load(w, Y + i)) - strand.start[1]) * strand.direction[0] - (
+            wp.float64(load(w, X + i)) - strand.start[0]
+        ) * strand.direction[1]
+
+    @wp.func
+    def follow_middle(w: wp.array(dtype=Real), n: int, strand: Strand):
+        """The last roller not past mid-strand; kept from step to step, so it moves by one at most."""
+        middle = strand.middle
+        half = wp.float64(0.5) * strand.length
+        tries = int(0)
+        while along(w, middle, strand) > half and tries < n:
+            middle = wp.where(middle == 0, n - 1, middle - 1)
+            tries = tries + 1
+        tries = int(0)
+        while along(w, wp.where(middle == n - 1, 0, middle + 1), strand) <= half and tries < n:
+            middle = wp.where(middle == n - 1, 0, middle + 1)
+            tries = tries + 1
+        return middle
+
+    @wp.func
+    def displacement(w: wp.array(dtype=Real), n: int, strand: Strand):
+        """Transverse displacement of the chain where it passes mid-strand [m], positive to the left of travel."""
+        i = strand.middle
+        j = wp.where(i == n - 1, 0, i + 1)
+        a = along(w, i, strand)
+        b = along(w, j, strand)
+        part = (wp.float64(0.5) * strand.length - a) / (b - a)
+        return across(w, i, strand) * (wp.float64(1.0) - part) + across(w, j, strand) * part
+
+    @wp.func
+    def add_strand_links(w: wp.array(dtype=Real), n: int, strand: Strand, sums: StrandSums):
+        """Tension of the links that lie between the strand's two tangent points."""
+        low = int(0)
+        i = strand.middle
+        while low < n and along(w, i, strand) > wp.float64(0.0):
+            i = wp.where(i == 0, n - 1, i - 1)
+            low = low + 1
+        first = wp.where(i == n - 1, 0, i + 1)
+        i = first
+        j = wp.where(i == n - 1, 0, i + 1)
+        count = int(0)
+        while count < n and along(w, j, strand) < strand.length:
+            tension = wp.float64(load(w, TENSION + i))
+            sums.tension_min = wp.min(sums.tension_min, tension)
+            sums.tension_max = wp.max(sums.tension_max, tension)
+            sums.tension = sums.tension + tension
+            sums.tension_square = sums.tension_square + tension * tension
+            i = j
+            j = wp.where(i == n - 1, 0, i + 1)
+            count = count + 1
+        sums.links = sums.links + wp.int64(count)
+        return sums
+
+    @wp.func
+    def roller_energy(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, back: Real):
+        """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities' instant."""
+        total = wp.float64(0.0)
+        inverse_mass = Real(1.0) / chain.mass
+        i = int(0)
+        while i < n:
+            ax = inverse_mass * (load(w, LINK_X + i + 1) - load(w, LINK_X + i) + load(w, FX + i)) + chain.gravity[0]
+            ay = inverse_mass * (load(w, LINK_Y + i + 1) - load(w, LINK_Y + i) + load(w, FY + i)) + chain.gravity[1]
+            vx = wp.float64(load(w, VX + i) + back * ax)
+            vy = wp.float64(load(w, VY + i) + back * ay)
+            spring = wp.float64(load(w, TENSION + i) - chain.damping * load(w, RATE + i))
+            lift = wp.float64(chain.gravity[0]) * wp.float64(load(w, X + i)) + wp.float64(chain.gravity[1]) * wp.float64(load(w, Y + i))
+            total += wp.float64(0.5) * (wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness))
+            total -= wp.float64(chain.mass) * lift
+            i = i + 1
+        return total
+
+    return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

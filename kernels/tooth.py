@@ -1,0 +1,79 @@
+r"""Roller in the tooth gap of a sprocket: which seat, how deep, and along which normal.
+
+The roller's center may not cross the gap's offset curve (Pedersen et al. 2004, eq. (5)-(8), continued past the arc).
+In the gap's own frame, e the outward direction of seat j, tau = e turned by +90 degrees, q = r - s_j,
+xi = q . e and eta = q . tau; the gap is symmetric, so |eta| is used and the normal mirrored back:
+
+    seat arc  |eta| cos(b) <= -xi sin(b):  pen = |q| - Rc,                          n = -q / |q|         (5)-(8)
+    flank     else ("circular"):           pen = |eta| sin(b) - xi cos(b) - Rc,     n = (cos(b), -sign(eta) sin(b))
+    tip       where it is the smaller:     pen = R_tip + Rr - |r|,                  n = r / |r|
+
+with b half the seating angle and Rc the clearance of the roller in its seat. Curve and normal are continuous from arc
+to flank: a gap that ended where pen > 0 would pump energy into every roller that passes.
+"""
+
+from typing import Any
+
+import warp as wp
+
+
+@wp.func
+def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
+    """Seat nearest by angle to `r` (from the sprocket's center) on a sprocket turned by (cosine, sine).
+
+    Used once, as a roller comes near a sprocket; from then on `seat_step` follows it.
+    """
+    local = wp.atan2(r[1] * cosine - r[0] * sine, r[0] * cosine + r[1] * sine)
+    seat = int(wp.rint(local * type(cosine)(teeth) / type(cosine)(6.283185307179586)))
+    if seat < 0:
+        seat = seat + teeth
+    if seat >= teeth:
+        seat = seat - teeth
+    return seat
+
+
+@wp.func
+def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
+    """+1 or -1 where the neighboring seat is nearer by angle, else 0.
+
+    `radial` = r . e and `lateral` = r . tau of the seat kept so far; `half_pitch_tangent` = tan(pi / z).
+    """
+    limit = half_pitch_tangent * radial
+    if lateral > limit:
+        return int(1)
+    if lateral < -limit:
+        return int(-1)
+    return int(0)
+
+
+@wp.func
+def tooth_gap(xi: Any, lateral: Any, gap: Any):
+    """Penetration [m] and the normal's components along e and tau, of a roller in a tooth gap.
+
+    Args:
+        xi: q . e [m], q from the seat to the roller's center.
+        lateral: q . tau [m].
+        gap: the sprocket's tooth gap (`structs.Sprocket`).
+    """
+    zero = type(xi)(0.0)
+    one = type(xi)(1.0)
+    eta = wp.abs(lateral)
+    side = wp.where(lateral >= zero, one, -one)
+    penetration = eta * gap.sin_half_seat - xi * gap.cos_half_seat - gap.clearance
+    normal_radial = gap.cos_half_seat
+    normal_lateral = -side * gap.sin_half_seat
+    if eta * gap.cos_half_seat <= -xi * gap.sin_half_seat:
+        distance = wp.sqrt(xi * xi + lateral * lateral)
+        inverse = one / wp.max(distance, type(xi)(1.0e-12))
+        penetration = distance - gap.clearance
+        normal_radial = -xi * inverse
+        normal_lateral = -lateral * inverse
+    if penetration > zero:
+        radial = gap.pitch_radius + xi
+        distance = wp.sqrt(radial * radial + lateral * lateral)
+        tip = gap.tip_reach - distance
+        if tip < penetration:
+            penetration = tip
+            normal_radial = radial / distance
+            normal_lateral = lateral / distance
+    return penetration, normal_radial, normal_lateral

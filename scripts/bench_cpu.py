@@ -1,0 +1,190 @@
+"""CPU benchmark: roller-steps a second and core, beside plain C doing the same work, compiled on the spot.
+
+    python scripts/bench_cpu.py
+
+Each case is timed in turns with the C reference, several rounds in one run, and the best of each is compared: ratios are
+what counts, absolute times depend on the machine. Without a C compiler the reference is left out, with a message.
+"""
+
+import argparse
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from warpchain import load_drive, loads_drive
+from warpchain.cpu import CpuEngine
+from warpchain.ensemble import Packed, Schedule, pack
+from warpchain.timestep import resolve_step
+
+HERE = Path(__file__).resolve().parent
+FOREVER = 10**9
+
+TWO_SPROCKETS = """
+[chain]
+pitch = 0.1
+links = 118
+roller_mass = 3.0
+stiffness = 2.0e8
+damping = 2000.0
+roller_radius = 0.03
+[[sprockets]]
+name = "driver"
+teeth = 30
+center = [0.0, 0.0]
+wrap = "ccw"
+prescribed = { speed = 12.0 }
+[[sprockets]]
+name = "driven"
+teeth = 30
+center = [4.4004, 0.0]
+wrap = "ccw"
+inertia = 50.0
+load = { torque = 5000.0 }
+[contact.sprocket]
+seat_angle = 137.0
+clearance = 1.0e-4
+restitution = 0.8
+impact_speed_floor = 0.05
+stiffness = 5.0e8
+[run]
+duration = 1.0
+step = 5.0e-6
+sample_rate = 5000.0
+"""
+
+
+def schedule(drive, metrics: bool) -> Schedule:
+    """A run without end, without frames; the window is either all of it or far away."""
+    return Schedule(resolve_step(drive), FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0)
+
+
+def reference_input(packed: Packed) -> bytes:
+    """Variant 0 in the layout that chain_reference.c reads."""
+    drive, chain = packed.drives[0], packed.chains[0]
+    n, wheels, bars = int(drive["rollers"]), int(drive["sprockets"]), int(drive["guides"])
+    head = [n, wheels, bars, drive["step"], chain["pitch"], chain["stiffness"], chain["damping"], chain["mass"]]
+    values = [*head, *chain["gravity"], 0.0, 0.0]
+    law = ("stiffness", "exponent", "hysteresis", "speed_floor")
+    for s in range(wheels):
+        teeth, motion, body = packed.sprockets[s], packed.motions[s], packed.bodies[s]
+        values += [*body["center"], teeth["pitch_radius"], teeth["near_square"], teeth["far_square"]]
+        values += [teeth["half_pitch_tangent"], teeth["clearance"], teeth["cos_half_seat"], teeth["sin_half_seat"]]
+        values += [teeth["tip_reach"], *(teeth["law"][name] for name in law)]
+        values += [motion["prescribed"], motion["sign"], motion["inverse_inertia"], motion["speed"], motion["ramp_time"]]
+        values += [motion["start_angle"], *motion["load"], motion["load_ramp_time"]]
+        rows = motion["drive_harmonics"] if motion["prescribed"] else motion["load_harmonics"]
+        values += [rows["count"], teeth["teeth"]]
+        harmonics = np.zeros((8, 3))
+        harmonics[: rows["count"]] = packed.harmonics[rows["first"] : rows["first"] + rows["count"]]
+        values += [*harmonics.ravel(), body["angle"], body["speed"]]
+    for g in range(bars):
+        bar = packed.guides[g]
+        values += [*bar["start"], *bar["direction"], bar["length"], bar["end_radius"], bar["roller_radius"]]
+        values += [bar["law"][name] for name in law]
+    values += [*packed.rollers[: 4 * n], *packed.seat[: wheels * n]]
+    return np.array(values, dtype=np.float64).tobytes()
+
+
+class Reference:
+    """The C program, compiled in a folder of its own."""
+
+    def __init__(self, folder: Path, compiler: str) -> None:
+        self.folder = folder
+        self.program = folder / "chain_reference"
+        command = [compiler, "-O3", "-march=native", "-o", str(self.program), str(HERE / "chain_reference.c"), "-lm"]
+        subprocess.run(command, check=True)
+        print("reference:", " ".join(Path(word).name for word in command))
+
+    def run(self, packed: Packed, steps: int) -> tuple[float, np.ndarray]:
+        """Seconds of the time loop, and the final x, y, vx, vy rows."""
+        (self.folder / "in").write_bytes(reference_input(packed))
+        command = [str(self.program), str(self.folder / "in"), str(self.folder / "out"), str(steps)]
+        seconds = float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+        return seconds, np.fromfile(self.folder / "out")
+
+
+def engine_rate(drive, variants: int, workers: int, steps: int, metrics: bool, precision: str) -> float:
+    """Roller-steps a second of the engine, compilation and start apart."""
+    engine = CpuEngine(pack([drive] * variants, [schedule(drive, metrics)] * variants, precision), workers)
+    buffer = engine.frame_buffer(1)
+    for future in engine.advance(64, buffer):
+        future.result()
+    begin = time.perf_counter()
+    for future in engine.advance(steps, buffer):
+        future.result()
+    seconds = time.perf_counter() - begin
+    engine.close()
+    return variants * drive.chain.links * steps / seconds
+
+
+def compare(name: str, drive, reference: Reference | None, steps: int, rounds: int) -> None:
+    """Prints one drive's lines."""
+    n = drive.chain.links
+    packed = pack([drive], [schedule(drive, False)], "float64")
+    cases = {
+        "float64, 1 core": (1, 1, False, "float64"),
+        "float64, 1 core, metrics": (1, 1, True, "float64"),
+        "float32, 1 core": (1, 1, False, "float32"),
+        "float64, 8 variants, 1 core": (8, 1, False, "float64"),
+        "float64, 8 variants, 2 cores": (8, 2, False, "float64"),
+    }
+    best = dict.fromkeys(cases, 0.0)
+    plain = 0.0
+    for _ in range(rounds):
+        if reference:
+            plain = max(plain, n * steps / reference.run(packed, steps)[0])
+        for case, (variants, workers, metrics, precision) in cases.items():
+            best[case] = max(best[case], engine_rate(drive, variants, workers, steps, metrics, precision))
+    print(f"\n{name}: {n} rollers, {len(drive.sprockets)} sprockets, {len(drive.guides)} guide-bars, {steps} steps")
+    if reference:
+        print(f"  {'plain C, float64, 1 core':34s} {plain / 1e6:8.1f} million roller-steps/s")
+    for case, rate in best.items():
+        note = f"   {rate / plain:5.2f} of C" if reference and "2 cores" not in case else ""
+        if "2 cores" in case:
+            note = f"   {rate / best['float64, 8 variants, 1 core']:5.2f} of 1 core"
+        print(f"  {'warpchain, ' + case:34s} {rate / 1e6:8.1f} million roller-steps/s{note}")
+    if reference:
+        check(drive, reference)
+
+
+def check(drive, reference: Reference, steps: int = 2000) -> None:
+    """Prints how far engine and reference are apart after the same steps: they do the same work."""
+    packed = pack([drive], [schedule(drive, False)], "float64")
+    engine = CpuEngine(packed, 1)
+    for future in engine.advance(steps, engine.frame_buffer(1)):
+        future.result()
+    n = drive.chain.links
+    apart = np.abs(engine.state.rollers.numpy()[: 4 * n] - reference.run(packed, steps)[1])
+    engine.close()
+    print(f"  largest difference in position after {steps} steps: {apart[: 2 * n].max():.1e} m")
+
+
+def main() -> int:
+    """Runs all cases."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--steps", type=int, default=40_000, help="steps of each timed run (default 40000)")
+    parser.add_argument("--rounds", type=int, default=5, help="rounds, of which the best counts (default 5)")
+    arguments = parser.parse_args()
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}")
+    with tempfile.TemporaryDirectory() as folder:
+        reference = Reference(Path(folder), compiler) if compiler else None
+        if reference is None:
+            print("no C compiler (cc, gcc or clang) found: the reference is left out")
+        drives = {
+            "two equal 30-tooth sprockets": loads_drive(TWO_SPROCKETS),
+            "marine drive": load_drive(HERE.parent / "warpchain" / "drives" / "marine.toml"),
+        }
+        for name, drive in drives.items():
+            compare(name, drive, reference, arguments.steps, arguments.rounds)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,94 @@
+"""Ensembles made by hand for tests of the physics: a closed chain anywhere, with any sprockets, stepped by the engine."""
+
+import numpy as np
+import warp as wp
+
+from warpchain.cpu import CpuEngine
+from warpchain.ensemble import INTEGRATORS, REAL, Packed, state_rows
+from warpchain.kernels import structs
+
+
+def chain(position, velocity, *, mass, pitch, stiffness, damping=0.0, gravity=(0.0, 0.0), sprockets=(), step, steps,
+          integrator="leapfrog", window=None, sample_every=0, precision="float64"):
+    """One variant: a closed chain of rollers; each sprocket is a dict of the values that it needs."""
+    kinds = structs.types(REAL[precision])
+    n, wheels = len(position), len(sprockets)
+    zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
+    packed = Packed(
+        precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
+        sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, wheels), guides=zeros(kinds.Guide),
+        harmonics=np.zeros((1, 3)), seats=np.zeros((1, 2)),
+        rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
+        bodies=zeros(structs.SprocketState, wheels), strands=zeros(structs.Strand, wheels),
+        seat=np.full(max(n * wheels, 1), -1, dtype=np.int32), assemblies=(None,),
+    )  # fmt: skip
+    row = packed.drives[0]
+    row["rollers"], row["sprockets"], row["integrator"] = n, wheels, INTEGRATORS[integrator]
+    row["step"], row["steps"], row["sample_every"] = step, steps, sample_every
+    row["window_start"], row["window_end"] = window or (0, steps)
+    row["low"], row["high"] = -1e3, 1e3
+    row = packed.chains[0]
+    row["pitch"], row["stiffness"], row["damping"] = pitch, stiffness, damping
+    row["mass"], row["gravity"] = mass, gravity
+    seats = []
+    for s, values in enumerate(sprockets):
+        teeth, half = values["teeth"], 0.5 * values.get("seat_angle", np.radians(137.0))
+        radius = pitch / (2 * np.sin(np.pi / teeth))
+        sprocket = packed.sprockets[s]
+        sprocket["teeth"], sprocket["exact_radius"], sprocket["first_seat"] = teeth, radius, sum(map(len, seats))
+        sprocket["pitch_radius"] = radius
+        sprocket["near_square"], sprocket["far_square"] = (radius - pitch / 2) ** 2, (radius + pitch / 2) ** 2
+        sprocket["half_pitch_tangent"], sprocket["clearance"] = np.tan(np.pi / teeth), values.get("clearance", 0.0)
+        sprocket["cos_half_seat"], sprocket["sin_half_seat"] = np.cos(half), np.sin(half)
+        sprocket["tip_reach"] = radius + pitch / 2
+        law = sprocket["law"]
+        law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
+        law["hysteresis"] = 0.75 * (1 - values.get("restitution", 1.0) ** 2)
+        law["speed_floor"] = values.get("speed_floor", 0.01)
+        motion, body = packed.motions[s], packed.bodies[s]
+        motion["sign"] = 1.0
+        motion["prescribed"] = int("inertia" not in values)
+        motion["speed"] = values.get("speed", 0.0) if "inertia" not in values else 0.0
+        motion["start_angle"] = body["angle"] = values.get("angle", 0.0)
+        body["speed"], body["center"] = values.get("speed", 0.0), values.get("center", (0.0, 0.0))
+        if "inertia" in values:
+            motion["inverse_inertia"] = 1.0 / values["inertia"]
+            motion["load"] = values.get("load", (0.0, 0.0, 0.0))
+        angle = 2 * np.pi * np.arange(teeth) / teeth
+        seats.append(np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        strand = packed.strands[s]
+        strand["direction"], strand["length"] = (1.0, 0.0), 1.0
+    if seats:
+        packed.seats = np.concatenate(seats)
+    return packed
+
+
+def run(packed, workers=1):
+    """Steps a hand-made ensemble to its end; returns the engine and, where sampled, frames (F, values)."""
+    engine = CpuEngine(packed, workers)
+    steps = int(packed.drives["steps"][0])
+    every = int(packed.drives["sample_every"][0])
+    width = 7 * int(packed.drives["rollers"][0]) + 5 * int(packed.drives["sprockets"][0])
+    frames = steps // every + 1 if every else 0
+    buffer = engine.frame_buffer(frames * width)
+    for future in engine.advance(steps + 1, buffer):
+        future.result()
+    engine.close()
+    assert engine.progress()["diverged"][0] == 0
+    return engine, buffer.numpy()[: frames * width].reshape(frames, width)
+
+
+def polygon(n, pitch):
+    """Vertices of a regular polygon of n sides, (n, 2), and its radius."""
+    radius = pitch / (2 * np.sin(np.pi / n))
+    angle = 2 * np.pi * np.arange(n) / n
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), radius
+
+
+def state(engine):
+    """Final x, y, vx, vy rows, (4, N), in float64."""
+    rows = engine.state.rollers.numpy().reshape(6, -1).astype(float)
+    return rows[:4] + np.concatenate([rows[4:], 0 * rows[4:]])
+
+
+__all__ = ["chain", "polygon", "run", "state", "wp"]

@@ -1,0 +1,192 @@
+"""The CPU engine: an ensemble in the machine's memory, its variants spread over a pool of threads.
+
+Warp runs a CPU launch on the calling thread, without Python's lock. Each thread takes variants one group at a time and has
+a scratch of its own, so that what a variant computes depends neither on its neighbors nor on the number of threads.
+"""
+
+from __future__ import annotations
+
+import queue
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from warpchain.ensemble import Packed
+from warpchain.kernels import relax, serial, structs
+from warpchain.kernels.rollers import STATE_ROWS
+from warpchain.kernels.structs import types
+
+CAPACITIES = (264, 1032, 4104, 16392, 65544)
+"""Row lengths of the scratch; one kernel is compiled for each that is used. Off powers of two, so rows do not share cache sets."""
+
+SETTLE_LIMIT = 100_000
+"""Most steps that settling takes a variant."""
+
+SETTLE_TOLERANCE = 1.0e-3
+"""Residual that settling aims at, as a fraction of the largest link force."""
+
+
+class CpuEngine:
+    """Steps an ensemble on the CPU.
+
+    Args:
+        packed: the ensemble.
+        workers: number of threads.
+    """
+
+    def __init__(self, packed: Packed, workers: int) -> None:
+        self.packed = packed
+        self.workers = workers
+        self.variants = len(packed.assemblies)
+        self.kinds = types(packed.real)
+        self.capacity = _capacity(packed)
+        self._kernels: dict[str, Any] = {}
+        self._pool = ThreadPoolExecutor(workers, thread_name_prefix="warpchain")
+        self._scratch: queue.SimpleQueue[wp.array] = queue.SimpleQueue()
+        for _ in range(workers):
+            self._scratch.put(wp.zeros(serial.SCRATCH_ROWS * self.capacity, dtype=packed.real, device="cpu"))
+        self.ensemble = self._ensemble(packed)
+        self.state = self._state(packed)
+        self.sums = _sums(self.variants, len(packed.sprockets), len(packed.guides))
+
+    def _array(self, values: NDArray[Any], dtype: Any) -> wp.array:
+        return wp.array(values, dtype=dtype, device="cpu", copy=True)
+
+    def _ensemble(self, packed: Packed) -> Any:
+        kinds, ensemble = self.kinds, self.kinds.Ensemble()
+        ensemble.drives = self._array(packed.drives, structs.Drive)
+        ensemble.chains = self._array(packed.chains, kinds.Chain)
+        ensemble.sprockets = self._array(packed.sprockets, kinds.Sprocket)
+        ensemble.motions = self._array(packed.motions, structs.Motion)
+        ensemble.guides = self._array(packed.guides, kinds.Guide)
+        ensemble.harmonics = self._array(packed.harmonics, structs.vec3d)
+        ensemble.seats = self._array(packed.seats, structs.vec2d)
+        return ensemble
+
+    def _state(self, packed: Packed) -> Any:
+        state = self.kinds.State()
+        state.rollers = self._array(packed.rollers, packed.real)
+        state.sprockets = self._array(packed.bodies, structs.SprocketState)
+        state.strands = self._array(packed.strands, structs.Strand)
+        state.seat = self._array(packed.seat, wp.int32)
+        state.impact_speed = wp.zeros(len(packed.seat), dtype=packed.real, device="cpu")
+        state.totals = wp.zeros(len(packed.sprockets) + len(packed.guides), dtype=structs.Totals, device="cpu")
+        state.progress = wp.zeros(self.variants, dtype=structs.Progress, device="cpu")
+        return state
+
+    def _kernel(self, name: str) -> Any:
+        """The compiled kernel, loaded before any thread launches it."""
+        if name not in self._kernels:
+            factory = {"advance": serial.advance_kernel, "relax": relax.relax_kernel}[name]
+            kernel = factory(self.packed.real, self.capacity)
+            wp.load_module(kernel.module, device="cpu")
+            self._kernels[name] = kernel
+        return self._kernels[name]
+
+    def _launch(self, name: str, before: list[Any], after: list[Any]) -> list[Future[None]]:
+        """Launches a kernel over all variants, in groups, on the pool."""
+        kernel = self._kernel(name)
+        group = max(1, -(-self.variants // (8 * self.workers)))
+
+        def work(first: int) -> None:
+            scratch = self._scratch.get()
+            try:
+                count = min(group, self.variants - first)
+                wp.launch(kernel, dim=count, inputs=[*before, scratch, first, *after], device="cpu")
+            finally:
+                self._scratch.put(scratch)
+
+        return [self._pool.submit(work, first) for first in range(0, self.variants, group)]
+
+    def advance(self, block: int, frames: wp.array) -> list[Future[None]]:
+        """Starts `block` steps of every variant that has not ended; frames go to `frames`."""
+        return self._launch("advance", [self.ensemble, self.state, self.sums, frames], [block])
+
+    def start_settling(self, steps: NDArray[np.float64], wanted: NDArray[np.bool_]) -> wp.array:
+        """Prepares the relaxation: undamped copies of chain and contacts, sprockets at rest.
+
+        Args:
+            steps: (variants,) relaxation step of each variant [s].
+            wanted: (variants,) which variants settle.
+        """
+        packed = self.packed
+        chains, sprockets, guides = packed.chains.copy(), packed.sprockets.copy(), packed.guides.copy()
+        chains["damping"] = 0.0
+        sprockets["law"]["hysteresis"] = 0.0
+        guides["law"]["hysteresis"] = 0.0
+        bodies = packed.bodies.copy()
+        bodies["speed"] = 0.0
+        self._relaxed = self._ensemble(packed)
+        self._relaxed.chains = self._array(chains, self.kinds.Chain)
+        self._relaxed.sprockets = self._array(sprockets, self.kinds.Sprocket)
+        self._relaxed.guides = self._array(guides, self.kinds.Guide)
+        self.state.sprockets = self._array(bodies, structs.SprocketState)
+        settling = np.zeros(self.variants, dtype=relax.Settling.numpy_dtype())
+        settling["step"] = steps
+        settling["tolerance"] = SETTLE_TOLERANCE
+        settling["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
+        for v in np.flatnonzero(wanted):
+            self._rows(int(v))[2:4] = 0.0
+        return self._array(settling, relax.Settling)
+
+    def settle(self, settling: wp.array, block: int) -> list[Future[None]]:
+        """Starts up to `block` steps of relaxation of every variant that has not settled."""
+        return self._launch("relax", [self._relaxed, self.state, settling], [block])
+
+    def end_settling(self) -> None:
+        """Gives rollers and sprockets the speeds of the initial state, at the settled positions."""
+        for v, assembly in enumerate(self.packed.assemblies):
+            self._rows(v)[2:4] = assembly.velocity.T
+        self.state.sprockets = self._array(self.packed.bodies, structs.SprocketState)
+        self.state.impact_speed.zero_()
+
+    def _rows(self, v: int) -> NDArray[np.floating]:
+        """View of variant v's rows x, y, vx, vy and low parts of x, y, (6, N)."""
+        first, n = int(self.packed.drives["first_roller"][v]), int(self.packed.drives["rollers"][v])
+        rows: NDArray[np.floating] = self.state.rollers.numpy()[STATE_ROWS * first : STATE_ROWS * (first + n)].reshape(STATE_ROWS, n)
+        return rows
+
+    def progress(self) -> NDArray[Any]:
+        """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""
+        return np.array(self.state.progress.numpy(), copy=True)
+
+    def frame_buffer(self, values: int) -> wp.array:
+        """A buffer for a block's frames."""
+        return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")
+
+    def close(self) -> None:
+        """Ends the threads, after what they are doing."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _capacity(packed: Packed) -> int:
+    """The shortest row that holds the longest chain and one more roller."""
+    from warpchain.errors import SimulationError
+
+    longest = int(packed.drives["rollers"].max())
+    for capacity in CAPACITIES:
+        if capacity > longest:
+            return capacity
+    raise SimulationError(f"chain.links = {longest}: the CPU engine takes up to {CAPACITIES[-1] - 1} links")
+
+
+def _sums(variants: int, sprockets: int, guides: int) -> structs.Sums:
+    """Empty sums: minima at +infinity, maxima at -infinity."""
+    sums = structs.Sums()
+    for name, struct, count in (
+        ("chain", structs.ChainSums, variants),
+        ("strand", structs.StrandSums, sprockets),
+        ("sprocket", structs.SprocketSums, sprockets),
+        ("contact", structs.ContactSums, sprockets + guides),
+    ):
+        values = np.zeros(count, dtype=struct.numpy_dtype())
+        for field in values.dtype.names or ():
+            if field.endswith("_min"):
+                values[field] = np.inf
+            elif field.endswith("_max") and field != "force_max":
+                values[field] = -np.inf
+        setattr(sums, name, wp.array(values, dtype=struct, device="cpu"))
+    return sums

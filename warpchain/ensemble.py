@@ -1,0 +1,253 @@
+"""Many drives packed into the flat arrays that the kernels read: each variant's parts one after the other.
+
+Nothing of one variant depends on another: the packing only decides where its values stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from warpchain.assembly import Assembly, assemble
+from warpchain.contact import guide_stiffness, sprocket_stiffness
+from warpchain.drive import Drive
+from warpchain.errors import SimulationError
+from warpchain.kernels import structs
+from warpchain.kernels.rollers import STATE_ROWS
+
+INTEGRATORS = {"leapfrog": 0, "rk4": 1}
+REAL = {"float64": wp.float64, "float32": wp.float32}
+ESCAPE_PITCHES = 10.0
+"""A roller this many pitches outside the drive's bounding box has left it (the variant diverged)."""
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When a variant steps, samples and measures; counts of steps of `step` seconds."""
+
+    step: float
+    steps: int
+    window_start: int
+    window_end: int
+    sample_every: int  # 0: not recorded
+
+    @property
+    def frames(self) -> int:
+        """Number of frames of the whole run, the one at t = 0 among them."""
+        return self.steps // self.sample_every + 1 if self.sample_every else 0
+
+
+@dataclass
+class Packed:
+    """An ensemble as numpy structured arrays, in the layout of `kernels.structs`, and where each variant's parts begin.
+
+    Attributes:
+        drives ... impact_speed: see `kernels.structs.Ensemble` and `.State`.
+        rollers: (6 * all rollers,) each variant's rows: x, y, vx, vy, and the low parts of x, y (float32).
+        assemblies: the initial states.
+    """
+
+    precision: str
+    drives: NDArray[Any]
+    chains: NDArray[Any]
+    sprockets: NDArray[Any]
+    motions: NDArray[Any]
+    guides: NDArray[Any]
+    harmonics: NDArray[np.float64]
+    seats: NDArray[np.floating]
+    rollers: NDArray[np.floating]
+    bodies: NDArray[Any]
+    strands: NDArray[Any]
+    seat: NDArray[np.int32]
+    assemblies: tuple[Assembly, ...]
+
+    @property
+    def real(self) -> type:
+        """The Warp scalar type of the precision."""
+        return REAL[self.precision]
+
+
+class _Table:
+    """Rows of (order, amplitude, phase), or of seat directions, gathered as drives are packed."""
+
+    def __init__(self, width: int) -> None:
+        self.blocks: list[NDArray[np.float64]] = []
+        self.length = 0
+        self.width = width
+        self.known: dict[int, int] = {}
+
+    def add(self, rows: NDArray[np.float64]) -> tuple[int, int]:
+        """Appends rows; returns where they begin and how many they are."""
+        first = self.length
+        self.blocks.append(rows.reshape(-1, self.width))
+        self.length += len(self.blocks[-1])
+        return first, len(self.blocks[-1])
+
+    def array(self) -> NDArray[np.float64]:
+        """All rows; one row of zeros where there are none, since Warp reads no empty array."""
+        return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
+
+
+def _zeros(struct: Any, count: int) -> NDArray[Any]:
+    return np.zeros(max(count, 1), dtype=struct.numpy_dtype())
+
+
+def _fill_law(row: Any, contact: Any, stiffness: float) -> None:
+    row["stiffness"] = stiffness
+    row["exponent"] = contact.exponent
+    row["hysteresis"] = 0.75 * (1.0 - contact.restitution**2)
+    row["speed_floor"] = contact.impact_speed_floor
+
+
+def _fill_sprocket(row: Any, drive: Drive, s: int, seats: _Table) -> None:
+    teeth = drive.sprockets[s].teeth
+    if teeth not in seats.known:
+        angle = 2.0 * np.pi * np.arange(teeth) / teeth
+        seats.known[teeth], _ = seats.add(np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    radius, half_pitch = drive.pitch_radius(s), 0.5 * drive.chain.pitch
+    half_seat = 0.5 * drive.seat_angle(s)
+    row["teeth"] = teeth
+    row["first_seat"] = seats.known[teeth]
+    row["exact_radius"] = row["pitch_radius"] = radius
+    row["near_square"] = (radius - half_pitch) ** 2
+    row["far_square"] = (radius + half_pitch) ** 2
+    row["half_pitch_tangent"] = np.tan(np.pi / teeth)
+    row["clearance"] = drive.contact.sprocket.clearance
+    row["cos_half_seat"] = np.cos(half_seat)
+    row["sin_half_seat"] = np.sin(half_seat)
+    row["tip_reach"] = drive.tip_radius(s) + drive.chain.roller_radius
+    _fill_law(row["law"], drive.contact.sprocket, sprocket_stiffness(drive, s))
+
+
+def _fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: _Table) -> None:
+    sprocket = drive.sprockets[s]
+    row["sign"] = sprocket.sign
+    row["start_angle"] = angle
+    if sprocket.prescribed is not None:
+        row["prescribed"] = 1
+        row["speed"] = sprocket.prescribed.speed
+        row["ramp_time"] = sprocket.prescribed.ramp_time
+        rows = np.array([(h.order, h.amplitude, h.phase) for h in sprocket.prescribed.harmonics], dtype=float)
+        row["drive_harmonics"]["first"], row["drive_harmonics"]["count"] = harmonics.add(rows)
+        return
+    assert sprocket.inertia is not None  # the drive's own check
+    row["inverse_inertia"] = 1.0 / sprocket.inertia
+    if sprocket.load is not None:
+        load = sprocket.load
+        row["load"] = (load.torque, load.viscous, load.quadratic)
+        row["load_ramp_time"] = load.ramp_time
+        rows = np.array([(h.order, h.amplitude, h.phase) for h in load.harmonics], dtype=float)
+        row["load_harmonics"]["first"], row["load_harmonics"]["count"] = harmonics.add(rows)
+
+
+def _fill_guide(row: Any, drive: Drive, g: int) -> None:
+    guide = drive.guides[g]
+    start, end = np.asarray(guide.start), np.asarray(guide.end)
+    length = float(np.hypot(*(end - start)))
+    row["start"] = start
+    row["direction"] = (end - start) / length
+    row["length"] = length
+    row["end_radius"] = guide.end_radius
+    row["roller_radius"] = drive.chain.roller_radius
+    _fill_law(row["law"], drive.guide_contact(g), guide_stiffness(drive, g))
+
+
+def _fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
+    path = assembly.path
+    chord = path.strand_end[s] - path.strand_start[s]
+    length = float(np.hypot(*chord))
+    row["start"] = path.strand_start[s]
+    row["direction"] = chord / length
+    row["length"] = length
+    row["middle"] = (int(assembly.strand_first[s]) + int(assembly.strand_links[s]) // 2) % rollers
+
+
+def _fill_drive(row: Any, drive: Drive, schedule: Schedule, assembly: Assembly) -> None:
+    row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
+    row["integrator"] = INTEGRATORS[drive.run.integrator]
+    row["step"], row["steps"] = schedule.step, schedule.steps
+    row["window_start"], row["window_end"] = schedule.window_start, schedule.window_end
+    row["sample_every"] = schedule.sample_every
+    margin = ESCAPE_PITCHES * drive.chain.pitch
+    reach = np.array([[s.center[0], s.center[1]] for s in drive.sprockets])
+    radius = np.array([drive.pitch_radius(s) for s in range(len(drive.sprockets))])[:, None]
+    row["low"] = np.minimum((reach - radius).min(axis=0), assembly.position.min(axis=0)) - margin
+    row["high"] = np.maximum((reach + radius).max(axis=0), assembly.position.max(axis=0)) + margin
+
+
+def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], precision: str) -> Packed:
+    """Packs drives, each in its assembled initial state.
+
+    Raises:
+        SimulationError: for an unknown precision.
+        DriveError: for a drive whose chain does not fit; the message names the variant.
+    """
+    if precision not in REAL:
+        raise SimulationError(f'precision = {precision!r}: allowed are "float64" and "float32"')
+    kinds = structs.types(REAL[precision])
+    count = len(drives)
+    links = np.array([d.chain.links for d in drives])
+    wheels = np.array([len(d.sprockets) for d in drives])
+    bars = np.array([len(d.guides) for d in drives])
+    packed = Packed(
+        precision=precision,
+        drives=_zeros(structs.Drive, count),
+        chains=_zeros(kinds.Chain, count),
+        sprockets=_zeros(kinds.Sprocket, int(wheels.sum())),
+        motions=_zeros(structs.Motion, int(wheels.sum())),
+        guides=_zeros(kinds.Guide, int(bars.sum())),
+        harmonics=np.zeros(0),
+        seats=np.zeros(0),
+        rollers=np.zeros(STATE_ROWS * int(links.sum()), dtype=np.dtype(precision)),
+        bodies=_zeros(structs.SprocketState, int(wheels.sum())),
+        strands=_zeros(structs.Strand, int(wheels.sum())),
+        seat=np.full(int((links * (wheels + bars)).sum()), -1, dtype=np.int32),
+        assemblies=tuple(assemble(drive) for drive in drives),
+    )
+    harmonics, seats = _Table(3), _Table(2)
+    roller = sprocket = guide = memory = 0
+    for v, (drive, schedule, assembly) in enumerate(zip(drives, schedules, packed.assemblies, strict=True)):
+        row = packed.drives[v]
+        row["first_roller"], row["first_sprocket"] = roller, sprocket
+        row["first_guide"], row["first_contact"] = guide, memory
+        _fill_drive(row, drive, schedule, assembly)
+        _fill_chain(packed.chains[v], drive)
+        for s in range(len(drive.sprockets)):
+            _fill_sprocket(packed.sprockets[sprocket + s], drive, s, seats)
+            _fill_motion(packed.motions[sprocket + s], drive, s, float(assembly.sprocket_angle[s]), harmonics)
+            _fill_strand(packed.strands[sprocket + s], assembly, s, drive.chain.links)
+            body = packed.bodies[sprocket + s]
+            body["angle"], body["speed"] = assembly.sprocket_angle[s], assembly.sprocket_speed[s]
+            body["center"] = drive.sprockets[s].center
+            held = np.flatnonzero(assembly.seat_sprocket == s)
+            packed.seat[memory + s * drive.chain.links + held] = assembly.seat_index[held]
+        for g in range(len(drive.guides)):
+            _fill_guide(packed.guides[guide + g], drive, g)
+        n = drive.chain.links
+        packed.rollers[STATE_ROWS * roller : STATE_ROWS * (roller + n)] = state_rows(
+            assembly.position, assembly.velocity, precision
+        ).ravel()
+        roller, sprocket, guide = roller + n, sprocket + len(drive.sprockets), guide + len(drive.guides)
+        memory += n * (len(drive.sprockets) + len(drive.guides))
+    packed.harmonics = harmonics.array()
+    packed.seats = seats.array()
+    return packed
+
+
+def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], precision: str) -> NDArray[np.floating]:
+    """Rows x, y, vx, vy and the low parts of x, y: what `precision` rounds off a position, (6, N)."""
+    high = position.astype(precision)
+    return np.concatenate([high.T, velocity.T, (position - high).T]).astype(precision)
+
+
+def _fill_chain(row: Any, drive: Drive) -> None:
+    row["pitch"] = drive.chain.pitch
+    row["stiffness"] = drive.chain.stiffness
+    row["damping"] = drive.chain.link_damping
+    row["mass"] = drive.chain.mass
+    row["gravity"] = drive.run.gravity

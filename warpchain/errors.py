@@ -1,0 +1,17 @@
+"""The errors that warpchain raises for a user's mistake or a machine's refusal: each message is one clear line."""
+
+
+class WarpchainError(Exception):
+    """Base of every error that a user can act on; the command line prints it and exits with status 2."""
+
+
+class DriveError(WarpchainError):
+    """A drive description is wrong: unknown, missing or out-of-range values, or a chain that does not fit."""
+
+
+class SimulationError(WarpchainError):
+    """A run cannot start or go on as asked: a step past its limit, an unknown device, too little memory."""
+
+
+class ArchiveError(WarpchainError):
+    """An archive cannot be written or read: it exists, is foreign, is damaged, or the disk refuses."""

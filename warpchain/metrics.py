@@ -1,0 +1,171 @@
+"""The table of metrics: one row a variant, from what the kernels added up over the window."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpchain.drive import Drive
+from warpchain.ensemble import Packed, Schedule
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Row = dict[str, Any]
+
+UNITS = {
+    "tension": "N",
+    "displacement": "m",
+    "speed": "rad/s",
+    "moment": "N m",
+    "force": "N",
+    "impulse": "N s",
+    "dissipated": "J",
+    "work": "J",
+    "energy": "J",
+    "time": "s",
+    "start": "s",
+    "end": "s",
+}
+"""Unit by the first of these words that a column's own name holds."""
+
+
+def unit_of(column: str) -> str:
+    """Unit of a metric's column, "1" for a count, ratio or flag."""
+    name = column.rsplit(".", 1)[-1]
+    if name.endswith("_relative"):
+        return "1"
+    return next((unit for word, unit in UNITS.items() if word in name.split("_")), "1")
+
+
+def _moments(total: float, square: float, weight: float) -> tuple[float, float]:
+    """Mean and standard deviation from sums."""
+    mean = total / weight
+    return mean, float(np.sqrt(max(square / weight - mean * mean, 0.0)))
+
+
+def _chain_row(sums: Any) -> Row:
+    links = float(sums["samples"])
+    return {"tension_min": sums["tension_min"], "tension_max": sums["tension_max"]} | dict(
+        zip(("tension_mean", "tension_std"), _moments(sums["tension"], sums["tension_square"], links), strict=True)
+    )
+
+
+def _strand_row(name: str, sums: Any) -> Row:
+    row: Row = {}
+    if sums["links"]:
+        mean, std = _moments(sums["tension"], sums["tension_square"], float(sums["links"]))
+        row |= {
+            f"{name}.tension_min": sums["tension_min"],
+            f"{name}.tension_mean": mean,
+            f"{name}.tension_max": sums["tension_max"],
+            f"{name}.tension_std": std,
+        }
+    if sums["samples"]:
+        samples = float(sums["samples"])
+        row |= {
+            f"{name}.displacement_min": sums["displacement_min"],
+            f"{name}.displacement_mean": sums["displacement"] / samples,
+            f"{name}.displacement_max": sums["displacement_max"],
+            f"{name}.displacement_rms": np.sqrt(sums["displacement_square"] / samples),
+        }
+    return row
+
+
+def _sprocket_row(name: str, sums: Any, duration: float) -> Row:
+    mean, std = _moments(sums["speed"], sums["speed_square"], duration)
+    return {
+        f"{name}.speed_min": sums["speed_min"],
+        f"{name}.speed_mean": mean,
+        f"{name}.speed_max": sums["speed_max"],
+        f"{name}.speed_std": std,
+        f"{name}.moment_mean": sums["moment"] / duration,
+    }
+
+
+def _contact_row(name: str, sums: Any) -> Row:
+    return {
+        f"{name}.force_max": sums["force_max"],
+        f"{name}.impacts": int(sums["impacts"]),
+        f"{name}.impulse": sums["impulse"],
+        f"{name}.dissipated": sums["dissipated"],
+    }
+
+
+def _energy_row(drive: Drive, chain: Any, sprockets: Any, contacts: Any) -> Row:
+    """Work done and energy gone over the window; the residual is what the balance misses.
+
+    The prescribed sprockets' drivers do the input work; the loads take the output work.
+    """
+    driven = np.array([s.prescribed is not None for s in drive.sprockets])
+    work_in = -float(sprockets["contact_work"][driven].sum())
+    work_out = -float(sprockets["load_work"][~driven].sum())
+    dissipated = float(chain["dissipated"]) + float(contacts["dissipated"].sum())
+    change = float(chain["energy_end"] - chain["energy_start"])
+    residual = work_in - work_out - dissipated - change
+    turnover = 0.5 * (abs(work_in) + abs(work_out) + dissipated + abs(change))
+    return {
+        "input_work": work_in,
+        "output_work": work_out,
+        "links.dissipated": chain["dissipated"],
+        "energy_change": change,
+        "energy_residual": residual,
+        "energy_residual_relative": residual / turnover if turnover else 0.0,
+    }
+
+
+def row_of(drive: Drive, schedule: Schedule, sums: dict[str, Any], steps: int, diverged: bool) -> Row:
+    """One variant's metrics.
+
+    Args:
+        sums: "chain", "strand", "sprocket" and "contact" sums of this variant alone.
+        steps: the step that the variant came to.
+    """
+    row: Row = {"diverged": diverged, "diverged_time": steps * schedule.step if diverged else None}
+    row |= {"window_start": schedule.window_start * schedule.step, "window_end": schedule.window_end * schedule.step}
+    if steps <= schedule.window_end or diverged:
+        return row
+    duration = (schedule.window_end - schedule.window_start) * schedule.step
+    row |= _chain_row(sums["chain"])
+    for name, strand in zip(drive.strand_names, sums["strand"], strict=True):
+        row |= _strand_row(name, strand)
+    names = [s.name for s in drive.sprockets] + [g.name for g in drive.guides]
+    for sprocket, values in zip(drive.sprockets, sums["sprocket"], strict=True):
+        row |= _sprocket_row(sprocket.name, values, duration)
+    for name, values in zip(names, sums["contact"], strict=True):
+        row |= _contact_row(name, values)
+    return row | _energy_row(drive, sums["chain"], sums["sprocket"], sums["contact"])
+
+
+def split_sums(sums: dict[str, Any], packed: Packed, variant: int) -> dict[str, Any]:
+    """The part of the sums that is one variant's."""
+    drive = packed.drives[variant]
+    wheels, bars = int(drive["sprockets"]), int(drive["guides"])
+    first = int(drive["first_sprocket"])
+    partner = first + int(drive["first_guide"])
+    return {
+        "chain": sums["chain"][variant],
+        "strand": sums["strand"][first : first + wheels],
+        "sprocket": sums["sprocket"][first : first + wheels],
+        "contact": sums["contact"][partner : partner + wheels + bars],
+    }
+
+
+def table_of(rows: Sequence[Row]) -> pa.Table:
+    """A pyarrow table of rows; a column that a row lacks is null there, and its field says its unit."""
+    import pyarrow as pa
+
+    names: dict[str, None] = {"variant": None}
+    for row in rows:
+        names |= dict.fromkeys(row)
+    columns, fields = [], []
+    for name in names:
+        values = [index if name == "variant" else row.get(name) for index, row in enumerate(rows)]
+        kind = {"variant": pa.int64(), "diverged": pa.bool_(), "settle_steps": pa.int64()}.get(name, pa.float64())
+        if name.endswith(".impacts"):
+            kind = pa.int64()
+        columns.append(pa.array([None if v is None else v.item() if isinstance(v, np.generic) else v for v in values], kind))
+        fields.append(pa.field(name, kind, metadata={"unit": unit_of(name)}))
+    return pa.Table.from_arrays(columns, schema=pa.schema(fields))
