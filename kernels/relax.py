@@ -1,8 +1,9 @@
 """Settling: the static equilibrium of the rollers with all sprockets held, by dynamic relaxation with kinetic damping.
 
-The rollers move undamped from rest under link elasticity, elastic contact, guides and gravity; whenever their kinetic
-energy has passed a peak, all velocities are set to zero. The state is settled when no roller's net force exceeds a
-fraction of the largest link force (or of a roller's weight).
+The rollers move from rest under link elasticity, elastic contact, guides and gravity; whenever their kinetic energy has
+passed a peak, all velocities are set to zero. A little damping in the links keeps fast axial oscillation from setting the
+peaks; it does not change the equilibrium. A restart takes half a kick: a whole one would feed the fastest oscillations.
+The state is settled when no roller's net force exceeds a fraction of the largest link force (or of a roller's weight).
 """
 
 from functools import cache
@@ -61,13 +62,15 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
 
     @wp.func
     def residual(w: wp.array(dtype=Real), n: int, chain: kinds.Chain):
-        """Largest net force on a roller over the largest link force or a roller's weight."""
+        """Largest net force on a roller over the largest link force or a roller's weight; huge where not finite."""
         worst = Real(0.0)
         scale = chain.mass * wp.length(chain.gravity)
         i = int(0)
         while i < n:
-            a = acceleration(w, i, Real(1.0) / chain.mass, chain.gravity)
-            worst = wp.max(worst, wp.length(a))
+            size = wp.length(acceleration(w, i, Real(1.0) / chain.mass, chain.gravity))
+            if not size < Real(1.0e30):
+                size = Real(1.0e30)
+            worst = wp.max(worst, size)
             scale = wp.max(scale, wp.abs(load(w, TENSION + i)))
             i = i + 1
         if scale == Real(0.0):
@@ -93,6 +96,9 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         end = wp.min(s.steps + block, s.limit)
         while s.steps < end and s.settled == 0:
             do.evaluate(ensemble, state, drive, chain, w, 0)
+            kick = s.step
+            if s.steps == 0:
+                kick = wp.float64(0.5) * s.step
             if s.steps % LOOK_EVERY == 0:
                 energy = kinetic_energy(w, n, chain.mass)
                 s.residual = residual(w, n, chain)
@@ -101,9 +107,10 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
                 if energy < s.energy:
                     stop(w, n)
                     energy = wp.float64(0.0)
+                    kick = wp.float64(0.5) * s.step
                 s.energy = energy
             if s.settled == 0:
-                kick_drift(w, n, chain, Real(s.step), Real(s.step))
+                kick_drift(w, n, chain, Real(kick), Real(s.step))
                 s.steps = s.steps + 1
         settling[variant] = s
         part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)

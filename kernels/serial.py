@@ -13,7 +13,7 @@ import warp as wp
 from .motion import load_moment, prescribed_motion
 from .rollers import RK4_ROWS, ROWS, STATE_ROWS, accessors, passes, rows
 from .structs import Drive, Motion, Strand, Sums, types
-from .sums import add_contact, add_displacement, add_sprocket, tallies
+from .sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_sprocket, tallies
 
 SCRATCH_ROWS = len(ROWS) + len(RK4_ROWS)
 DIVERGENCE_CHECK = wp.constant(32)  # steps between two looks at whether a variant has left its box
@@ -255,8 +255,9 @@ def stepping(Real: type, capacity: int):
                 load_part = load_at(time, state.sprockets[i].angle, speed, motion, ensemble.harmonics)
             sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
             strand = state.strands[i]
-            strand.middle = tally.follow_middle(w, n, strand)
-            state.strands[i] = strand
+            if step % STRAND_LOOK_EVERY == 0 or step == drive.window_start:
+                strand = tally.follow(w, n, strand)
+                state.strands[i] = strand
             strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
             sums.strand[i] = add_displacement(strand_sums, tally.displacement(w, n, strand))
 

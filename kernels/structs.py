@@ -139,12 +139,14 @@ class ChainSums:
 
 @wp.struct
 class Strand:
-    """The nominal straight line of a strand, and where along the chain its middle stands now."""
+    """The nominal straight line of a strand, and which part of the chain lies on it (looked up every few steps)."""
 
     start: vec2d  # [m]
     direction: vec2d
     length: wp.float64  # [m]
-    middle: wp.int32  # roller at or before mid-strand, kept up as the chain moves
+    middle: wp.int32  # last roller not past mid-strand
+    first_link: wp.int32  # first link between the tangent points
+    links: wp.int32  # how many
 
 
 @wp.struct

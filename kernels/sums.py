@@ -9,6 +9,22 @@ from .rollers import accessors, rows
 from .structs import ChainSums, ContactSums, SprocketSums, Strand, StrandSums, Totals, types
 
 
+STRAND_LOOK_EVERY = wp.constant(16)
+"""Steps between two looks at which links lie on a strand; the chain moves a small part of a pitch in between."""
+
+
+@wp.func
+def before(i: int, n: int):
+    """Index of the neighbor before i in a closed chain of n."""
+    return wp.where(i == 0, n - 1, i - 1)
+
+
+@wp.func
+def after(i: int, n: int):
+    """Index of the neighbor after i in a closed chain of n."""
+    return wp.where(i == n - 1, 0, i + 1)
+
+
 @wp.func
 def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64):
     """One partner's contacts of one step; `weight` is the time it stands for [s]."""
@@ -94,25 +110,39 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         ) * strand.direction[1]
 
     @wp.func
-    def follow_middle(w: wp.array(dtype=Real), n: int, strand: Strand):
-        """The last roller not past mid-strand; kept from step to step, so it moves by one at most."""
-        middle = strand.middle
+    def follow(w: wp.array(dtype=Real), n: int, strand: Strand):
+        """The strand with its middle and its links brought up to date; the chain has moved little since."""
         half = wp.float64(0.5) * strand.length
+        middle = strand.middle
         tries = int(0)
         while along(w, middle, strand) > half and tries < n:
-            middle = wp.where(middle == 0, n - 1, middle - 1)
+            middle = before(middle, n)
             tries = tries + 1
         tries = int(0)
-        while along(w, wp.where(middle == n - 1, 0, middle + 1), strand) <= half and tries < n:
-            middle = wp.where(middle == n - 1, 0, middle + 1)
+        while along(w, after(middle, n), strand) <= half and tries < n:
+            middle = after(middle, n)
             tries = tries + 1
-        return middle
+        first = middle
+        tries = int(0)
+        while along(w, first, strand) > wp.float64(0.0) and tries < n:
+            first = before(first, n)
+            tries = tries + 1
+        first = after(first, n)
+        last = first
+        links = int(0)
+        while along(w, after(last, n), strand) < strand.length and links < n:
+            last = after(last, n)
+            links = links + 1
+        strand.middle = middle
+        strand.first_link = first
+        strand.links = links
+        return strand
 
     @wp.func
     def displacement(w: wp.array(dtype=Real), n: int, strand: Strand):
         """Transverse displacement of the chain where it passes mid-strand [m], positive to the left of travel."""
         i = strand.middle
-        j = wp.where(i == n - 1, 0, i + 1)
+        j = after(i, n)
         a = along(w, i, strand)
         b = along(w, j, strand)
         part = (wp.float64(0.5) * strand.length - a) / (b - a)
@@ -120,26 +150,27 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def add_strand_links(w: wp.array(dtype=Real), n: int, strand: Strand, sums: StrandSums):
-        """Tension of the links that lie between the strand's two tangent points."""
-        low = int(0)
-        i = strand.middle
-        while low < n and along(w, i, strand) > wp.float64(0.0):
-            i = wp.where(i == 0, n - 1, i - 1)
-            low = low + 1
-        first = wp.where(i == n - 1, 0, i + 1)
-        i = first
-        j = wp.where(i == n - 1, 0, i + 1)
+        """Tension of the links between the strand's two tangent points."""
+        lowest = Real(sums.tension_min)
+        highest = Real(sums.tension_max)
+        total = wp.float64(0.0)
+        square = wp.float64(0.0)
+        link = strand.first_link
         count = int(0)
-        while count < n and along(w, j, strand) < strand.length:
-            tension = wp.float64(load(w, TENSION + i))
-            sums.tension_min = wp.min(sums.tension_min, tension)
-            sums.tension_max = wp.max(sums.tension_max, tension)
-            sums.tension = sums.tension + tension
-            sums.tension_square = sums.tension_square + tension * tension
-            i = j
-            j = wp.where(i == n - 1, 0, i + 1)
+        while count < strand.links:
+            tension = load(w, TENSION + link)
+            lowest = wp.min(lowest, tension)
+            highest = wp.max(highest, tension)
+            value = wp.float64(tension)
+            total += value
+            square += value * value
+            link = after(link, n)
             count = count + 1
-        sums.links = sums.links + wp.int64(count)
+        sums.tension_min = wp.float64(lowest)
+        sums.tension_max = wp.float64(highest)
+        sums.tension = sums.tension + total
+        sums.tension_square = sums.tension_square + square
+        sums.links = sums.links + wp.int64(strand.links)
         return sums
 
     @wp.func

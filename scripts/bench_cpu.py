@@ -111,7 +111,7 @@ class Reference:
 
 def engine_rate(drive, variants: int, workers: int, steps: int, metrics: bool, precision: str) -> float:
     """Roller-steps a second of the engine, compilation and start apart."""
-    engine = CpuEngine(pack([drive] * variants, [schedule(drive, metrics)] * variants, precision), workers)
+    engine = CpuEngine(pack([drive] * variants, [schedule(drive, metrics)] * variants).at_precision(precision), workers)
     buffer = engine.frame_buffer(1)
     for future in engine.advance(64, buffer):
         future.result()
@@ -126,7 +126,7 @@ def engine_rate(drive, variants: int, workers: int, steps: int, metrics: bool, p
 def compare(name: str, drive, reference: Reference | None, steps: int, rounds: int) -> None:
     """Prints one drive's lines."""
     n = drive.chain.links
-    packed = pack([drive], [schedule(drive, False)], "float64")
+    packed = pack([drive], [schedule(drive, False)])
     cases = {
         "float64, 1 core": (1, 1, False, "float64"),
         "float64, 1 core, metrics": (1, 1, True, "float64"),
@@ -155,7 +155,7 @@ def compare(name: str, drive, reference: Reference | None, steps: int, rounds: i
 
 def check(drive, reference: Reference, steps: int = 2000) -> None:
     """Prints how far engine and reference are apart after the same steps: they do the same work."""
-    packed = pack([drive], [schedule(drive, False)], "float64")
+    packed = pack([drive], [schedule(drive, False)])
     engine = CpuEngine(packed, 1)
     for future in engine.advance(steps, engine.frame_buffer(1)):
         future.result()

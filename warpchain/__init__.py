@@ -1,0 +1,54 @@
+"""warpchain: dynamics of roller-chain drives, many variants at once, on CPU and GPU."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from warpchain.archive import read_archive, write_archive
+    from warpchain.assembly import assemble
+    from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
+    from warpchain.errors import WarpchainError
+    from warpchain.record import Record, Run, Trajectory
+    from warpchain.simulation import simulate
+
+_HOME = {
+    "Drive": "drive",
+    "Record": "record",
+    "Run": "record",
+    "Trajectory": "record",
+    "WarpchainError": "errors",
+    "assemble": "assembly",
+    "dumps_drive": "drive",
+    "load_drive": "drive",
+    "loads_drive": "drive",
+    "read_archive": "archive",
+    "simulate": "simulation",
+    "write_archive": "archive",
+}
+
+__all__ = [
+    "Drive",
+    "Record",
+    "Run",
+    "Trajectory",
+    "WarpchainError",
+    "__version__",
+    "assemble",
+    "dumps_drive",
+    "load_drive",
+    "loads_drive",
+    "read_archive",
+    "simulate",
+    "write_archive",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Imports a public name when it is first used, so that `import warpchain` stays light."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("warpchain")
+    if name in _HOME:
+        return getattr(import_module(f"warpchain.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'warpchain' has no attribute {name!r}")

@@ -16,17 +16,10 @@ from numpy.typing import NDArray
 
 from warpchain.ensemble import Packed
 from warpchain.kernels import relax, serial, structs
-from warpchain.kernels.rollers import STATE_ROWS
 from warpchain.kernels.structs import types
 
 CAPACITIES = (264, 1032, 4104, 16392, 65544)
 """Row lengths of the scratch; one kernel is compiled for each that is used. Off powers of two, so rows do not share cache sets."""
-
-SETTLE_LIMIT = 100_000
-"""Most steps that settling takes a variant."""
-
-SETTLE_TOLERANCE = 1.0e-3
-"""Residual that settling aims at, as a fraction of the largest link force."""
 
 
 class CpuEngine:
@@ -105,49 +98,13 @@ class CpuEngine:
         """Starts `block` steps of every variant that has not ended; frames go to `frames`."""
         return self._launch("advance", [self.ensemble, self.state, self.sums, frames], [block])
 
-    def start_settling(self, steps: NDArray[np.float64], wanted: NDArray[np.bool_]) -> wp.array:
-        """Prepares the relaxation: undamped copies of chain and contacts, sprockets at rest.
-
-        Args:
-            steps: (variants,) relaxation step of each variant [s].
-            wanted: (variants,) which variants settle.
-        """
-        packed = self.packed
-        chains, sprockets, guides = packed.chains.copy(), packed.sprockets.copy(), packed.guides.copy()
-        chains["damping"] = 0.0
-        sprockets["law"]["hysteresis"] = 0.0
-        guides["law"]["hysteresis"] = 0.0
-        bodies = packed.bodies.copy()
-        bodies["speed"] = 0.0
-        self._relaxed = self._ensemble(packed)
-        self._relaxed.chains = self._array(chains, self.kinds.Chain)
-        self._relaxed.sprockets = self._array(sprockets, self.kinds.Sprocket)
-        self._relaxed.guides = self._array(guides, self.kinds.Guide)
-        self.state.sprockets = self._array(bodies, structs.SprocketState)
-        settling = np.zeros(self.variants, dtype=relax.Settling.numpy_dtype())
-        settling["step"] = steps
-        settling["tolerance"] = SETTLE_TOLERANCE
-        settling["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
-        for v in np.flatnonzero(wanted):
-            self._rows(int(v))[2:4] = 0.0
-        return self._array(settling, relax.Settling)
-
     def settle(self, settling: wp.array, block: int) -> list[Future[None]]:
-        """Starts up to `block` steps of relaxation of every variant that has not settled."""
-        return self._launch("relax", [self._relaxed, self.state, settling], [block])
+        """Starts up to `block` steps of relaxation of every variant that has not settled (`kernels.relax.Settling`)."""
+        return self._launch("relax", [self.ensemble, self.state, settling], [block])
 
-    def end_settling(self) -> None:
-        """Gives rollers and sprockets the speeds of the initial state, at the settled positions."""
-        for v, assembly in enumerate(self.packed.assemblies):
-            self._rows(v)[2:4] = assembly.velocity.T
-        self.state.sprockets = self._array(self.packed.bodies, structs.SprocketState)
-        self.state.impact_speed.zero_()
-
-    def _rows(self, v: int) -> NDArray[np.floating]:
-        """View of variant v's rows x, y, vx, vy and low parts of x, y, (6, N)."""
-        first, n = int(self.packed.drives["first_roller"][v]), int(self.packed.drives["rollers"][v])
-        rows: NDArray[np.floating] = self.state.rollers.numpy()[STATE_ROWS * first : STATE_ROWS * (first + n)].reshape(STATE_ROWS, n)
-        return rows
+    def rollers(self) -> NDArray[np.floating]:
+        """Copy of the rollers' rows, as in `Packed.rollers`."""
+        return np.array(self.state.rollers.numpy(), copy=True)
 
     def progress(self) -> NDArray[Any]:
         """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""

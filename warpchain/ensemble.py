@@ -6,7 +6,7 @@ Nothing of one variant depends on another: the packing only decides where its va
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly, assemble
 from warpchain.contact import guide_stiffness, sprocket_stiffness
 from warpchain.drive import Drive
-from warpchain.errors import SimulationError
+from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels import structs
 from warpchain.kernels.rollers import STATE_ROWS
 
@@ -71,6 +71,45 @@ class Packed:
         """The Warp scalar type of the precision."""
         return REAL[self.precision]
 
+    @property
+    def variants(self) -> int:
+        """Number of variants."""
+        return len(self.assemblies)
+
+    def first_value(self, v: int) -> int:
+        """Where variant v's rows begin in `rollers`."""
+        return STATE_ROWS * int(self.drives["first_roller"][v])
+
+    def rows(self, v: int) -> NDArray[np.floating]:
+        """View of variant v's rows x, y, vx, vy and low parts of x, y, (6, N)."""
+        first, n = self.first_value(v), int(self.drives["rollers"][v])
+        return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
+
+    def at_precision(self, precision: str) -> Packed:
+        """This ensemble, which is in float64, at another precision; what positions lose goes to their low parts.
+
+        Raises:
+            SimulationError: for an unknown precision.
+        """
+        if precision not in REAL:
+            raise SimulationError(f'precision = {precision!r}: allowed are "float64" and "float32"')
+        if precision == self.precision:
+            return self
+        kinds = structs.types(REAL[precision])
+        rollers = self.rollers.astype(precision)
+        other = replace(
+            self,
+            precision=precision,
+            chains=self.chains.astype(kinds.Chain.numpy_dtype()),
+            sprockets=self.sprockets.astype(kinds.Sprocket.numpy_dtype()),
+            guides=self.guides.astype(kinds.Guide.numpy_dtype()),
+            rollers=rollers,
+        )
+        for v in range(self.variants):
+            exact, rows = self.rows(v), other.rows(v)
+            rows[4:6] = exact[0:2] - rows[0:2]
+        return other
+
 
 class _Table:
     """Rows of (order, amplitude, phase), or of seat directions, gathered as drives are packed."""
@@ -91,6 +130,13 @@ class _Table:
     def array(self) -> NDArray[np.float64]:
         """All rows; one row of zeros where there are none, since Warp reads no empty array."""
         return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
+
+
+def _assembled(v: int, drive: Drive) -> Assembly:
+    try:
+        return assemble(drive)
+    except DriveError as error:
+        raise DriveError(f"variant {v}: {error}") from None
 
 
 def _zeros(struct: Any, count: int) -> NDArray[Any]:
@@ -180,22 +226,19 @@ def _fill_drive(row: Any, drive: Drive, schedule: Schedule, assembly: Assembly) 
     row["high"] = np.maximum((reach + radius).max(axis=0), assembly.position.max(axis=0)) + margin
 
 
-def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], precision: str) -> Packed:
-    """Packs drives, each in its assembled initial state.
+def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
+    """Packs drives in float64, each in its assembled initial state.
 
     Raises:
-        SimulationError: for an unknown precision.
         DriveError: for a drive whose chain does not fit; the message names the variant.
     """
-    if precision not in REAL:
-        raise SimulationError(f'precision = {precision!r}: allowed are "float64" and "float32"')
-    kinds = structs.types(REAL[precision])
+    kinds = structs.types(wp.float64)
     count = len(drives)
     links = np.array([d.chain.links for d in drives])
     wheels = np.array([len(d.sprockets) for d in drives])
     bars = np.array([len(d.guides) for d in drives])
     packed = Packed(
-        precision=precision,
+        precision="float64",
         drives=_zeros(structs.Drive, count),
         chains=_zeros(kinds.Chain, count),
         sprockets=_zeros(kinds.Sprocket, int(wheels.sum())),
@@ -203,11 +246,11 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], precision: str)
         guides=_zeros(kinds.Guide, int(bars.sum())),
         harmonics=np.zeros(0),
         seats=np.zeros(0),
-        rollers=np.zeros(STATE_ROWS * int(links.sum()), dtype=np.dtype(precision)),
+        rollers=np.zeros(STATE_ROWS * int(links.sum())),
         bodies=_zeros(structs.SprocketState, int(wheels.sum())),
         strands=_zeros(structs.Strand, int(wheels.sum())),
         seat=np.full(int((links * (wheels + bars)).sum()), -1, dtype=np.int32),
-        assemblies=tuple(assemble(drive) for drive in drives),
+        assemblies=tuple(_assembled(v, drive) for v, drive in enumerate(drives)),
     )
     harmonics, seats = _Table(3), _Table(2)
     roller = sprocket = guide = memory = 0
@@ -230,7 +273,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], precision: str)
             _fill_guide(packed.guides[guide + g], drive, g)
         n = drive.chain.links
         packed.rollers[STATE_ROWS * roller : STATE_ROWS * (roller + n)] = state_rows(
-            assembly.position, assembly.velocity, precision
+            assembly.position, assembly.velocity, "float64"
         ).ravel()
         roller, sprocket, guide = roller + n, sprocket + len(drive.sprockets), guide + len(drive.guides)
         memory += n * (len(drive.sprockets) + len(drive.guides))

@@ -46,8 +46,8 @@ def _moments(total: float, square: float, weight: float) -> tuple[float, float]:
     return mean, float(np.sqrt(max(square / weight - mean * mean, 0.0)))
 
 
-def _chain_row(sums: Any) -> Row:
-    links = float(sums["samples"])
+def _chain_row(sums: Any, rollers: int) -> Row:
+    links = float(sums["samples"]) * rollers
     return {"tension_min": sums["tension_min"], "tension_max": sums["tension_max"]} | dict(
         zip(("tension_mean", "tension_std"), _moments(sums["tension"], sums["tension_square"], links), strict=True)
     )
@@ -128,7 +128,7 @@ def row_of(drive: Drive, schedule: Schedule, sums: dict[str, Any], steps: int, d
     if steps <= schedule.window_end or diverged:
         return row
     duration = (schedule.window_end - schedule.window_start) * schedule.step
-    row |= _chain_row(sums["chain"])
+    row |= _chain_row(sums["chain"], drive.chain.links)
     for name, strand in zip(drive.strand_names, sums["strand"], strict=True):
         row |= _strand_row(name, strand)
     names = [s.name for s in drive.sprockets] + [g.name for g in drive.guides]

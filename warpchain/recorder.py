@@ -43,6 +43,7 @@ class Recorder:
         drives: Sequence[Drive],
         schedules: Sequence[Schedule],
         packed: Packed,
+        precision: str,
         record: Record,
         memory: int,
         archive: str | Path | None,
@@ -54,7 +55,7 @@ class Recorder:
         self.indices = record.indices(len(drives))
         self.widths = np.array([frame_width(drives[v]) for v in self.indices], dtype=np.int64)
         self.every = np.array([schedules[v].sample_every for v in self.indices], dtype=np.int64)
-        self.bytes_per_value = np.dtype(packed.precision).itemsize
+        self.bytes_per_value = np.dtype(precision).itemsize
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
         self._archive: Any = None
         self.archive_path = Path(archive) if archive is not None else None

@@ -20,20 +20,17 @@ from warpchain.metrics import row_of, split_sums, table_of
 from warpchain.progress import Report, Stop, interruptible, reporter
 from warpchain.record import Record, Run, RunInfo
 from warpchain.recorder import Recorder
-from warpchain.timestep import resolve_step, step_limit
+from warpchain.timestep import resolve_step
 
 if TYPE_CHECKING:
     from warpchain.cpu import CpuEngine
-    from warpchain.ensemble import Schedule
+    from warpchain.ensemble import Packed, Schedule
 
 MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
 
 BLOCK_WORK = 20_000_000
 """Roller-steps of one variant in one block at most, so that progress shows and Ctrl-C is heard several times a second."""
-
-SETTLING_STEP = 0.9
-"""Relaxation step as a fraction of the stability limit."""
 
 
 def simulate(
@@ -88,7 +85,9 @@ def simulate(
     _check_device(device)
     record = record or Record()
     schedules = schedules_of(chosen, duration, step, record, window)
-    packed = pack(chosen, schedules, precision)
+    cores = workers or available_cores()
+    packed = pack(chosen, schedules)
+    packed.at_precision(precision)  # an unknown precision ends here
     info = RunInfo(
         version=__version__,
         device="cpu",
@@ -96,21 +95,22 @@ def simulate(
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     )
     begun = time.monotonic()
-    recorder = Recorder(chosen, schedules, packed, record, memory, archive, overwrite, info)
-    block = recorder.block(max(1, BLOCK_WORK // int(packed.drives["rollers"].max())))
-    buffer_values = recorder.layout(block)
-    engine = CpuEngine(packed, workers or available_cores())
+    block = max(1, BLOCK_WORK // int(packed.drives["rollers"].max()))
+    recorder = Recorder(chosen, schedules, packed, precision, record, memory, archive, overwrite, info)
+    engine = None
     try:
         with reporter(progress) as report, interruptible() as stop:
-            settled = _settle(engine, chosen, report, stop)
+            settled = _settle(packed, chosen, cores, block, report, stop)
+            block = recorder.block(block)
+            buffer_values = recorder.layout(block)
+            engine = CpuEngine(packed.at_precision(precision), cores)
             _march(engine, block, buffer_values, recorder, report, stop)
-        info = replace(
-            info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun
-        )
+        info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
         metrics = table_of(_rows(engine, chosen, schedules, settled))
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
     finally:
-        engine.close()
+        if engine is not None:
+            engine.close()
         recorder.close()
 
 
@@ -178,27 +178,18 @@ def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) ->
             future.result()
 
 
-def _settle(engine: CpuEngine, drives: Sequence[Drive], report: Report, stop: Stop) -> NDArray[Any]:
+def _settle(
+    packed: Packed, drives: Sequence[Drive], cores: int, block: int, report: Report, stop: Stop
+) -> NDArray[Any]:
     """Brings the variants that ask for it to static equilibrium; returns how each one's settling ended."""
-    wanted = np.array([drive.run.settle for drive in drives])
-    steps = np.array([SETTLING_STEP * step_limit(drive) for drive in drives])
-    settling = engine.start_settling(steps, wanted)
-    rollers = engine.packed.drives["rollers"].astype(float)
-    block = max(1, BLOCK_WORK // int(rollers.max()))
-    total = float((settling.numpy()["limit"] * rollers).sum())
 
-    def tick() -> None:
-        state = settling.numpy()
-        report("settling", float((np.where(state["settled"], state["limit"], state["steps"]) * rollers).sum()), total)
+    def run(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
+        _await(futures, stop, lambda: report("settling", *done()))
+        return not stop.asked
 
-    def going() -> bool:
-        state = settling.numpy()
-        return bool(((state["settled"] == 0) & (state["steps"] < state["limit"])).any())
+    from warpchain.settling import settle
 
-    while going() and not stop.asked:
-        _await(engine.settle(settling, block), stop, tick)
-    engine.end_settling()
-    return np.array(settling.numpy(), copy=True)
+    return settle(packed, drives, cores, block, run)
 
 
 def _march(
