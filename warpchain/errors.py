@@ -6,7 +6,15 @@ class WarpchainError(Exception):
 
 
 class DriveError(WarpchainError):
-    """A drive description is wrong: unknown, missing or out-of-range values, or a chain that does not fit."""
+    """A drive description is wrong: unknown, missing or out-of-range values, or a chain that does not fit.
+
+    The message has one line for each thing that is wrong.
+    """
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """The lines of the message: `key.path = value: what is allowed`, behind the file's name if there is one."""
+        return tuple(str(self).split("\n"))
 
 
 class SimulationError(WarpchainError):

@@ -1,0 +1,244 @@
+"""A drive as data: chain, sprockets, guide-bars, contacts and run settings, checked whole; TOML in and out.
+
+SI units throughout; angles in radians but for `seat_angle`, which is in degrees. A drive never changes: `with_values`
+makes changed copies.
+
+Source: Pedersen, Hansen and Ambrosio, "A Roller Chain Drive Model Including Contact with Guide-Bars", Multibody System
+Dynamics 12 (2004) 285-301.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import secrets
+import warnings
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import ModelWrapValidatorHandler, model_validator
+
+from warpchain import drive_toml
+from warpchain.drive_base import (
+    Allowed,
+    Part,
+    Problem,
+)
+from warpchain.drive_contact import (
+    Contact,
+    GuideContact,
+    GuideOverrides,
+    ImpactLaw,
+    Material,
+    SprocketContact,
+    merged,
+)
+from warpchain.drive_errors import DriveError, drive_error
+from warpchain.drive_motion import (
+    BalanceWheel,
+    ElasticMount,
+    FixedMount,
+    Harmonic,
+    Load,
+    Prescribed,
+    PrescribedMount,
+    SliderMount,
+)
+from warpchain.drive_parts import Chain, Guide, RunSettings, Sprocket
+from warpchain.drive_rules import guide_rules, size_rules, sprocket_rules, unsupported
+from warpchain.drive_values import changed, lookup, settable
+
+__all__ = [
+    "BalanceWheel",
+    "Chain",
+    "Contact",
+    "Drive",
+    "ElasticMount",
+    "FixedMount",
+    "Guide",
+    "GuideContact",
+    "GuideOverrides",
+    "Harmonic",
+    "ImpactLaw",
+    "Load",
+    "Material",
+    "Prescribed",
+    "PrescribedMount",
+    "RunSettings",
+    "SliderMount",
+    "Sprocket",
+    "SprocketContact",
+    "dumps_drive",
+    "load_drive",
+    "loads_drive",
+    "save_drive",
+    "unsupported",
+]
+
+
+class Drive(Part):
+    """A whole drive: immutable, compared and hashed by value.
+
+    Attributes:
+        chain: the chain.
+        sprockets: (S,) in the order in which the chain visits them; at least 2, at least one of them prescribed.
+        guides: (G,) guide-bars.
+        contact: contact settings.
+        run: run settings.
+
+    Raises:
+        DriveError: with one line for each value that is missing, unknown, not allowed or not supported.
+    """
+
+    chain: Chain
+    sprockets: Annotated[tuple[Sprocket, ...], Allowed("must be a list of at least 2 sprockets")]
+    guides: Annotated[tuple[Guide, ...], Allowed("must be a list of guides")] = ()
+    contact: Contact
+    run: RunSettings
+
+    def with_values(self, values: Mapping[str, Any]) -> Self:
+        """A changed copy, checked like a file.
+
+        A value that stands for another replaces it: roller_mass and mass_per_length, damping and damping_ratio,
+        stiffness and materials. None takes an optional value away; a missing optional table is made.
+
+        Args:
+            values: by key path, such as "sprockets.camshaft.load.torque"; elements of a list by name or index.
+
+        Raises:
+            DriveError: for an unknown path, naming the nearest, or a value that is not allowed; one line each.
+        """
+        return changed(self, values)
+
+    def get_value(self, path: str) -> Any:
+        """The value at a key path; None if it is optional and not given.
+
+        Raises:
+            DriveError: for an unknown path, naming the nearest.
+        """
+        return lookup(self, path)
+
+    def paths(self) -> tuple[str, ...]:
+        """Every key path that `with_values` can set: tables, lists and single values, present or optional."""
+        return tuple(settable(self))
+
+    @property
+    def driver(self) -> int:
+        """Index of the first prescribed sprocket."""
+        return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
+
+    @property
+    def strand_names(self) -> tuple[str, ...]:
+        """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next."""
+        names = [sprocket.name for sprocket in self.sprockets]
+        return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
+
+    def pitch_radius(self, s: int) -> float:
+        """Radius of the circle of sprocket s on which seated rollers lie [m]: p / (2 sin(pi/z))."""
+        sprocket = self.sprockets[s]
+        pitch = self.chain.pitch if sprocket.pitch is None else sprocket.pitch
+        return pitch / (2.0 * math.sin(math.pi / sprocket.teeth))
+
+    def seat_angle(self, s: int) -> float:
+        """Angle of the seat arc of sprocket s [rad]; unless given, 140 degrees - 90 degrees / z."""
+        given = self.contact.sprocket.seat_angle
+        return math.radians(140.0 - 90.0 / self.sprockets[s].teeth if given is None else given)
+
+    def tip_radius(self, s: int) -> float:
+        """Radius at which the teeth of sprocket s end [m]: pitch radius + half the room between two rollers."""
+        return self.pitch_radius(s) + 0.5 * (self.chain.pitch - 2.0 * self.chain.roller_radius)
+
+    def guide_contact(self, g: int) -> GuideContact:
+        """Contact of guide-bar g: the common settings with the bar's own put over them."""
+        common, own = self.contact.guide, self.guides[g].contact
+        assert common is not None  # the drive's own rule
+        return common if own is None else GuideContact(**merged(common, own))
+
+    @classmethod
+    def _source(cls) -> str:
+        return ""
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from sprocket_rules(node)
+        yield from guide_rules(node)
+        yield from size_rules(node)
+        yield from unsupported(node)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _warn(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        drive = handler(values)
+        links = drive.chain.links
+        if links % 2 and drive is not values:
+            warnings.warn(f"chain.links = {links}: an odd number needs an offset link", stacklevel=4)
+        return drive
+
+
+def loads_drive(text: str, source: str = "<text>") -> Drive:
+    """Reads a drive from TOML text.
+
+    Args:
+        text: the drive file's contents.
+        source: what error lines call it.
+
+    Raises:
+        DriveError: with one line for each error of the text, all of them.
+    """
+    values = drive_toml.parse(text, source)
+    try:
+        return Drive(**values)
+    except DriveError as error:
+        raise drive_error(error.errors, source) from None
+
+
+def load_drive(path: str | os.PathLike[str]) -> Drive:
+    """Reads a drive file (TOML, UTF-8).
+
+    Raises:
+        DriveError: if it cannot be read, in one line, or with one line for each of its errors.
+    """
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise drive_error([f"cannot be read: {_reason(error)}"], str(path)) from None
+    except UnicodeDecodeError as error:
+        raise drive_error([f"not TOML: byte {error.start} is not UTF-8"], str(path)) from None
+    return loads_drive(text, str(path))
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
+
+
+def dumps_drive(drive: Drive) -> str:
+    """A drive as TOML text, which `loads_drive` reads back equal. Defaults are written out, so that they stay."""
+    return drive_toml.dumps(_without_empty(drive.model_dump(exclude_none=True)))
+
+
+def _without_empty(value: Any) -> Any:
+    """Without lists that have no elements; TOML's tables cannot say them everywhere, and they are the default."""
+    if isinstance(value, dict):
+        return {key: _without_empty(inner) for key, inner in value.items() if inner != ()}
+    return [_without_empty(inner) for inner in value] if isinstance(value, tuple) else value
+
+
+def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
+    """Writes a drive file; one of that name is replaced, at once and whole.
+
+    Raises:
+        DriveError: if it cannot be written.
+    """
+    target = Path(path)
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}")
+    try:
+        with open(temporary, "x", encoding="utf-8", newline="\n") as file:
+            file.write(dumps_drive(drive))
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, target)
+    except OSError as error:
+        raise drive_error([f"cannot be written: {_reason(error)}"], str(path)) from None
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,108 @@
+"""Rules that tie the parts of a drive together, and what this version cannot simulate yet.
+
+Each rule yields its problems. It takes the drive, or the mapping that should become one if a value somewhere is wrong:
+what a rule needs and does not find whole, it leaves to the error of that value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from warpchain.contact import largest_load
+from warpchain.drive_base import BARE, Problem, elements, get, numbers, valid
+from warpchain.drive_contact import LAWS, MATERIALS, GuideContact, ImpactLaw, SprocketContact, merged, stiffness_given
+from warpchain.drive_parts import NO_SIZE, Chain
+
+
+def sprocket_rules(drive: Any) -> Iterator[Problem]:
+    sprockets = elements(drive, "sprockets")
+    if get(drive, "sprockets") is not None and len(sprockets) < 2:
+        yield Problem(("sprockets",), get(drive, "sprockets"), "must be a list of at least 2 sprockets")
+    if sprockets and all(get(sprocket, "prescribed") is None for sprocket in sprockets):
+        yield Problem(("sprockets",), None, "none is prescribed; at least one sprocket must be", BARE)
+    seen: set[str] = set()
+    for kind in ("sprockets", "guides"):
+        for i, part in enumerate(elements(drive, kind)):
+            name = get(part, "name")
+            if isinstance(name, str) and name in seen:
+                yield Problem((kind, i, "name"), name, "must be unique among sprockets and guides")
+            elif isinstance(name, str):
+                seen.add(name)
+
+
+def guide_rules(drive: Any) -> Iterator[Problem]:
+    guides = elements(drive, "guides")
+    common = get(get(drive, "contact"), "guide")
+    if guides and common is None and get(drive, "contact") is not None:
+        yield Problem(("contact", "guide"), None, "missing; must be a table; needed where there are guides", BARE)
+    for i, guide in enumerate(guides):
+        own = get(guide, "contact")
+        if own is not None and common is not None:
+            before = list(stiffness_given(common))
+            for problem in stiffness_given(merged(common, own)):
+                if problem not in before:
+                    yield problem.under("guides", i, "contact")
+
+
+def size_rules(drive: Any) -> Iterator[Problem]:
+    """Rules that hold the contacts against the chain's size."""
+    chain = valid(Chain, get(drive, "chain"))
+    if chain is None:
+        return
+    contact, radius = get(drive, "contact"), chain.roller_radius
+    sprocket = valid(SprocketContact, get(contact, "sprocket"))
+    if sprocket is not None and sprocket.clearance is not None:
+        room = chain.pitch / 2 - radius
+        if sprocket.clearance >= room:
+            text = f"must be below half the pitch less the roller radius, {room:g}"
+            yield Problem(("contact", "sprocket", "clearance"), sprocket.clearance, text)
+        yield from _load_rule(sprocket, radius, radius + sprocket.clearance, "contact", "sprocket")
+    guide = valid(GuideContact, get(contact, "guide"))
+    if guide is None:
+        return
+    yield from _load_rule(guide, radius, math.inf, "contact", "guide")
+    for i, bar in enumerate(elements(drive, "guides")):
+        own = get(bar, "contact")
+        if all(get(own, key) is None for key in MATERIALS):
+            continue
+        law = valid(GuideContact, merged(guide, own))
+        if law is not None:
+            yield from _load_rule(law, radius, math.inf, "guides", i, "contact")
+
+
+def _load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str | int) -> Iterator[Problem]:
+    if law.stiffness is None:
+        limit = largest_load(law, radius, partner_radius)
+        if law.reference_load is not None and law.reference_load >= limit:
+            text = f"must be below {limit:g} N, beyond which the stiffness formula does not hold for these materials"
+            yield Problem((*keys, "reference_load"), law.reference_load, text)
+
+
+def unsupported(drive: Any) -> Iterator[Problem]:
+    """What a drive file may ask for but this version cannot simulate: the one place that knows."""
+    if get(get(drive, "chain"), "size") is not None:
+        yield Problem(("chain", "size"), get(get(drive, "chain"), "size"), NO_SIZE)
+    for i, sprocket in enumerate(elements(drive, "sprockets")):
+        kind = get(get(sprocket, "mount"), "kind")
+        if kind in ("prescribed", "elastic", "slider"):
+            yield Problem(("sprockets", i, "mount", "kind"), kind, 'not supported in this version; use "fixed" instead')
+        mass = get(get(sprocket, "balance_wheel"), "mass")
+        if numbers(mass) and mass > 0:
+            text = "not supported in this version; use 0 and add mass * radius^2 to the inertia instead"
+            yield Problem(("sprockets", i, "balance_wheel", "mass"), mass, text)
+    contact = get(drive, "contact")
+    if get(get(contact, "sprocket"), "profile") == "iso606":
+        text = 'not supported in this version; use "circular" with clearance and seat_angle instead'
+        yield Problem(("contact", "sprocket", "profile"), "iso606", text)
+    laws: list[tuple[tuple[str | int, ...], Any]] = [
+        (("contact", kind, "law"), get(get(contact, kind), "law")) for kind in ("sprocket", "guide")
+    ]
+    laws += [
+        (("guides", i, "contact", "law"), get(get(guide, "contact"), "law"))
+        for i, guide in enumerate(elements(drive, "guides"))
+    ]
+    for path, law in laws:
+        if isinstance(law, str) and law and law not in LAWS:
+            yield Problem(path, law, f'not supported in this version; use "{LAWS[0]}" instead')

@@ -1,0 +1,47 @@
+"""The time step's limit: omega_max^2 = (4 k + K_max) / m bounds the fastest oscillation of a roller between its links and a contact."""
+
+from __future__ import annotations
+
+import math
+
+from warpchain.contact import guide_stiffness, sprocket_stiffness
+from warpchain.drive import Drive
+from warpchain.errors import DriveError
+
+AUTOMATIC = 0.2
+"""omega_max h of the automatic step."""
+
+
+def highest_frequency(drive: Drive) -> float:
+    """omega_max [rad/s]: a roller of the chain's mass on two links and the stiffest contact."""
+    contacts = [sprocket_stiffness(drive, s) for s in range(len(drive.sprockets))]
+    contacts += [guide_stiffness(drive, g) for g in range(len(drive.guides))]
+    return math.sqrt((4.0 * drive.chain.stiffness + max(contacts)) / drive.chain.mass)
+
+
+def step_limit(drive: Drive) -> float:
+    """Steps must be shorter than this [s]: 2 / omega_max, leapfrog's limit of stability."""
+    return 2.0 / highest_frequency(drive)
+
+
+def automatic_step(drive: Drive) -> float:
+    """The step that "auto" stands for [s]: omega_max h = 0.2."""
+    return AUTOMATIC / highest_frequency(drive)
+
+
+def resolve_step(drive: Drive, step: float | None = None) -> float:
+    """The step to take [s]: `step`, or else the drive's own.
+
+    Raises:
+        DriveError: a step that is not positive or not below the limit; the message states the limit.
+    """
+    asked = drive.run.step if step is None else step
+    if isinstance(asked, str):
+        return automatic_step(drive)
+    limit = step_limit(drive)
+    if not (math.isfinite(asked) and 0.0 < asked < limit):
+        raise DriveError(
+            f'run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m); or "auto", '
+            f"{automatic_step(drive):.6g} s"
+        )
+    return asked
