@@ -70,10 +70,6 @@ def test_mean_moment_is_the_load_in_steady_running():
     ends = np.searchsorted(run[0].time, (0.5 - 1e-9, 1.5 - 1e-9))
     gained = 2.0 * np.diff(run[0].sprocket_speed[ends, 1])[0]
     assert values["driven.moment_mean"] == pytest.approx(300.0 + 10.0 * speed + gained, rel=1e-6)
-    # power: what the driver puts in beyond the load's part is dissipated
-    lost = -2.0 * values["driver.moment_mean"] - speed * values["driven.moment_mean"]
-    dissipated = sum(values[f"{part}.dissipated"] for part in ("links", "driver", "driven"))
-    assert lost == pytest.approx(dissipated, rel=0.05)
     # (T_tight - T_slack) R lies between the two moments, which impacts set apart; the strand that reaches the driver pulls
     radius = drive.pitch_radius(1)
     difference = values["driven->driver.tension_mean"] - values["driver->driven.tension_mean"]
