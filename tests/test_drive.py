@@ -54,7 +54,7 @@ def test_derived_geometry(marine):
     assert marine.tip_radius(1) == pytest.approx(marine.pitch_radius(1) + 0.1143 / 2 - 0.0362, rel=1e-15)
     other = marine.with_values({"sprockets.tightener.pitch": 0.115, "contact.sprocket.seat_angle": None})
     assert other.pitch_radius(1) == pytest.approx(0.115 / (2 * math.sin(math.pi / 25)), rel=1e-15)
-    assert other.seat_angle(1) == pytest.approx(math.radians(140 - 90 / 25), rel=1e-15)
+    assert other.seat_angle(0) == pytest.approx(math.radians(140 - 90 / 57), rel=1e-15)
     assert other.tip_radius(1) - other.pitch_radius(1) == pytest.approx(0.1143 / 2 - 0.0362, rel=1e-12)
 
 

@@ -48,6 +48,7 @@ from warpchain.drive_motion import (
 from warpchain.drive_parts import Chain, Guide, RunSettings, Sprocket
 from warpchain.drive_rules import guide_rules, size_rules, sprocket_rules, unsupported
 from warpchain.drive_values import changed, lookup, settable
+from warpchain.teeth import default_seat_angle, releasing_seat_angle
 
 __all__ = [
     "BalanceWheel",
@@ -141,9 +142,16 @@ class Drive(Part):
         return pitch / (2.0 * math.sin(math.pi / sprocket.teeth))
 
     def seat_angle(self, s: int) -> float:
-        """Angle of the seat arc of sprocket s [rad]; unless given, 140 degrees - 90 degrees / z."""
+        """Angle of the seat arc of sprocket s [rad]; unless given, 140 degrees - 90 degrees / z, less for few teeth."""
         given = self.contact.sprocket.seat_angle
-        return math.radians(140.0 - 90.0 / self.sprockets[s].teeth if given is None else given)
+        if given is not None:
+            return math.radians(given)
+        return default_seat_angle(self.sprockets[s].teeth, self.pitch_radius(s), self.chain.pitch)
+
+    def catching(self) -> tuple[int, ...]:
+        """Sprockets whose straight flanks are too steep to let a strand's rollers go (see `warpchain.teeth`)."""
+        angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in range(len(self.sprockets)))
+        return tuple(s for s, limit in angles if self.seat_angle(s) > limit)
 
     def tip_radius(self, s: int) -> float:
         """Radius at which the teeth of sprocket s end [m]: pitch radius + half the room between two rollers."""
@@ -170,9 +178,19 @@ class Drive(Part):
     @classmethod
     def _warn(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         drive = handler(values)
+        if drive is values:
+            return drive
         links = drive.chain.links
-        if links % 2 and drive is not values:
+        if links % 2:
             warnings.warn(f"chain.links = {links}: an odd number needs an offset link", stacklevel=4)
+        for s in drive.catching():
+            limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
+            warnings.warn(
+                f"contact.sprocket.seat_angle = {math.degrees(drive.seat_angle(s)):g}: the straight flanks of "
+                f'"{drive.sprockets[s].name}" ({drive.sprockets[s].teeth} teeth) catch the rollers of its strands; '
+                f"they let them go below {limit:.1f} degrees",
+                stacklevel=4,
+            )
         return drive
 
 

@@ -114,7 +114,7 @@ class SprocketContact(ImpactLaw):
     Attributes:
         profile: shape of the tooth gap.
         gap: "minimum" or "maximum" gap, with profile "iso606" only.
-        seat_angle: angle of the seat arc [degrees], above 0 and below 180; None is 140 - 90/z.
+        seat_angle: angle of the seat arc [degrees], above 0 and below 180; None is 140 - 90/z, less for few teeth.
         clearance: radius of the seat less radius of the roller [m], >= 0; needed with profile "circular".
     """
 
