@@ -1,4 +1,5 @@
-"""Warp code of the solver: the physics as small functions (`link`, `tooth`, `guide`, `impact`, `motion`), then the kernels that call it.
+"""Warp code of the solver: the physics as small functions (`link`, `tooth`, `guide`, `impact`, `motion`), then the
+kernels that call it.
 
 Nothing here knows of the package above it. `serial` runs one variant a thread (CPU).
 """

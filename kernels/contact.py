@@ -2,8 +2,9 @@ r"""One roller against one sprocket or guide-bar: gap, approach speed, force, an
 
 A contact keeps the approach speed v0 of its first instant until it opens; v0 = 0 stands for "open". A roller keeps its
 seat while it is engaged, so that no angle is computed in the time loop. The approach speed is that of the sprocket's
-material point against the roller, v = (v_s + omega x r - v_i) . n (eq. (10)-(14)); the force acts on the roller along n,
-its opposite on the sprocket at the same point, which conserves angular momentum (eq. (16) with the full cross product).
+material point against the roller, v = (v_s + omega x r - v_i) . n (eq. (10)-(14)); the force acts on the roller
+along n, its opposite on the sprocket at the same point, which conserves angular momentum (eq. (16) with the full
+cross product).
 """
 
 from typing import Any
@@ -45,14 +46,20 @@ def penalty(penetration: Any, speed: Any, impact_speed: Any, law: Any):
 @wp.func
 def turned(direction: Any, cosine: Any, sine: Any):
     """`direction` turned by the angle whose cosine and sine are given."""
-    return type(direction)(
-        direction[0] * cosine - direction[1] * sine, direction[0] * sine + direction[1] * cosine
-    )
+    return type(direction)(direction[0] * cosine - direction[1] * sine, direction[0] * sine + direction[1] * cosine)
 
 
 @wp.func
 def sprocket_contact(
-    p: vec2d, v: Any, omega: Any, cosine: wp.float64, sine: wp.float64, seat: int, impact_speed: Any, sprocket: Any, seats: Any
+    p: vec2d,
+    v: Any,
+    omega: Any,
+    cosine: wp.float64,
+    sine: wp.float64,
+    seat: int,
+    impact_speed: Any,
+    sprocket: Any,
+    seats: Any,
 ):
     """Contact of an engaged roller with its tooth gap, eq. (5)-(17).
 

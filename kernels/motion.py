@@ -45,7 +45,9 @@ def prescribed_motion(
     first: int,
     count: int,
 ):
-    """Angle [rad] and angular velocity [rad/s] of a prescribed sprocket at `time`; harmonics are (order, amplitude, phase)."""
+    """Angle [rad] and angular velocity [rad/s] of a prescribed sprocket at `time`; harmonics are (order,
+    amplitude, phase).
+    """
     phi = speed * ramp_integral(time, ramp_time)
     angle = phi
     factor = wp.float64(1.0)
@@ -69,7 +71,9 @@ def load_moment(
     first: int,
     count: int,
 ):
-    """Load moment [N m] on a free sprocket, counter-clockwise; `load` is (torque, viscous, quadratic), `turned` = theta - theta_0."""
+    """Load moment [N m] on a free sprocket, counter-clockwise; `load` is (torque, viscous, quadratic), `turned` =
+    theta - theta_0.
+    """
     forward = sign * turned
     torque = load[0]
     for j in range(first, first + count):

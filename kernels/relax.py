@@ -1,9 +1,10 @@
 """Settling: the static equilibrium of the rollers with all sprockets held, by dynamic relaxation with kinetic damping.
 
 The rollers move from rest under link elasticity, elastic contact, guides and gravity; whenever their kinetic energy has
-passed a peak, all velocities are set to zero. A little damping in the links keeps fast axial oscillation from setting the
-peaks; it does not change the equilibrium. A restart takes half a kick: a whole one would feed the fastest oscillations.
-The state is settled when no roller's net force exceeds a fraction of the largest link force (or of a roller's weight).
+passed a peak, all velocities are set to zero. A little damping in the links keeps fast axial oscillation from
+setting the peaks; it does not change the equilibrium. A restart takes half a kick: a whole one would feed the
+fastest oscillations. The state is settled when no roller's net force exceeds a fraction of the largest link force
+(or of a roller's weight).
 """
 
 from functools import cache

@@ -1,9 +1,9 @@
 """The CPU kernel's passes over the rollers of one variant: link forces, contacts, kick and drift.
 
-The rollers lie in a scratch of rows of constant length (`rows`), read and written through `load` and `store`, which tell
-the compiler that neighbors in a row are neighbors in memory; with plain loops (`while`, not `range`) it then vectorizes
-the passes without branches: 1,080 million link forces a second on one core with AVX-512, against 115 with Warp's strided
-array indexing (docs/performance.md).
+The rollers lie in a scratch of rows of constant length (`rows`), read and written through `load` and `store`, which
+tell the compiler that neighbors in a row are neighbors in memory; with plain loops (`while`, not `range`) it then
+vectorizes the passes without branches: 1,080 million link forces a second on one core with AVX-512, against 115 with
+Warp's strided array indexing (docs/performance.md).
 """
 
 from functools import cache
@@ -16,7 +16,22 @@ from .link import link_force
 from .structs import SprocketState, Totals, types, vec2d
 from .tooth import nearest_seat
 
-ROWS = ("x", "y", "vx", "vy", "x_low", "y_low", "link_x", "link_y", "tension", "rate", "fx", "fy", "sprocket_force", "guide_force")
+ROWS = (
+    "x",
+    "y",
+    "vx",
+    "vy",
+    "x_low",
+    "y_low",
+    "link_x",
+    "link_y",
+    "tension",
+    "rate",
+    "fx",
+    "fy",
+    "sprocket_force",
+    "guide_force",
+)
 RK4_ROWS = ("x0", "y0", "vx0", "vy0", "x0_low", "y0_low", "sum_x", "sum_y", "sum_vx", "sum_vy")
 STATE_ROWS = wp.constant(6)
 
@@ -48,7 +63,14 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
     load, store = accessors(Real).load, accessors(Real).store
     at = rows(capacity)
     X, Y, VX, VY, X_LOW, Y_LOW, LINK_X, LINK_Y = at.x, at.y, at.vx, at.vy, at.x_low, at.y_low, at.link_x, at.link_y
-    FX, FY, SPROCKET_FORCE, GUIDE_FORCE, TENSION, RATE = at.fx, at.fy, at.sprocket_force, at.guide_force, at.tension, at.rate
+    FX, FY, SPROCKET_FORCE, GUIDE_FORCE, TENSION, RATE = (
+        at.fx,
+        at.fy,
+        at.sprocket_force,
+        at.guide_force,
+        at.tension,
+        at.rate,
+    )
 
     @wp.func
     def fetch(rollers: wp.array(dtype=Real), w: wp.array(dtype=Real), first: int, n: int):

@@ -1,8 +1,8 @@
 """The CPU kernel: one Warp thread takes one variant through a block of steps.
 
-At step n, positions and forces are those of time n h. Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2),
-the first kick being half a step; damping reads v(n - 1/2), and what is recorded is v(n) = v(n - 1/2) + h a(n) / 2. rk4 is the
-classical scheme; contacts keep their memory from step starts only.
+At step n, positions and forces are those of time n h. Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) +
+h v(n + 1/2), the first kick being half a step; damping reads v(n - 1/2), and what is recorded is v(n) = v(n - 1/2) +
+h a(n) / 2. rk4 is the classical scheme; contacts keep their memory from step starts only.
 """
 
 from functools import cache
@@ -12,7 +12,7 @@ import warp as wp
 
 from .motion import load_moment, prescribed_motion
 from .rollers import RK4_ROWS, ROWS, STATE_ROWS, accessors, passes, rows
-from .structs import Drive, Motion, Strand, Sums, types
+from .structs import Drive, Motion, Sums, types
 from .sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_sprocket, tallies
 
 SCRATCH_ROWS = len(ROWS) + len(RK4_ROWS)
@@ -50,7 +50,16 @@ def stepping(Real: type, capacity: int):
     at = rows(capacity)
     X, Y, VX, VY, X_LOW, Y_LOW = at.x, at.y, at.vx, at.vy, at.x_low, at.y_low
     X0_LOW, Y0_LOW, move = at.x0_low, at.y0_low, part.move
-    X0, Y0, VX0, VY0, SUM_X, SUM_Y, SUM_VX, SUM_VY = at.x0, at.y0, at.vx0, at.vy0, at.sum_x, at.sum_y, at.sum_vx, at.sum_vy
+    X0, Y0, VX0, VY0, SUM_X, SUM_Y, SUM_VX, SUM_VY = (
+        at.x0,
+        at.y0,
+        at.vx0,
+        at.vy0,
+        at.sum_x,
+        at.sum_y,
+        at.sum_vx,
+        at.sum_vy,
+    )
 
     # the functions below see these as their own
     link_pass, sprocket_pass, guide_pass = part.link_pass, part.sprocket_pass, part.guide_pass
@@ -58,7 +67,14 @@ def stepping(Real: type, capacity: int):
     TENSION, SPROCKET_FORCE, GUIDE_FORCE = at.tension, at.sprocket_force, at.guide_force
 
     @wp.func
-    def evaluate(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, chain: kinds.Chain, w: wp.array(dtype=Real), stage: int):
+    def evaluate(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array(dtype=Real),
+        stage: int,
+    ):
         """Forces on all rollers and sprockets for the state in the scratch and in `state.sprockets`."""
         n = drive.rollers
         link_pass(w, n, chain)
@@ -68,7 +84,17 @@ def stepping(Real: type, capacity: int):
             body = state.sprockets[drive.first_sprocket + s]
             sprocket = ensemble.sprockets[drive.first_sprocket + s]
             state.totals[partner] = sprocket_pass(
-                w, n, sprocket, body, wp.cos(body.angle), wp.sin(body.angle), ensemble.seats, state.seat, state.impact_speed, memory, stage
+                w,
+                n,
+                sprocket,
+                body,
+                wp.cos(body.angle),
+                wp.sin(body.angle),
+                ensemble.seats,
+                state.seat,
+                state.impact_speed,
+                memory,
+                stage,
             )
             partner += 1
             memory += n
@@ -89,7 +115,13 @@ def stepping(Real: type, capacity: int):
 
     @wp.func
     def leapfrog(
-        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, chain: kinds.Chain, w: wp.array(dtype=Real), time: wp.float64, kick: wp.float64
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array(dtype=Real),
+        time: wp.float64,
+        kick: wp.float64,
     ):
         """One step from evaluated forces; `kick` is h, or h / 2 from the initial state."""
         h = drive.step
@@ -188,7 +220,9 @@ def stepping(Real: type, capacity: int):
         rk4_rollers(w, drive.rollers, chain, stage, Real(weight), Real(reach))
 
     @wp.func
-    def true_speed(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, back: wp.float64):
+    def true_speed(
+        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, back: wp.float64
+    ):
         """Angular velocity of sprocket `s` of the drive at `time`, `back` after its speed's instant."""
         motion = ensemble.motions[drive.first_sprocket + s]
         if motion.prescribed == 1:

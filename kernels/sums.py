@@ -1,4 +1,6 @@
-"""What is added up over the window, in float64: tension, displacement, contacts, work, each step with its weight in time."""
+"""What is added up over the window, in float64: tension, displacement, contacts, work, each step with its weight
+in time.
+"""
 
 from functools import cache
 from types import SimpleNamespace
@@ -7,7 +9,6 @@ import warp as wp
 
 from .rollers import accessors, rows
 from .structs import ChainSums, ContactSums, SprocketSums, Strand, StrandSums, Totals, types
-
 
 STRAND_LOOK_EVERY = wp.constant(16)
 """Steps between two looks at which links lie on a strand; the chain moves a small part of a pitch in between."""
@@ -175,7 +176,9 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
 
     @wp.func
     def roller_energy(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, back: Real):
-        """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities' instant."""
+        """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities'
+        instant.
+        """
         total = wp.float64(0.0)
         inverse_mass = Real(1.0) / chain.mass
         i = int(0)
@@ -185,8 +188,12 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
             vx = wp.float64(load(w, VX + i) + back * ax)
             vy = wp.float64(load(w, VY + i) + back * ay)
             spring = wp.float64(load(w, TENSION + i) - chain.damping * load(w, RATE + i))
-            lift = wp.float64(chain.gravity[0]) * wp.float64(load(w, X + i)) + wp.float64(chain.gravity[1]) * wp.float64(load(w, Y + i))
-            total += wp.float64(0.5) * (wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness))
+            lift = wp.float64(chain.gravity[0]) * wp.float64(load(w, X + i)) + wp.float64(
+                chain.gravity[1]
+            ) * wp.float64(load(w, Y + i))
+            total += wp.float64(0.5) * (
+                wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness)
+            )
             total -= wp.float64(chain.mass) * lift
             i = i + 1
         return total

@@ -2,8 +2,8 @@
 
     python scripts/bench_cpu.py
 
-Each case is timed in turns with the C reference, several rounds in one run, and the best of each is compared: ratios are
-what counts, absolute times depend on the machine. Without a C compiler the reference is left out, with a message.
+Each case is timed in turns with the C reference, several rounds in one run, and the best of each is compared: ratios
+are what counts, absolute times depend on the machine. Without a C compiler the reference is left out, with a message.
 """
 
 import argparse
@@ -76,7 +76,13 @@ def reference_input(packed: Packed) -> bytes:
         values += [*body["center"], teeth["pitch_radius"], teeth["near_square"], teeth["far_square"]]
         values += [teeth["half_pitch_tangent"], teeth["clearance"], teeth["cos_half_seat"], teeth["sin_half_seat"]]
         values += [teeth["tip_reach"], *(teeth["law"][name] for name in law)]
-        values += [motion["prescribed"], motion["sign"], motion["inverse_inertia"], motion["speed"], motion["ramp_time"]]
+        values += [
+            motion["prescribed"],
+            motion["sign"],
+            motion["inverse_inertia"],
+            motion["speed"],
+            motion["ramp_time"],
+        ]
         values += [motion["start_angle"], *motion["load"], motion["load_ramp_time"]]
         rows = motion["drive_harmonics"] if motion["prescribed"] else motion["load_harmonics"]
         values += [rows["count"], teeth["teeth"]]

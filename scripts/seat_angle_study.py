@@ -1,6 +1,6 @@
 """What a seating angle beyond the limit of `warpchain.teeth` does: slack tension and moments on both sides of it.
 
-    python scripts/seat_angle_study.py
+python scripts/seat_angle_study.py
 """
 
 import math
@@ -64,10 +64,8 @@ def main() -> None:
     run = simulate([drive(teeth, angle) for teeth, _, angle in cases], record=Record("none"), window=(0.3, 1.0))
     print("teeth  limit [deg]  seat angle [deg]  driver moment [N m]  driven moment [N m]  slack strand [N]")
     for (teeth, limit, angle), row in zip(cases, run.metrics.to_pylist(), strict=True):
-        print(
-            f"{teeth:5d} {limit:12.1f} {angle:17.1f} {row['driver.moment_mean']:20.1f} {row['driven.moment_mean']:20.1f}"
-            f" {row['driver->driven.tension_mean']:17.0f}"
-        )
+        moments = f"{row['driver.moment_mean']:20.1f} {row['driven.moment_mean']:20.1f}"
+        print(f"{teeth:5d} {limit:12.1f} {angle:17.1f} {moments} {row['driver->driven.tension_mean']:17.0f}")
 
 
 if __name__ == "__main__":

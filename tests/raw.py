@@ -1,4 +1,6 @@
-"""Ensembles made by hand for tests of the physics: a closed chain anywhere, with any sprockets, stepped by the engine."""
+"""Ensembles made by hand for tests of the physics: a closed chain anywhere, with any sprockets, stepped by the
+engine.
+"""
 
 import numpy as np
 import warp as wp
@@ -8,8 +10,23 @@ from warpchain.ensemble import INTEGRATORS, REAL, Packed, state_rows
 from warpchain.kernels import structs
 
 
-def chain(position, velocity, *, mass, pitch, stiffness, damping=0.0, gravity=(0.0, 0.0), sprockets=(), step, steps,
-          integrator="leapfrog", window=None, sample_every=0, precision="float64"):
+def chain(
+    position,
+    velocity,
+    *,
+    mass,
+    pitch,
+    stiffness,
+    damping=0.0,
+    gravity=(0.0, 0.0),
+    sprockets=(),
+    step,
+    steps,
+    integrator="leapfrog",
+    window=None,
+    sample_every=0,
+    precision="float64",
+):
     """One variant: a closed chain of rollers; each sprocket is a dict of the values that it needs."""
     kinds = structs.types(REAL[precision])
     n, wheels = len(position), len(sprockets)

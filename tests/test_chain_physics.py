@@ -53,7 +53,9 @@ def strand_frequency(direction, k, tension=2000.0):
 
 
 def closed_form(direction, k, tension):
-    """f_k = (1/pi) sqrt(T / (m l)) sin(k pi / (2 (M + 1))) across, with k instead of T / l along; l the stretched pitch."""
+    """f_k = (1/pi) sqrt(T / (m l)) sin(k pi / (2 (M + 1))) across, with k instead of T / l along; l the stretched
+    pitch.
+    """
     stretched = PITCH * (1 + tension / (STIFFNESS * PITCH))
     rate = STIFFNESS if direction == 0 else tension / stretched
     return np.sqrt(rate / MASS) / np.pi * np.sin(k * np.pi / (2 * (M + 1)))
@@ -107,7 +109,6 @@ def test_chain_conserves_energy_and_momentum():
     np.testing.assert_allclose([vx.sum(), vy.sum()], velocity.sum(axis=0), atol=1e-11)
 
 
-@pytest.mark.slow
 def test_energy_does_not_drift_over_a_million_steps():
     n = 12
     vertices, _ = polygon(n, PITCH)

@@ -1,4 +1,6 @@
-"""Whole drives against closed forms: torque balance, polygon action, the seated chain, energy, integrators, precision."""
+"""Whole drives against closed forms: torque balance, polygon action, the seated chain, energy, integrators,
+precision.
+"""
 
 from pathlib import Path
 
@@ -12,9 +14,10 @@ from warpchain import Record, load_drive, loads_drive, simulate
 MARINE = Path(warpchain.__file__).parent / "drives" / "marine.toml"
 
 
-def two_sprockets(teeth=20, links=40 + 20, span=20.0, stiffness=5e7, contact=2e8, damping=2000.0, torque=300.0, inertia=2.0,
-                  speed=10.0, restitution=0.5, step=5e-6, duration=0.2, gravity=0.0, integrator="leapfrog", clearance=1e-4,
-                  mass=1.0, settle="true", floor=0.02, seat_angle=125.0, viscous=0.0, ramp=0.0, load_ramp=0.0):  # fmt: skip
+def two_sprockets(teeth=20, links=40 + 20, span=20.0, stiffness=5e7, contact=2e8, damping=2000.0, torque=300.0,
+inertia=2.0, speed=10.0, restitution=0.5, step=5e-6, duration=0.2, gravity=0.0, integrator="leapfrog",
+                  clearance=1e-4, mass=1.0, settle="true", floor=0.02, seat_angle=125.0, viscous=0.0, ramp=0.0,
+                  load_ramp=0.0):  # fmt: skip
     """Two equal sprockets `span` pitches apart."""
     return loads_drive(
         f"""
@@ -70,7 +73,8 @@ def test_mean_moment_is_the_load_in_steady_running():
     ends = np.searchsorted(run[0].time, (0.5 - 1e-9, 1.5 - 1e-9))
     gained = 2.0 * np.diff(run[0].sprocket_speed[ends, 1])[0]
     assert values["driven.moment_mean"] == pytest.approx(300.0 + 10.0 * speed + gained, rel=1e-6)
-    # (T_tight - T_slack) R lies between the two moments, which impacts set apart; the strand that reaches the driver pulls
+    # (T_tight - T_slack) R lies between the two moments, which impacts set apart; the strand that reaches the driver
+    # pulls
     radius = drive.pitch_radius(1)
     difference = values["driven->driver.tension_mean"] - values["driver->driven.tension_mean"]
     assert 0.99 * values["driven.moment_mean"] < difference * radius < -1.01 * values["driver.moment_mean"]
@@ -82,8 +86,9 @@ def ratio_range(half, stiffness, contact, inertia):
     span, links, speed = (7.5, 31, 0.4) if half else (7.0, 30, 0.4)
     tooth_time = 2 * np.pi / 16 / speed
     drive = two_sprockets(teeth=16, links=links, span=span * (1 + 1e-5), stiffness=stiffness, contact=contact,
-                          damping=1.2e-4 * stiffness, torque=400.0, inertia=inertia, speed=speed, duration=4 * tooth_time,
-                          step=4e-6, clearance=1e-6, restitution=1.0, load_ramp=tooth_time, seat_angle=110.0)  # fmt: skip
+                          damping=1.2e-4 * stiffness, torque=400.0, inertia=inertia, speed=speed, duration=4 *
+                          tooth_time, step=4e-6, clearance=1e-6, restitution=1.0, load_ramp=tooth_time,
+                          seat_angle=110.0)  # fmt: skip
     angle = simulate(drive, record=Record(rate=2000.0, channels=("sprocket_angle",)))[0].sprocket_angle
     # the chain rings at hundreds of hertz, the teeth pass at 1: the ratio is taken over 1/40 of a tooth
     n = int(tooth_time / 40 * 2000.0)
@@ -93,7 +98,8 @@ def ratio_range(half, stiffness, contact, inertia):
 
 @pytest.mark.filterwarnings("ignore:chain.links")
 def test_polygon_action_at_half_odd_and_whole_strands():
-    # a tight strand of 7.5 pitches: between cos(pi/16) = 0.98079 and its inverse 1.01959; of 7 pitches: constant. Reached
+    # a tight strand of 7.5 pitches: between cos(pi/16) = 0.98079 and its inverse 1.01959; of 7 pitches: constant.
+    # Reached
     # as links and contacts stiffen and inertia shrinks; what is left here is ringing of some 1e-3
     low, high = ratio_range(True, 5e8, 2e9, 2.0)
     assert low == pytest.approx(np.cos(np.pi / 16), abs=1e-3)
@@ -129,9 +135,16 @@ def test_angular_momentum_of_chain_and_free_sprocket_is_exact():
     position = (radius + 1e-4) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     rng = np.random.default_rng(0)
     velocity = rng.normal(scale=0.2, size=(teeth, 2))
-    sprocket = {"teeth": teeth, "stiffness": 2e8, "clearance": 1e-4, "inertia": inertia, "speed": 4.0, "restitution": 0.5}
-    packed = chain(position, velocity, mass=mass, pitch=pitch, stiffness=5e7, damping=500.0, sprockets=[sprocket], step=5e-6,
-                   steps=20_000)  # fmt: skip
+    sprocket = {
+        "teeth": teeth,
+        "stiffness": 2e8,
+        "clearance": 1e-4,
+        "inertia": inertia,
+        "speed": 4.0,
+        "restitution": 0.5,
+    }
+    packed = chain(position, velocity, mass=mass, pitch=pitch, stiffness=5e7, damping=500.0, sprockets=[sprocket],
+    step=5e-6, steps=20_000)  # fmt: skip
     before = mass * (position[:, 0] * velocity[:, 1] - position[:, 1] * velocity[:, 0]).sum() + inertia * 4.0
     engine, _ = run(packed)
     x, y, vx, vy = state(engine)
@@ -141,11 +154,12 @@ def test_angular_momentum_of_chain_and_free_sprocket_is_exact():
 
 
 def test_seated_chain_tension_falls_geometrically():
-    # sprocket locked, one side pulled: T_{i+1} / T_i = sin(phi) / sin(phi + 2 pi / z) on the flanks, phi = 90 deg - b - pi / z
+    # sprocket locked, one side pulled: T_{i+1} / T_i = sin(phi) / sin(phi + 2 pi / z) on the flanks, phi = 90 deg -
+    # b - pi / z
     teeth, half_seat = 20, np.radians(100.0) / 2
-    drive = two_sprockets(teeth=teeth, links=60, span=20.0 * (1 + 1e-6), torque=400.0, speed=0.0, damping=2e4, stiffness=5e7,
-                          contact=5e9, clearance=0.0, duration=1.0, seat_angle=100.0, restitution=0.1, inertia=1.0, mass=1.0,
-                          floor=0.5, step=4e-6, viscous=300.0)  # fmt: skip
+    drive = two_sprockets(teeth=teeth, links=60, span=20.0 * (1 + 1e-6), torque=400.0, speed=0.0, damping=2e4,
+    stiffness=5e7, contact=5e9, clearance=0.0, duration=1.0, seat_angle=100.0, restitution=0.1, inertia=1.0,
+                          mass=1.0, floor=0.5, step=4e-6, viscous=300.0)  # fmt: skip
     run = simulate(drive, record=Record(rate=100.0), window=(0.9, 1.0))
     trajectory = run[0]
     tension = trajectory.tension[-1]
@@ -191,6 +205,11 @@ def test_marine_metrics_in_float32_are_those_of_float64():
     drive = load_drive(MARINE)
     exact, single = row(drive, window=(0.5, 2.0)), row(drive, window=(0.5, 2.0), precision="float32")
     # the motion is chaotic: two runs of equal right differ by what a mean over 1.5 s leaves
-    for name, tolerance in (("tension_mean", 0.03), ("tension_std", 0.05), ("camshaft.moment_mean", 2e-3), ("camshaft.speed_mean", 1e-3)):
+    for name, tolerance in (
+        ("tension_mean", 0.03),
+        ("tension_std", 0.05),
+        ("camshaft.moment_mean", 2e-3),
+        ("camshaft.speed_mean", 1e-3),
+    ):
         assert single[name] == pytest.approx(exact[name], rel=tolerance), name
     assert abs(single["energy_residual_relative"]) < 2 * abs(exact["energy_residual_relative"])

@@ -82,7 +82,8 @@ def test_tooth_gap_is_the_offset_curve():
 
 
 def test_tooth_gap_penetration_is_continuous_with_slope_one():
-    # along any line the penetration changes by at most the distance gone: |grad pen| = 1, no jump (model's reason for the flank)
+    # along any line the penetration changes by at most the distance gone: |grad pen| = 1, no jump (model's reason
+    # for the flank)
     rng = np.random.default_rng(2)
     start = np.stack([rng.uniform(R - P / 3, R + P / 3, 400), rng.uniform(-P / 2, P / 2, 400)], axis=1)
     ends = start + rng.normal(scale=1e-6, size=start.shape)

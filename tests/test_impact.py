@@ -26,7 +26,7 @@ def bounce(
     impact_speed = speed
     dissipated = wp.float64(0.0)
     peak = wp.float64(0.0)
-    open = int(0)
+    open = 0
     while open == 0:
         # midpoint rule (second order): half step, evaluate, full step
         f0, m0, d0, e0 = penalty(penetration, v, impact_speed, law)
@@ -38,7 +38,7 @@ def bounce(
         dissipated = dissipated + h * d1
         peak = wp.max(peak, e1)
         if penetration <= wp.float64(0.0):
-            open = int(1)
+            open = 1
     out[0] = -v
     out[1] = dissipated
     out[2] = peak
@@ -48,7 +48,11 @@ def rebound(e, stiffness=1e6, exponent=1.0, mass=2.0, speed=0.7, h=None):
     law = KINDS.ContactLaw()
     law.stiffness, law.exponent, law.hysteresis, law.speed_floor = stiffness, exponent, 0.75 * (1 - e * e), 1e-9
     out = wp.zeros(3, dtype=wp.float64, device="cpu")
-    duration = np.sqrt(mass / stiffness) if exponent == 1.0 else (mass / stiffness * speed ** (1 - exponent)) ** (1 / (1 + exponent))
+    duration = (
+        np.sqrt(mass / stiffness)
+        if exponent == 1.0
+        else (mass / stiffness * speed ** (1 - exponent)) ** (1 / (1 + exponent))
+    )
     wp.launch(bounce, dim=1, inputs=[law, mass, speed, h or 1e-4 * duration, out], device="cpu")
     return out.numpy() / [speed, 1.0, 1.0]
 

@@ -74,7 +74,9 @@ def test_recorded_tension_is_the_law_applied_to_recorded_positions():
 
 def test_recorded_velocity_is_the_slope_of_recorded_positions():
     trajectory = simulate(short(), record=Record(rate=2e5))[0]
-    slope = (trajectory.position[2:] - trajectory.position[:-2]) / (trajectory.time[2:] - trajectory.time[:-2])[:, None, None]
+    slope = (trajectory.position[2:] - trajectory.position[:-2]) / (trajectory.time[2:] - trajectory.time[:-2])[
+        :, None, None
+    ]
     np.testing.assert_allclose(trajectory.velocity[1:-1], slope, atol=1e-9)  # leapfrog: v(n) is the central difference
 
 

@@ -1,4 +1,6 @@
-"""Straight flanks that let a strand go: the limit against the unwinding roller, the default below it, the warning above it."""
+"""Straight flanks that let a strand go: the limit against the unwinding roller, the default below it, the warning
+above it.
+"""
 
 import math
 import warnings

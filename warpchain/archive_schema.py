@@ -38,9 +38,7 @@ COLOR_FIELDS = ("red", "green", "blue", "alpha")
 NUMERIC_TYPES = {"u1": 1, "f4": 7, "f8": 8}
 """numpy's codes of the values of foxglove.PackedElementField.NumericType that occur."""
 
-COLOR_ANCHORS = np.array(
-    [(45, 85, 215), (0, 170, 220), (70, 195, 95), (245, 205, 50), (225, 45, 40)], dtype=np.float64
-)
+COLOR_ANCHORS = np.array([(45, 85, 215), (0, 170, 220), (70, 195, 95), (245, 205, 50), (225, 45, 40)], dtype=np.float64)
 """Colors (RGB) at 0, 1/4, 1/2, 3/4 and all of the color scale, linear between: blue, cyan, green, yellow, red."""
 COLOR_UNKNOWN = (150, 150, 150)
 """Color where the tension is not recorded or not finite."""
@@ -214,7 +212,9 @@ def _files() -> list[FileDescriptorProto]:
     fields = element_file.message_type[0]
     fields.field[2].type_name = ".foxglove.PackedElementField.NumericType"
     numeric = fields.enum_type.add(name="NumericType")
-    for number, name in enumerate("UNKNOWN UINT8 INT8 UINT16 INT16 UINT32 INT32 FLOAT32 FLOAT64".split()):
+    for number, name in enumerate(
+        ["UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64"]
+    ):
         numeric.value.add(name=name, number=number)
     cloud = {
         "timestamp": ".google.protobuf.Timestamp",

@@ -1,7 +1,7 @@
 """The CPU engine: an ensemble in the machine's memory, its variants spread over a pool of threads.
 
-Warp runs a CPU launch on the calling thread, without Python's lock. Each thread takes variants one group at a time and has
-a scratch of its own, so that what a variant computes depends neither on its neighbors nor on the number of threads.
+Warp runs a CPU launch on the calling thread, without Python's lock. Each thread takes variants one group at a time and
+has a scratch of its own, so that what a variant computes depends neither on its neighbors nor on the number of threads.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from warpchain.kernels import relax, serial, structs
 from warpchain.kernels.structs import types
 
 CAPACITIES = (264, 1032, 4104, 16392, 65544)
-"""Row lengths of the scratch; one kernel is compiled for each that is used. Off powers of two, so rows do not share cache sets."""
+"""Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
 
 
 class CpuEngine:

@@ -248,7 +248,7 @@ class Part(BaseModel):
             raise ValidationError.from_exception_data(
                 cls.__name__,
                 [
-                    InitErrorDetails(type=PydanticCustomError(p.kind, p.text), loc=p.path, input=p.value)  # type: ignore[arg-type]
+                    InitErrorDetails(type=PydanticCustomError(p.kind, p.text), loc=p.path, input=p.value)
                     for p in problems
                 ],
             )

@@ -78,8 +78,8 @@ class Recorder:
         wanted = float((frames * self.widths).sum()) * self.bytes_per_value
         if wanted > memory:
             raise SimulationError(
-                f"record: the trajectories of {len(self.indices)} variants take {wanted / 2**30:.3g} GiB, more than the "
-                f"memory budget of {memory / 2**30:.3g} GiB; write them to an archive, record fewer variants, "
+                f"record: the trajectories of {len(self.indices)} variants take {wanted / 2**30:.3g} GiB, more than "
+                f"the memory budget of {memory / 2**30:.3g} GiB; write them to an archive, record fewer variants, "
                 "lower the rate, or raise memory"
             )
 
@@ -109,8 +109,8 @@ class Recorder:
                 continue
             first = int(self.first[k])
             values = buffer[first : first + (stop - start) * width].reshape(stop - start, width)
-            steps = np.arange(start, stop) * every
-            self._keep(v, self._trajectory(v, steps * self.schedules[v].step, values))
+            time = (np.arange(start, stop) * every).astype(np.float64) * self.schedules[v].step
+            self._keep(v, self._trajectory(v, time, values))
 
     def _trajectory(self, v: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
         """Frames as they lie in a buffer, as a trajectory of its own memory."""
@@ -155,9 +155,7 @@ class Recorder:
             return self._trajectory(v, np.zeros(0), np.zeros((0, frame_width(self.drives[v]))))
         if len(chunks) == 1:
             return chunks[0]
-        joined = {
-            name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in (*self.channels, "time")
-        }
+        joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in (*self.channels, "time")}
         return replace(chunks[0], **joined)
 
     def close(self) -> None:

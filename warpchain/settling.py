@@ -77,7 +77,7 @@ def settle(
     state["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
     if not wanted.any():
         return state
-    settling = wp.array(state, dtype=relax.Settling, device="cpu")
+    settling: wp.array = wp.array(state, dtype=relax.Settling, device="cpu")
     rollers = packed.drives["rollers"].astype(float)
 
     def done() -> tuple[float, float]:

@@ -30,7 +30,7 @@ MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
 
 BLOCK_WORK = 20_000_000
-"""Roller-steps of one variant in one block at most, so that progress shows and Ctrl-C is heard several times a second."""
+"""Roller-steps of a variant in one block at most, so that progress shows and Ctrl-C is heard."""
 
 
 def simulate(
@@ -192,10 +192,8 @@ def _settle(
     return settle(packed, drives, cores, block, run)
 
 
-def _march(
-    engine: CpuEngine, block: int, buffer_values: int, recorder: Recorder, report: Report, stop: Stop
-) -> None:
-    """Runs blocks of steps until every variant has ended; while one block runs, the frames of the one before are taken."""
+def _march(engine: CpuEngine, block: int, buffer_values: int, recorder: Recorder, report: Report, stop: Stop) -> None:
+    """Runs blocks of steps until every variant has ended; the frames of one are taken while the next runs."""
     drives = engine.packed.drives
     rollers = drives["rollers"].astype(float)
     total = float(((drives["steps"] + 1) * rollers).sum())

@@ -32,5 +32,5 @@ def releasing_seat_angle(pitch_radius: float, pitch: float) -> float:
 
 
 def default_seat_angle(teeth: int, pitch_radius: float, pitch: float) -> float:
-    """Seating angle of a circular profile that is not told one [rad]: 140 degrees - 90 degrees / z, or what releases."""
+    """Seating angle of a circular profile that gives none [rad]: 140 degrees - 90 degrees / z, or what releases."""
     return min(math.radians(140.0 - 90.0 / teeth), releasing_seat_angle(pitch_radius, pitch) - MARGIN)

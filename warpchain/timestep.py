@@ -1,4 +1,4 @@
-"""The time step's limit: omega_max^2 = (4 k + K_max) / m bounds the fastest oscillation of a roller between its links and a contact."""
+"""The time step's limit: omega_max^2 = (4 k + K_max) / m bounds how fast a roller oscillates on links and a contact."""
 
 from __future__ import annotations
 

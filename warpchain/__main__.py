@@ -1,0 +1,7 @@
+"""`python -m warpchain` is the command `warpchain`."""
+
+import sys
+
+from warpchain.cli import main
+
+sys.exit(main())

@@ -1,0 +1,1 @@
+"""Example drives, as TOML files."""
