@@ -128,6 +128,27 @@ def point_cloud_constant(layout: np.dtype[np.void]) -> bytes:
     return cloud.SerializeToString()
 
 
+def _varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+def timestamp_bytes(stamp: int) -> bytes:
+    """The timestamp field (1) of a serialized PointCloud, from nanoseconds."""
+    seconds, nanoseconds = divmod(stamp, 10**9)
+    body = (b"\x08" + _varint(seconds) if seconds else b"") + (b"\x10" + _varint(nanoseconds) if nanoseconds else b"")
+    return b"\x0a" + _varint(len(body)) + body
+
+
+def data_bytes(data: bytes) -> bytes:
+    """The data field (6) of a serialized PointCloud, the last on the wire."""
+    return b"\x32" + _varint(len(data)) + data
+
+
 def joint_state_template(names: list[str], arrays: list[str]) -> tuple[bytes, dict[str, int], int]:
     """A CDR JointState with everything but its numbers.
 
@@ -158,7 +179,7 @@ def joint_state_template(names: list[str], arrays: list[str]) -> tuple[bytes, di
     word(len(names))
     for name in names:
         text(name)
-    offsets = {}
+    offsets: dict[str, int] = {}
     for array in ("position", "velocity", "effort"):
         word(len(names) if array in arrays else 0)
         if array in arrays:

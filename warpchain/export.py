@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,8 @@ def export_npz(archive: str | Path, output: str | Path, variant: int | None = No
     partial = path.with_name(f".{path.name}.partial")
     try:
         with partial.open("wb") as file:
-            np.savez_compressed(file, time=trajectory.time, **trajectory.channels())
+            arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
+            np.savez_compressed(file, **arrays)
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)

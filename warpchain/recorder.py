@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -155,8 +154,9 @@ class Recorder:
             return self._trajectory(v, np.zeros(0), np.zeros((0, frame_width(self.drives[v]))))
         if len(chunks) == 1:
             return chunks[0]
-        joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in (*self.channels, "time")}
-        return replace(chunks[0], **joined)
+        time = np.concatenate([chunk.time for chunk in chunks])
+        joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in self.channels}
+        return Trajectory(chunks[0].drive, time, **joined)
 
     def close(self) -> None:
         """Drops an archive that was not finished."""

@@ -1,0 +1,189 @@
+"""Archives: the same trajectories back, bitwise; whole files only; one line for each refusal."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_drive_physics import two_sprockets
+
+from warpchain import Record, read_archive, simulate, write_archive
+from warpchain.errors import ArchiveError, SimulationError
+from warpchain.record import CHANNELS
+
+
+def drives():
+    return [
+        two_sprockets(duration=0.003, settle="false"),
+        two_sprockets(duration=0.002, settle="false", teeth=24, links=64),
+    ]
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(drives())
+
+
+def assert_same(one, other):
+    assert list(one) == list(other)
+    assert one.drives == other.drives
+    assert one.metrics.equals(other.metrics)
+    assert one.metrics.schema.equals(other.metrics.schema, check_metadata=True)
+    for variant in one:
+        np.testing.assert_array_equal(one[variant].time, other[variant].time)
+        mine, theirs = one[variant].channels(), other[variant].channels()
+        assert mine.keys() == theirs.keys()
+        for name, values in mine.items():
+            assert values.dtype == theirs[name].dtype
+            np.testing.assert_array_equal(values, theirs[name], err_msg=name)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_float64_comes_back_bitwise(run, tmp_path, compression):
+    path = write_archive(run, tmp_path / "a.mcap", compression=compression)
+    back = read_archive(path)
+    assert_same(run, back)
+    assert back.info == run.info
+
+
+def test_float32_comes_back_bitwise(tmp_path):
+    single = simulate(drives(), precision="float32")
+    back = read_archive(write_archive(single, tmp_path / "a.mcap"))
+    assert_same(single, back)
+    assert back[0].tension.dtype == np.float32
+
+
+def test_channels_that_were_not_recorded_stay_none(tmp_path):
+    part = simulate(drives(), record=Record(variants=[1], channels=("tension", "sprocket_speed")))
+    back = read_archive(write_archive(part, tmp_path / "a.mcap"))
+    assert_same(part, back)
+    assert [name for name in CHANNELS if getattr(back[1], name) is not None] == ["tension", "sprocket_speed"]
+    with pytest.raises(SimulationError, match="variant 0 was not recorded"):
+        back[0]
+
+
+def test_streamed_while_running_equals_written_afterwards(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("warpchain.simulation.BLOCK_WORK", 60 * 101)
+    streamed = simulate(drives(), archive=tmp_path / "s.mcap")
+    assert_same(run, streamed)
+    assert [path.name for path in tmp_path.iterdir()] == ["s.mcap"]
+
+
+def test_metrics_alone(tmp_path):
+    bare = simulate(drives(), record=Record("none"))
+    back = read_archive(write_archive(bare, tmp_path / "a.mcap"))
+    assert_same(bare, back)
+    assert len(back) == 0
+
+
+def test_rerun_accepts_the_file(run, tmp_path):
+    path = write_archive(run, tmp_path / "a.mcap")
+    rerun = shutil.which("rerun") or str(Path(sys.executable).with_name("rerun"))
+    done = subprocess.run([rerun, "mcap", "check", str(path)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_foxglove_and_ros_decoders_read_every_message(run, tmp_path):
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory as Protobuf
+    from mcap_ros2.decoder import DecoderFactory as Ros2
+
+    path = write_archive(run, tmp_path / "a.mcap")
+    trajectory, clouds, joints = run[0], [], []
+    with path.open("rb") as stream:
+        for schema, channel, message, decoded in make_reader(
+            stream, decoder_factories=[Protobuf(), Ros2()]
+        ).iter_decoded_messages():
+            if channel.topic == "/variant/00000/rollers":
+                assert schema.name == "foxglove.PointCloud"
+                clouds.append((message.log_time, decoded))
+            elif channel.topic == "/variant/00000/sprockets":
+                joints.append(decoded)
+    assert len(clouds) == len(joints) == len(trajectory.time)
+    last, cloud = clouds[-1]
+    assert last == round(trajectory.time[-1] * 1e9)
+    assert cloud.timestamp.ToNanoseconds() == last
+    assert [field.name for field in cloud.fields][:3] == ["x", "y", "z"]
+    x = np.ndarray((60,), "<f8", cloud.data, 0, (cloud.point_stride,))
+    np.testing.assert_array_equal(x, trajectory.position[-1, :, 0])
+    assert list(joints[-1].name) == ["driver", "driven"]
+    np.testing.assert_array_equal(joints[-1].velocity, trajectory.sprocket_speed[-1])
+
+
+def test_existing_file_is_kept_unless_told_otherwise(run, tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_text("mine")
+    with pytest.raises(ArchiveError, match=r"exists already.*overwrite"):
+        write_archive(run, path)
+    assert path.read_text() == "mine"
+    write_archive(run, path, overwrite=True)
+    assert_same(run, read_archive(path))
+
+
+def test_refusals_of_the_writer(run, tmp_path):
+    with pytest.raises(ArchiveError, match="compression = 'gzip'"):
+        write_archive(run, tmp_path / "a.mcap", compression="gzip")
+    with pytest.raises(ArchiveError, match="cannot be written"):
+        write_archive(run, tmp_path / "absent" / "a.mcap")
+    with pytest.raises(ArchiveError, match="is a folder"):
+        write_archive(run, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_is_one_line_and_leaves_nothing(run, tmp_path, monkeypatch):
+    from warpchain import archive
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(archive.os, "fsync", full)
+    with pytest.raises(ArchiveError, match=r"a\.mcap: cannot be written \(No space left on device\)"):
+        write_archive(run, tmp_path / "a.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_on_the_way_leaves_nothing(run, tmp_path):
+    from warpchain.archive import ArchiveWriter
+
+    with pytest.raises(ZeroDivisionError), ArchiveWriter(tmp_path / "a.mcap", run.drives, [0], run.info) as writer:
+        writer.append(0, run[0])
+        1 / 0  # noqa: B018
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_refusals_of_the_reader(run, tmp_path):
+    with pytest.raises(ArchiveError, match="cannot be read"):
+        read_archive(tmp_path / "absent.mcap")
+    other = tmp_path / "text.mcap"
+    other.write_text("no archive, but a text that is long enough to look into")
+    with pytest.raises(ArchiveError, match="is not an MCAP file"):
+        read_archive(other)
+    from mcap.writer import Writer
+
+    foreign = tmp_path / "foreign.mcap"
+    with foreign.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.finish()
+    with pytest.raises(ArchiveError, match="not an archive of warpchain"):
+        read_archive(foreign)
+
+
+def test_a_cut_or_damaged_archive_is_never_silent(run, tmp_path):
+    whole = write_archive(run, tmp_path / "a.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    for part in (0.3, 0.6, 0.9, 0.999):
+        cut.write_bytes(whole[: int(part * len(whole))])
+        with pytest.raises(ArchiveError) as caught:
+            read_archive(cut)
+        assert "\n" not in str(caught.value)
+    damaged = bytearray(whole)
+    chunk = len(whole) // 3
+    damaged[chunk : chunk + 200] = bytes(200)
+    cut.write_bytes(damaged)
+    with pytest.raises(ArchiveError):
+        back = read_archive(cut)
+        for variant in back:
+            back[variant]
