@@ -11,5 +11,5 @@ settings.load_profile("warpchain")
 def quiet_warp():
     import warp as wp
 
-    wp.config.quiet = True
+    wp.config.log_level = wp.LOG_ERROR
     wp.init()

@@ -151,7 +151,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from warpchain.record import Record
     from warpchain.simulation import simulate
 
-    setattr(wp.config, "quiet", True)  # noqa: B010  # the bar and the summary speak
+    wp.config.log_level = wp.LOG_ERROR  # the bar and the summary speak
     drive = _load(arguments)
     run = simulate(
         drive,
