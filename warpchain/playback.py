@@ -168,9 +168,10 @@ def _log_arrows(stream: rr.RecordingStream, shown: Trajectory) -> None:
     assert shown.position is not None
     kinds = contact_arrows(shown)
     sizes = [np.hypot(arrows[..., 0], arrows[..., 1]) for arrows in kinds]
-    largest = max(float(np.percentile(size, 99.99)) for size in sizes)
-    if largest <= 0.0:
+    pressed = np.concatenate([size[size > 0.0] for size in sizes])
+    if not len(pressed):
         return
+    largest = float(np.percentile(pressed, 99.0))  # rare impacts may reach further
     scale = ARROW * float(np.ptp(shown.position.reshape(-1, 2), axis=0).max()) / largest
     for name, arrows, size, color in zip(
         ("sprocket forces", "guide-bar forces"), kinds, sizes, ((240, 240, 240), (255, 80, 80)), strict=True
@@ -201,7 +202,10 @@ def _log_series(stream: rr.RecordingStream, trajectory: Trajectory) -> None:
         "contact/largest of guide-bars [N]": trajectory.guide_force.max(axis=1),
     }
     for s, sprocket in enumerate(drive.sprockets):
-        series[f"speed/{sprocket.name} [rad/s]"] = trajectory.sprocket_speed[:, s]
+        speed = np.asarray(trajectory.sprocket_speed[:, s], dtype=float)
+        series[f"speed/{sprocket.name} [rad/s]"] = speed
+        if speed.mean() != 0.0:
+            series[f"deviation/{sprocket.name} [%]"] = 100.0 * (speed / speed.mean() - 1.0)
     for k, name in enumerate(drive.strand_names):
         series[f"displacement/{name} [mm]"] = 1e3 * strand_displacement(trajectory, k)
     for path, values in series.items():
@@ -218,25 +222,25 @@ def _blueprint(trajectory: Trajectory) -> rrb.Blueprint:
     drive = trajectory.drive
     assert trajectory.position is not None
     low, high = trajectory.position.min(axis=(0, 1)), trajectory.position.max(axis=(0, 1))
-    radius = max(drive.tip_radius(s) for s in range(len(drive.sprockets)))
     margin = 0.05 * float((high - low).max())
     centers = np.array([sprocket.center for sprocket in drive.sprockets])
-    low = np.minimum(low, centers.min(axis=0) - 0.0 * radius) - margin
+    low = np.minimum(low, centers.min(axis=0)) - margin
     high = np.maximum(high, centers.max(axis=0)) + margin
     bounds = rrb.VisualBounds2D(x_range=[low[0], high[0]], y_range=[-high[1], -low[1]])
-    plots = [
+    tension, contact, speed, deviation, displacement = (
         rrb.TimeSeriesView(origin=f"/{name}", name=title)
         for name, title in (
             ("tension", "link tension [N]"),
             ("contact", "contact force [N]"),
             ("speed", "sprocket speed [rad/s]"),
+            ("deviation", "sprocket speed, deviation from its mean [%]"),
             ("displacement", "strand displacement [mm]"),
         )
-    ]
+    )
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Spatial2DView(origin="/drive", name="drive", visual_bounds=bounds),
-            rrb.Vertical(*plots),
+            rrb.Vertical(tension, contact, rrb.Tabs(deviation, speed), displacement),
             column_shares=[2, 3],
         ),
         rrb.TimePanel(state="collapsed"),

@@ -153,6 +153,9 @@ class Run(Mapping[int, Trajectory]):
             recorded = ", ".join(map(str, self.trajectories)) or "none"
             raise SimulationError(f"variant {variant} was not recorded (recorded: {recorded})") from None
 
+    def __contains__(self, variant: object) -> bool:
+        return variant in self.trajectories
+
     def __iter__(self) -> Iterator[int]:
         return iter(self.trajectories)
 

@@ -1,0 +1,104 @@
+"""Figures and playback: they are drawn, they show the chain, and they refuse in one line."""
+
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from test_drive_physics import two_sprockets
+
+from warpchain import Record, simulate, write_archive
+from warpchain.errors import ArchiveError, SimulationError
+from warpchain.playback import FRAMES, shown_frames, view
+from warpchain.plots import plot_figures
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(two_sprockets(duration=0.05, gravity=-9.81))
+
+
+def colored(picture, least=60):
+    """Share of pixels with a color (not gray)."""
+    rgb = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    return (np.ptp(rgb, axis=2) > least).mean()
+
+
+@pytest.mark.parametrize("kind", ["png", "svg"])
+def test_figures_are_drawn(run, tmp_path, kind):
+    paths = plot_figures(run, tmp_path / "plots", kind=kind)
+    names = ["drive", "strand-displacement", "link-tension", "contact-forces"]
+    assert [path.name for path in paths] == [f"{name}.{kind}" for name in names]
+    assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == sorted(path.name for path in paths)
+    if kind == "png":
+        for path in paths:
+            assert Image.open(path).size[0] > 600
+            assert colored(path) > 0.001, path
+    else:
+        assert "link tension" in paths[2].read_text() or "<svg" in paths[2].read_text()
+
+
+def test_figures_from_an_archive(run, tmp_path):
+    archive = write_archive(run, tmp_path / "a.mcap")
+    assert len(plot_figures(archive, tmp_path / "plots", variant=0)) == 4
+
+
+def test_refusals(run, tmp_path):
+    with pytest.raises(SimulationError, match="variant 3 was not recorded"):
+        plot_figures(run, tmp_path, variant=3)
+    part = simulate(two_sprockets(duration=0.001, settle="false"), record=Record(channels=("tension",)))
+    with pytest.raises(SimulationError, match="recorded without position"):
+        plot_figures(part, tmp_path)
+    bare = simulate(two_sprockets(duration=0.001, settle="false"), record=Record("none"))
+    with pytest.raises(SimulationError, match="nothing to draw"):
+        view(bare, save=tmp_path / "a.rrd")
+    with pytest.raises(ArchiveError, match="cannot be written"):
+        view(run, save=tmp_path / "absent" / "a.rrd")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ArchiveError, match="cannot be written"):
+        plot_figures(run, tmp_path / "file")
+
+
+def test_recording_is_whole_and_alone(run, tmp_path):
+    view(run, save=tmp_path / "a.rrd")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.rrd"]
+    assert (tmp_path / "a.rrd").stat().st_size > 100_000
+
+
+def test_long_recordings_are_drawn_within_the_frame_budget(run):
+    assert len(run[0].time) == 1001
+    frames = shown_frames(run[0])
+    assert len(frames) == FRAMES
+    assert (frames[0], frames[-1]) == (0, len(run[0].time) - 1)
+
+
+def headless():
+    """Why the headless viewer cannot run here, or None."""
+    if not (shutil.which("rerun") or Path(sys.executable).with_name("rerun").exists()):
+        return "no rerun viewer"
+    if not list(Path("/usr/share/vulkan/icd.d").glob("*.json")):
+        return "no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)"
+    return None
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(headless() is not None, reason=str(headless()))
+def test_the_viewer_shows_the_chain_along_its_path(run, tmp_path):
+    spec = importlib.util.spec_from_file_location("render_picture", ROOT / "scripts" / "render_picture.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    view(run, save=tmp_path / "a.rrd")
+    script.screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0.02)
+    pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
+    left = pixels[40:-60, : int(0.39 * pixels.shape[1])]  # the drive view
+    rows, columns = np.nonzero(np.ptp(left, axis=2) > 60)
+    assert len(rows) > 2000
+    # two horizontal strands: colored pixels fill a wide band of columns, in rows well apart
+    assert np.ptp(columns) > 0.7 * left.shape[1]
+    middle = np.abs(columns - columns.mean()) < 0.1 * left.shape[1]
+    assert np.ptp(rows[middle]) > 0.1 * left.shape[1]
