@@ -26,7 +26,7 @@ def bounce(
     impact_speed = speed
     dissipated = wp.float64(0.0)
     peak = wp.float64(0.0)
-    open = 0
+    open = int(0)
     while open == 0:
         # midpoint rule (second order): half step, evaluate, full step
         f0, m0, d0, e0 = penalty(penetration, v, impact_speed, law)
@@ -38,7 +38,7 @@ def bounce(
         dissipated = dissipated + h * d1
         peak = wp.max(peak, e1)
         if penetration <= wp.float64(0.0):
-            open = 1
+            open = int(1)
     out[0] = -v
     out[1] = dissipated
     out[2] = peak
