@@ -155,3 +155,68 @@ def test_order_of_convergence_against_dop853(integrator, order):
         errors.append(np.abs(found - exact).max())
     observed = np.log2(errors[0] / errors[1]), np.log2(errors[1] / errors[2])
     assert np.allclose(observed, order, atol=0.3), (errors, observed)
+
+
+def seated_reference(position, velocity, duration, inertia, torque, stiffness, speed):
+    """A ring pressed into the seats of a free sprocket, by DOP853: seats without clearance are springs to seat j."""
+    n = len(position)
+    radius = PITCH / (2 * np.sin(np.pi / n))
+    seat = 2 * np.pi * np.arange(n) / n
+
+    def slope(_, state):
+        x, v = state[: 4 * n].reshape(2, n, 2)
+        theta, omega = state[4 * n :]
+        d = np.roll(x, -1, axis=0) - x
+        length = np.hypot(*d.T)[:, None]
+        link = STIFFNESS * (length - 0.999 * PITCH) * d / length
+        hold = stiffness * (radius * np.stack([np.cos(theta + seat), np.sin(theta + seat)], axis=1) - x)
+        moment = -(x[:, 0] * hold[:, 1] - x[:, 1] * hold[:, 0]).sum()
+        force = (link - np.roll(link, 1, axis=0) + hold) / MASS
+        return np.concatenate([v.ravel(), force.ravel(), [omega, (moment - torque) / inertia]])
+
+    start = np.concatenate([position.ravel(), velocity.ravel(), [0.0, speed]])
+    return solve_ivp(slope, (0.0, duration), start, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+
+
+@pytest.mark.parametrize(("integrator", "order"), [("leapfrog", 2), ("rk4", 4)])
+def test_a_small_drive_against_dop853(integrator, order):
+    # links 0.1 % short press every roller into its seat's arc, where the force is smooth; e = 1, no damping
+    n, inertia, torque, stiffness, speed, duration = 20, 3.0, 500.0, 2e7, 4.0, 0.004
+    vertices, radius = polygon(n, PITCH)
+    inward = 2 * STIFFNESS * 0.001 * PITCH * np.sin(np.pi / n) / stiffness
+    position = vertices * (1 - inward / radius)
+    velocity = speed * np.stack([-position[:, 1], position[:, 0]], axis=1)
+    velocity += np.random.default_rng(2).normal(scale=1e-3, size=velocity.shape)
+    exact = seated_reference(position, velocity, duration, inertia, torque, stiffness, speed)
+    errors = []
+    for steps in (200, 400, 800):
+        sprocket = {"teeth": n, "stiffness": stiffness, "inertia": inertia, "speed": speed, "load": (torque, 0.0, 0.0)}
+        packed = chain(position, velocity, mass=MASS, pitch=PITCH, stiffness=STIFFNESS, sprockets=[sprocket],
+                       step=duration / steps, steps=steps, integrator=integrator)  # fmt: skip
+        packed.chains["pitch"] = 0.999 * PITCH
+        engine, _ = run(packed)
+        apart = np.abs(state(engine)[:2].T.ravel() - exact[: 2 * n]).max()
+        turned = abs(engine.state.sprockets.numpy()[0]["angle"] - exact[4 * n])
+        errors.append(max(apart, turned))
+    observed = np.log2(errors[0] / errors[1]), np.log2(errors[1] / errors[2])
+    assert np.allclose(observed, order, atol=0.4), (errors, observed)
+
+
+def test_order_seen_with_impacts_is_reported(record_property):
+    # contacts open and close within steps: what is left of leapfrog's second order lies between one and two
+    n, duration = 20, 0.006
+    position, radius = polygon(n, PITCH)
+    velocity = np.random.default_rng(4).normal(scale=0.05, size=position.shape) - 0.2 * position / radius
+    ends = []
+    for steps in (400, 800, 1600, 12800):
+        sprocket = {"teeth": n, "stiffness": 2e7, "inertia": 3.0, "clearance": 2e-4, "restitution": 0.5}
+        packed = chain(position, velocity, mass=MASS, pitch=PITCH, stiffness=STIFFNESS, damping=500.0,
+                       sprockets=[sprocket], step=duration / steps, steps=steps)  # fmt: skip
+        engine, _ = run(packed)
+        ends.append(state(engine)[:2])
+    assert engine.sums.contact.numpy()[0]["impacts"] > 5
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
+    order = np.log2(errors[0] / errors[2]) / 2
+    record_property("order with impacts", order)
+    print(f"order of leapfrog with impacts and damping: {order:.2f}, errors {errors}")
+    assert 0.5 < order < 2.5

@@ -1,11 +1,15 @@
 """The command line as a user meets it: what it prints, its exit status, and one line for each mistake."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
 
-from warpchain import cli, load_drive
+from warpchain import cli, load_drive, read_archive
 from warpchain.check import derive, strand_frequency
 from warpchain.examples import drive_path
 
@@ -152,3 +156,30 @@ def test_a_run_that_diverges_is_status_1(capsys, tmp_path):
     status, out, _ = run(capsys, *words, *mad)
     assert status == 1
     assert any("diverged at" in line for line in out)
+
+
+def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):
+    archive = tmp_path / "long.mcap"
+    command = [
+        sys.executable,
+        "-m",
+        "warpchain",
+        "run",
+        "marine",
+        "-o",
+        str(archive),
+        "--duration",
+        "3000",
+        "--rate",
+        "50",
+    ]
+    process = subprocess.Popen([*command, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(6.0)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "interrupted: the archive holds what was recorded" in out
+    assert err == ""
+    back = read_archive(archive)
+    assert back.info.ended == "interrupted"
+    assert len(back[0].time) > 10

@@ -146,12 +146,10 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    import warp as wp
-
     from warpchain.record import Record
     from warpchain.simulation import simulate
 
-    wp.config.log_level = wp.LOG_ERROR  # the bar and the summary speak
+    _start_warp()
     drive = _load(arguments)
     run = simulate(
         drive,
@@ -172,6 +170,24 @@ def _run(arguments: argparse.Namespace) -> int:
     if run.info.ended != "complete":
         print(f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)")
     return UNFINISHED if row["diverged"] or run.info.ended != "complete" else DONE
+
+
+def _start_warp() -> None:
+    """Starts Warp without its talk, such as that there is no GPU: the bar and the summary speak."""
+    import os
+
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        wp.init()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
