@@ -11,8 +11,8 @@ from functools import cache
 
 import warp as wp
 
+from .integrate import stepping
 from .rollers import STATE_ROWS, accessors, passes, rows
-from .serial import stepping
 from .structs import types
 
 LOOK_EVERY = wp.constant(4)  # steps between two looks at the kinetic energy

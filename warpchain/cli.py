@@ -7,11 +7,12 @@ machine's, told in one line each.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from warpchain.errors import WarpchainError
 
@@ -26,11 +27,26 @@ EPILOG = """examples:
 """
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that tells a mistake in one line, without the usage before it."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")
+
+
 def _float(word: str) -> float:
     try:
         return float(word)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{word!r} is not a number") from None
+
+
+def _bytes(word: str) -> int:
+    """A memory budget in GiB as a number of bytes."""
+    gib = _float(word)
+    if not (math.isfinite(gib) and gib > 0.0):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (GiB)")
+    return int(gib * 2**30)
 
 
 def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
@@ -47,7 +63,7 @@ def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], tex
 
 def parser() -> argparse.ArgumentParser:
     """The command line's parser."""
-    top = argparse.ArgumentParser(
+    top = _Parser(
         prog="warpchain",
         description="Dynamics of roller-chain drives, many variants at once.",
         epilog=EPILOG,
@@ -79,7 +95,7 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--duration", type=_float, metavar="SECONDS", help="simulated time; default the drive's own")
     run.add_argument("--step", type=_float, metavar="SECONDS", help="time step; default the drive's own")
     run.add_argument("--rate", type=_float, metavar="HZ", help="samples a second; default the drive's own")
-    run.add_argument("--memory", type=_float, metavar="GIB", default=2.0, help="memory budget in GiB (default 2)")
+    run.add_argument("--memory", type=_bytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)")
     run.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
 
@@ -113,9 +129,10 @@ def _value(word: str) -> Any:
     import tomllib
 
     try:
-        return tomllib.loads(f"value = {word}")["value"]
+        table = tomllib.loads(f"value = {word}")
     except tomllib.TOMLDecodeError:
         return word
+    return table["value"] if len(table) == 1 else word
 
 
 def _load(arguments: argparse.Namespace) -> Any:
@@ -159,7 +176,7 @@ def _run(arguments: argparse.Namespace) -> int:
         step=arguments.step,
         record=Record(rate=arguments.rate),
         progress=not arguments.quiet,
-        memory=int(arguments.memory * 2**30),
+        memory=arguments.memory,
         archive=arguments.output,
         overwrite=arguments.overwrite,
     )

@@ -1,0 +1,124 @@
+"""What is taken from an evaluated step: sums of the window, the energy balance, and frames."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from .body import bodies, load_at
+from .rollers import accessors, passes, rows
+from .structs import Drive, Sums, types
+from .sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_sprocket, tallies
+
+
+@cache
+def observing(Real: type, capacity: int) -> SimpleNamespace:
+    """The functions that look at one variant, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    tally = tallies(Real, capacity)
+    load = accessors(Real).load
+    acceleration = passes(Real, capacity).acceleration
+    true_speed = bodies(Real).true_speed
+    at = rows(capacity)
+    X, Y, VX, VY = at.x, at.y, at.vx, at.vy
+    TENSION, SPROCKET_FORCE, GUIDE_FORCE = at.tension, at.sprocket_force, at.guide_force
+
+    @wp.func
+    def mechanical_energy(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array(dtype=Real),
+        time: wp.float64,
+        back: wp.float64,
+    ):
+        """Energy of chain, contacts and free sprockets at an evaluated step [J]."""
+        total = tally.roller_energy(w, drive.rollers, chain, Real(back))
+        for p in range(drive.sprockets + drive.guides):
+            total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
+        for s in range(drive.sprockets):
+            motion = ensemble.motions[drive.first_sprocket + s]
+            if motion.prescribed == 0:
+                speed = true_speed(ensemble, state, drive, s, time, back)
+                total += wp.float64(0.5) * speed * speed / motion.inverse_inertia
+        return total
+
+    @wp.func
+    def measure(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        variant: int,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array(dtype=Real),
+        step: int,
+        back: wp.float64,
+    ):
+        """Adds an evaluated step to the sums of the window."""
+        n = drive.rollers
+        time = wp.float64(step) * drive.step
+        weight = drive.step
+        if step == drive.window_start or step == drive.window_end:
+            weight = wp.float64(0.5) * weight
+        chain_sums = tally.add_links(w, n, chain, sums.chain[variant], weight)
+        if step == drive.window_start:
+            chain_sums.energy_start = mechanical_energy(ensemble, state, drive, chain, w, time, back)
+        if step == drive.window_end:
+            chain_sums.energy_end = mechanical_energy(ensemble, state, drive, chain, w, time, back)
+        sums.chain[variant] = chain_sums
+        for p in range(drive.sprockets + drive.guides):
+            i = drive.first_sprocket + drive.first_guide + p
+            sums.contact[i] = add_contact(sums.contact[i], state.totals[i], weight)
+        for s in range(drive.sprockets):
+            i = drive.first_sprocket + s
+            motion = ensemble.motions[i]
+            speed = true_speed(ensemble, state, drive, s, time, back)
+            moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+            load_part = wp.float64(0.0)
+            if motion.prescribed == 0:
+                load_part = load_at(time, state.sprockets[i].angle, speed, motion, ensemble.harmonics)
+            sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
+            strand = state.strands[i]
+            if step % STRAND_LOOK_EVERY == 0 or step == drive.window_start:
+                strand = tally.follow(w, n, strand)
+                state.strands[i] = strand
+            strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
+            sums.strand[i] = add_displacement(strand_sums, tally.displacement(w, n, strand))
+
+    @wp.func
+    def sample(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array(dtype=Real),
+        frames: wp.array(dtype=Real),
+        first: wp.int64,
+        time: wp.float64,
+        back: wp.float64,
+    ):
+        """Writes one frame: rows x, y, vx, vy, tension, sprocket force, guide force; then 5 values a sprocket."""
+        n = drive.rollers
+        inverse_mass = Real(1.0) / chain.mass
+        for i in range(n):
+            a = acceleration(w, i, inverse_mass, chain.gravity)
+            at_roller = int(first) + i
+            frames[at_roller] = load(w, X + i)
+            frames[at_roller + n] = load(w, Y + i)
+            frames[at_roller + 2 * n] = load(w, VX + i) + Real(back) * a[0]
+            frames[at_roller + 3 * n] = load(w, VY + i) + Real(back) * a[1]
+            frames[at_roller + 4 * n] = load(w, TENSION + i)
+            frames[at_roller + 5 * n] = load(w, SPROCKET_FORCE + i)
+            frames[at_roller + 6 * n] = load(w, GUIDE_FORCE + i)
+        for s in range(drive.sprockets):
+            body = state.sprockets[drive.first_sprocket + s]
+            at_sprocket = int(first) + 7 * n + 5 * s
+            frames[at_sprocket] = Real(body.angle)
+            frames[at_sprocket + 1] = Real(true_speed(ensemble, state, drive, s, time, back))
+            frames[at_sprocket + 2] = Real(state.totals[drive.first_sprocket + drive.first_guide + s].moment)
+            frames[at_sprocket + 3] = Real(body.center[0])
+            frames[at_sprocket + 4] = Real(body.center[1])
+
+    return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

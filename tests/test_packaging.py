@@ -1,0 +1,121 @@
+"""What gets installed: the same files from the tree and from a source archive, and no import that is not declared."""
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+# what a build reads; the link to the kernels is copied as a link
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", "warpchain", "kernels")
+
+
+def names(requirements):
+    """Distribution names of requirements, in the spelling that compares equal."""
+    return {re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", word).group()).lower() for word in requirements}
+
+
+def build(kind, source, out):
+    """Runs the build backend of `source` as a front end would, without a network; returns the file that it made."""
+    backend = pytest.importorskip("setuptools")
+    if int(backend.__version__.split(".")[0]) < 77:
+        pytest.skip("setuptools is older than the build needs")
+    code = "import sys; from setuptools import build_meta; print(getattr(build_meta, sys.argv[1])(sys.argv[2]))"
+    command = [sys.executable, "-c", code, f"build_{kind}", str(out)]
+    done = subprocess.run(command, cwd=source, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return out / done.stdout.splitlines()[-1]
+
+
+@pytest.fixture(scope="module")
+def wheels(tmp_path_factory):
+    """A wheel of the tree, and one of the source archive."""
+    home = tmp_path_factory.mktemp("packaging")
+    tree, out = home / "tree", home / "out"
+    out.mkdir()
+    tree.mkdir()
+    for name in SOURCES:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, tree / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(ROOT / name, tree / name)
+    archive = build("sdist", tree, out)
+    with tarfile.open(archive) as packed:
+        packed.extractall(home / "unpacked", filter="data")
+    (unpacked,) = (home / "unpacked").iterdir()
+    (home / "again").mkdir()
+    return build("wheel", tree, out), build("wheel", unpacked, home / "again")
+
+
+def installed_files(wheel):
+    """Content of each file that the wheel installs beside its metadata."""
+    with zipfile.ZipFile(wheel) as packed:
+        return {name: packed.read(name) for name in packed.namelist() if ".dist-info/" not in name}
+
+
+def test_wheels_hold_the_sources_and_nothing_else(wheels):
+    sources = {
+        f"warpchain/{path.relative_to(ROOT / 'warpchain')}": path.read_bytes()
+        for folder in ("", "kernels", "drives")
+        for path in (ROOT / "warpchain" / folder).iterdir()
+        if path.suffix in (".py", ".toml")
+    }
+    assert "warpchain/kernels/serial.py" in sources
+    assert "warpchain/drives/marine.toml" in sources
+    for wheel in wheels:
+        assert installed_files(wheel) == sources
+
+
+def test_kernels_import_from_an_unpacked_wheel(wheels, tmp_path):
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import warpchain.kernels.serial as s, warpchain.cli as c; "
+        "assert s.__file__.startswith(sys.argv[1]), s.__file__; sys.exit(c.main(['check', 'marine']))"
+    )
+    for n, wheel in enumerate(wheels):
+        home = tmp_path / str(n)
+        with zipfile.ZipFile(wheel) as packed:
+            packed.extractall(home)
+        done = subprocess.run([sys.executable, "-c", code, str(home)], cwd="/", capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert "162 links" in done.stdout
+
+
+def test_link_to_the_kernels_is_relative():
+    link = ROOT / "warpchain" / "kernels"
+    assert link.is_symlink()
+    assert str(link.readlink()) == "../kernels"
+
+
+def test_every_import_is_declared_and_every_dependency_imported():
+    imported = set()
+    for path in [*(ROOT / "warpchain").glob("*.py"), *(ROOT / "kernels").glob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                # google and mcap_protobuf_support share a namespace with others: their distribution is told below
+                imported.add(node.module.split(".")[0])
+    declared = names(PROJECT["project"]["dependencies"])
+    homes = packages_distributions()
+    foreign = imported - set(sys.stdlib_module_names) - {"warpchain", "__future__"}
+    unknown = {module for module in foreign if not names(homes.get(module, [])) & declared}
+    # pydantic_core is pydantic's own other half, of a version that pydantic fixes
+    assert unknown <= {"pydantic_core"}
+    used = {name for module in foreign for name in names(homes.get(module, []))}
+    # the namespace google is shared: protobuf is imported as google.protobuf
+    assert declared <= used
+
+
+def test_extras_add_what_the_tests_and_checks_need():
+    extras = PROJECT["project"]["optional-dependencies"]
+    assert {"pytest", "hypothesis", "scipy", "setuptools"} <= names(extras["test"])
+    assert {"warpchain", "ruff", "mypy", "build"} <= names(extras["dev"])
