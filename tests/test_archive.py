@@ -153,6 +153,19 @@ def test_an_error_on_the_way_leaves_nothing(run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_run_refused_for_memory_leaves_nothing(tmp_path):
+    with pytest.raises(SimulationError, match="memory budget"):
+        simulate(drives(), archive=tmp_path / "a.mcap", memory=1000)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_variant_that_is_not_there_is_one_line(run, tmp_path):
+    back = read_archive(write_archive(run, tmp_path / "a.mcap"))
+    for variant in (7, -1):
+        with pytest.raises(SimulationError, match=f"variant {variant} was not recorded"):
+            back[variant]
+
+
 def test_refusals_of_the_reader(run, tmp_path):
     with pytest.raises(ArchiveError, match="cannot be read"):
         read_archive(tmp_path / "absent.mcap")

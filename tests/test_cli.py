@@ -80,6 +80,13 @@ def test_strand_frequency_is_the_closed_form():
         (["run", "marine", "-o", "x.mcap", "--step", "1e-3", "--quiet"], "run.step = 0.001: must be above 0 and below"),
         (["run", "marine", "-o", "x.mcap", "--device", "tpu"], "device = 'tpu'"),
         (["run", "marine", "-o", "x.mcap", "--duration", "-1"], "duration = -1.0"),
+        (["run", "marine", "-o", "x.mcap", "--step", "short"], "argument --step: 'short' is not a number"),
+        (["run", "marine", "-o", "x.mcap", "--memory", "nan"], "argument --memory: 'nan': must be a finite number"),
+        (["run", "marine", "-o", "x.mcap", "--memory", "inf"], "argument --memory: 'inf': must be a finite number"),
+        (["run", "marine", "-o", "x.mcap", "--memory", "-1"], "argument --memory: '-1': must be a finite number"),
+        (["run", "marine"], "the following arguments are required: -o/--output; see warpchain run --help"),
+        (["fly"], "invalid choice: 'fly'"),
+        (["check", "marine", "--set", "run.step=1e-5\nother=1"], "run.step"),
     ],
 )
 def test_mistakes_are_one_line_and_status_2(capsys, tmp_path, monkeypatch, words, line):
@@ -108,10 +115,10 @@ def test_all_errors_of_a_file_come_at_once(capsys, tmp_path):
     assert any("chain.links" in line for line in err)
 
 
-def test_usage_errors_are_status_2(capsys):
-    assert run(capsys, "run", "marine")[0] == 2
-    assert run(capsys, "fly")[0] == 2
-    assert run(capsys)[0] == 2
+def test_no_command_prints_the_help_with_status_2(capsys):
+    status, out, _ = run(capsys)
+    assert status == 2
+    assert any(line.startswith("usage: warpchain") for line in out)
 
 
 @pytest.mark.parametrize("command", ["check", "run", "view", "plot", "export"])

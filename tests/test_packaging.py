@@ -95,24 +95,23 @@ def test_link_to_the_kernels_is_relative():
     assert str(link.readlink()) == "../kernels"
 
 
-def test_every_import_is_declared_and_every_dependency_imported():
-    imported = set()
+def imported_modules():
+    """Top-level names of all that the package imports, at the top of files and inside functions."""
     for path in [*(ROOT / "warpchain").glob("*.py"), *(ROOT / "kernels").glob("*.py")]:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
-                imported |= {alias.name.split(".")[0] for alias in node.names}
+                yield from (alias.name.split(".")[0] for alias in node.names)
             elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-                # google and mcap_protobuf_support share a namespace with others: their distribution is told below
-                imported.add(node.module.split(".")[0])
-    declared = names(PROJECT["project"]["dependencies"])
-    homes = packages_distributions()
-    foreign = imported - set(sys.stdlib_module_names) - {"warpchain", "__future__"}
-    unknown = {module for module in foreign if not names(homes.get(module, [])) & declared}
-    # pydantic_core is pydantic's own other half, of a version that pydantic fixes
-    assert unknown <= {"pydantic_core"}
-    used = {name for module in foreign for name in names(homes.get(module, []))}
-    # the namespace google is shared: protobuf is imported as google.protobuf
-    assert declared <= used
+                yield node.module.split(".")[0]
+
+
+def test_every_import_is_declared_and_every_dependency_imported():
+    declared, homes = names(PROJECT["project"]["dependencies"]), packages_distributions()
+    foreign = set(imported_modules()) - set(sys.stdlib_module_names) - {"warpchain"}
+    undeclared = {module for module in foreign if not names(homes.get(module, [])) & declared}
+    assert undeclared <= {"pydantic_core"}  # comes with pydantic, which fixes its version
+    idle = declared - {name for module in foreign for name in names(homes.get(module, []))}
+    assert idle <= {"mcap-protobuf-support"}  # for users: the decoder that other MCAP readers of an archive need
 
 
 def test_extras_add_what_the_tests_and_checks_need():

@@ -73,8 +73,9 @@ class _Trajectories(Mapping[int, Trajectory]):
 
     def __getitem__(self, variant: int) -> Trajectory:
         if variant not in self._read:
+            track = self._tracks[variant]
             with _Reader(self._path) as reader:
-                self._read[variant] = reader.trajectory(variant, self._drives[variant], self._tracks[variant])
+                self._read[variant] = reader.trajectory(variant, self._drives[variant], track)
         return self._read[variant]
 
 

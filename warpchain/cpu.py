@@ -14,9 +14,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpchain.arrays import upload_ensemble, upload_state
 from warpchain.ensemble import Packed
 from warpchain.kernels import relax, serial, structs
-from warpchain.kernels.structs import types
 
 CAPACITIES = (264, 1032, 4104, 16392, 65544)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
@@ -34,41 +34,15 @@ class CpuEngine:
         self.packed = packed
         self.workers = workers
         self.variants = len(packed.assemblies)
-        self.kinds = types(packed.real)
         self.capacity = _capacity(packed)
         self._kernels: dict[str, Any] = {}
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="warpchain")
         self._scratch: queue.SimpleQueue[wp.array] = queue.SimpleQueue()
         for _ in range(workers):
             self._scratch.put(wp.zeros(serial.SCRATCH_ROWS * self.capacity, dtype=packed.real, device="cpu"))
-        self.ensemble = self._ensemble(packed)
-        self.state = self._state(packed)
+        self.ensemble = upload_ensemble(packed, "cpu")
+        self.state = upload_state(packed, "cpu")
         self.sums = _sums(self.variants, len(packed.sprockets), len(packed.guides))
-
-    def _array(self, values: NDArray[Any], dtype: Any) -> wp.array:
-        return wp.array(values, dtype=dtype, device="cpu", copy=True)
-
-    def _ensemble(self, packed: Packed) -> Any:
-        kinds, ensemble = self.kinds, self.kinds.Ensemble()
-        ensemble.drives = self._array(packed.drives, structs.Drive)
-        ensemble.chains = self._array(packed.chains, kinds.Chain)
-        ensemble.sprockets = self._array(packed.sprockets, kinds.Sprocket)
-        ensemble.motions = self._array(packed.motions, structs.Motion)
-        ensemble.guides = self._array(packed.guides, kinds.Guide)
-        ensemble.harmonics = self._array(packed.harmonics, structs.vec3d)
-        ensemble.seats = self._array(packed.seats, structs.vec2d)
-        return ensemble
-
-    def _state(self, packed: Packed) -> Any:
-        state = self.kinds.State()
-        state.rollers = self._array(packed.rollers, packed.real)
-        state.sprockets = self._array(packed.bodies, structs.SprocketState)
-        state.strands = self._array(packed.strands, structs.Strand)
-        state.seat = self._array(packed.seat, wp.int32)
-        state.impact_speed = wp.zeros(len(packed.seat), dtype=packed.real, device="cpu")
-        state.totals = wp.zeros(len(packed.sprockets) + len(packed.guides), dtype=structs.Totals, device="cpu")
-        state.progress = wp.zeros(self.variants, dtype=structs.Progress, device="cpu")
-        return state
 
     def _kernel(self, name: str) -> Any:
         """The compiled kernel, loaded before any thread launches it."""

@@ -58,18 +58,18 @@ class Recorder:
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
         self._archive: Any = None
         self.archive_path = Path(archive) if archive is not None else None
-        if self.archive_path is None:
-            self._check_memory(memory)
-        else:
-            from warpchain.archive import ArchiveWriter
-
-            self._archive = ArchiveWriter(self.archive_path, drives, self.indices, info, overwrite=overwrite)
         self._buffer_values = int(BUFFER_SHARE * memory) // (2 * self.bytes_per_value)
         if self.widths.sum() > min(self._buffer_values, 2**31 - 1):
             raise SimulationError(
                 f"record: one frame of {len(self.indices)} variants takes more than a quarter of the memory budget of "
                 f"{memory / 2**30:.3g} GiB; record fewer variants or raise memory"
             )
+        if self.archive_path is None:
+            self._check_memory(memory)
+        else:
+            from warpchain.archive import ArchiveWriter
+
+            self._archive = ArchiveWriter(self.archive_path, drives, self.indices, info, overwrite=overwrite)
 
     def _check_memory(self, memory: int) -> None:
         """Refuses trajectories that would not fit in memory."""
