@@ -19,11 +19,24 @@ from .tooth import nearest_seat
 vec3d = wp.types.vector(3, wp.float64)
 
 
+@wp.func
+def rotated(direction: vec2d, angle: wp.float64):
+    """A unit vector turned by a small angle: the series to fifth order, then back to length one."""
+    square = angle * angle
+    cosine = wp.float64(1.0) - square * (wp.float64(0.5) - square * wp.float64(1.0 / 24.0))
+    sine = angle * (wp.float64(1.0) - square * (wp.float64(1.0 / 6.0) - square * wp.float64(1.0 / 120.0)))
+    x = direction[0] * cosine - direction[1] * sine
+    y = direction[0] * sine + direction[1] * cosine
+    scale = wp.float64(1.5) - wp.float64(0.5) * (x * x + y * y)
+    return vec2d(x * scale, y * scale)
+
+
 @cache
-def block_kernel(Real: type, threads: int, sprockets: int, guides: int) -> wp.Kernel:
+def block_kernel(Real: type, threads: int, sprockets: int, guides: int, blocks: int = 4) -> wp.Kernel:
     """The kernel for drives of up to `threads` rollers with these numbers of sprockets and guide-bars.
 
-    Launch it with `dim` = variants * threads and `block_dim` = threads.
+    Launch it with `dim` = variants * threads and `block_dim` = threads. `blocks` is how many blocks the compiler is to
+    make room for on a multiprocessor; it bounds the registers of a thread.
     """
     kinds = types(Real)
     vec2 = kinds.vec2
@@ -58,7 +71,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, guides: int) -> wp.Ke
             own[1] = own[1] + dy
         return own
 
-    @wp.kernel(enable_backward=False, module="unique", grid_stride=False)
+    @wp.kernel(enable_backward=False, module="unique", grid_stride=False, launch_bounds=(threads, blocks))
     def advance_block(ensemble: kinds.Ensemble, state: kinds.State, order: wp.array(dtype=wp.int32), block: int):
         """Variants `order[b]`, one a block of threads: `block` steps on."""
         variant = order[wp.tid() // wp.static(threads)]
@@ -81,8 +94,18 @@ def block_kernel(Real: type, threads: int, sprockets: int, guides: int) -> wp.Ke
         mine = drive.first_sprocket + wp.min(i, wp.static(sprockets - 1))
         motion = ensemble.motions[mine]
         body = state.sprockets[mine]
+        heading = vec2d(wp.cos(body.angle), wp.sin(body.angle))
         if i < wp.static(sprockets):
-            sprocket_body(1, i, vec3d(wp.cos(body.angle), wp.sin(body.angle), body.speed))
+            sprocket_body(1, i, vec3d(heading[0], heading[1], body.speed))
+        center_x = Moments()
+        center_y = Moments()
+        near = Moments()
+        far = Moments()
+        for s in range(wp.static(sprockets)):
+            center_x[s] = Real(state.sprockets[drive.first_sprocket + s].center[0])
+            center_y[s] = Real(state.sprockets[drive.first_sprocket + s].center[1])
+            near[s] = ensemble.sprockets[drive.first_sprocket + s].near_square
+            far[s] = ensemble.sprockets[drive.first_sprocket + s].far_square
         inverse_mass = Real(1.0) / chain.mass
         h = Real(drive.step)
         end = wp.min(progress.step + block, drive.steps)
@@ -103,11 +126,11 @@ def block_kernel(Real: type, threads: int, sprockets: int, guides: int) -> wp.Ke
             v = vec2(own[2], own[3])
             moment = Moments()
             for s in range(wp.static(sprockets)):
-                sprocket = ensemble.sprockets[drive.first_sprocket + s]
-                center = state.sprockets[drive.first_sprocket + s].center
-                r = vec2(own[0] - Real(center[0]), own[1] - Real(center[1]))
+                r = vec2(own[0] - center_x[s], own[1] - center_y[s])
                 square = wp.dot(r, r)
-                if live and square > sprocket.near_square and square < sprocket.far_square:
+                if live and square > near[s] and square < far[s]:
+                    sprocket = ensemble.sprockets[drive.first_sprocket + s]
+                    center = state.sprockets[drive.first_sprocket + s].center
                     now = sprocket_body(0, s, vec3d())
                     at = place(own, center)
                     held = seat[s]
@@ -141,6 +164,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, guides: int) -> wp.Ke
                     if i == s:
                         total = done[2 + s]
                 time = wp.float64(step) * drive.step
+                before = body.angle
                 if motion.prescribed == 1:
                     angle, exact = prescribed_at(time + drive.step, motion, ensemble.harmonics)
                     body.speed = (angle - body.angle) / drive.step
@@ -149,7 +173,8 @@ def block_kernel(Real: type, threads: int, sprockets: int, guides: int) -> wp.Ke
                     load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics)
                     body.speed = body.speed + wp.float64(kick) * (wp.float64(total) + load) * motion.inverse_inertia
                     body.angle = body.angle + drive.step * body.speed
-                sprocket_body(1, i, vec3d(wp.cos(body.angle), wp.sin(body.angle), body.speed))
+                heading = rotated(heading, body.angle - before)
+                sprocket_body(1, i, vec3d(heading[0], heading[1], body.speed))
             step = step + 1
         if live:
             for k in range(wp.static(6)):
