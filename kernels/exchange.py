@@ -1,9 +1,9 @@
-"""What the threads of a block tell each other, thread i holding roller i: states, link forces, moments, bodies.
+"""What the threads of a block tell each other, thread i holding roller i: states, link forces, a board of numbers.
 
-The only native code of the block kernel. On CUDA, neighbors talk through warp shuffles, and through shared memory at
+The only native code of the block kernels. On CUDA, neighbors talk through warp shuffles, and through shared memory at
 the edges of warps; elsewhere through arrays that all threads read and write, which is also the plain description of
 what is meant. (On the CPU a block's threads are cooperative fibers of one thread, and blocks follow each other, so
-those arrays may be static.) A step has two barriers: in `state_of_next` and in `finish`.
+those arrays may be static.) An evaluation has two barriers: in `state_of_next` and in `force_of_previous`.
 """
 
 from functools import cache
@@ -44,94 +44,159 @@ def _next_snippet(real: str, threads: int, values: int) -> str:
 """
 
 
-def _finish_snippet(real: str, threads: int, sprockets: int) -> str:
+def _previous_snippet(real: str, threads: int) -> str:
     return f"""
-    wp::vec_t<{2 + sprockets}, {real}> out;
+    wp::vec_t<2, {real}> out;
 #if defined(__CUDA_ARCH__)
     __shared__ {real} edge[{threads // 32}][2];
-    __shared__ {real} part[{threads // 32}][{sprockets}];
-    const int lane = i & 31, warp = i >> 5, last = (count - 1) >> 5;
+    const int lane = i & 31, warp = i >> 5;
     out.c[0] = __shfl_up_sync(0xffffffffu, own.c[0], 1);
     out.c[1] = __shfl_up_sync(0xffffffffu, own.c[1], 1);
-    if (lane == 31 || i == count - 1) if (i < count) {{ edge[warp][0] = own.c[0]; edge[warp][1] = own.c[1]; }}
-    #pragma unroll
-    for (int s = 0; s < {sprockets}; ++s) {{
-        {real} sum = moment.c[s];
-        if (__any_sync(0xffffffffu, sum != 0)) {{
-            #pragma unroll
-            for (int o = 16; o; o >>= 1) sum += __shfl_xor_sync(0xffffffffu, sum, o);
-        }}
-        if (lane == 0) part[warp][s] = sum;
-    }}
+    if (i < count && (lane == 31 || i == count - 1)) {{ edge[warp][0] = own.c[0]; edge[warp][1] = own.c[1]; }}
     __syncthreads();
     if (lane == 0) {{
-        const int from = warp > 0 ? warp - 1 : last;
+        const int from = warp > 0 ? warp - 1 : (count - 1) >> 5;
         out.c[0] = edge[from][0];
         out.c[1] = edge[from][1];
     }}
-    #pragma unroll
-    for (int s = 0; s < {sprockets}; ++s) {{
-        {real} sum = 0;
-        if (i == s) for (int w = 0; w <= last; ++w) sum += part[w][s];
-        out.c[2 + s] = sum;
-    }}
 #else
-    static {real} all[{threads}][{2 + sprockets}];
+    static {real} all[{threads}][2];
     all[i][0] = own.c[0];
     all[i][1] = own.c[1];
-    for (int s = 0; s < {sprockets}; ++s) all[i][2 + s] = moment.c[s];
     WP_TILE_SYNC();
     out.c[0] = all[i > 0 ? i - 1 : count - 1][0];
     out.c[1] = all[i > 0 ? i - 1 : count - 1][1];
-    for (int s = 0; s < {sprockets}; ++s) {{
-        {real} sum = 0;
-        if (i == s) for (int j = 0; j < count; ++j) sum += all[j][2 + s];
-        out.c[2 + s] = sum;
-    }}
 #endif
     return out;
 """
 
 
-def _body_snippet(sprockets: int) -> str:
+def _board_snippet(real: str, size: int, body: str) -> str:
     return f"""
 #if defined(__CUDA_ARCH__)
-    __shared__ double bodies[{sprockets}][3];
+    __shared__ {real} board[{size}];
 #else
-    static double bodies[{sprockets}][3];
+    static {real} board[{size}];
 #endif
-    if (write) for (int k = 0; k < 3; ++k) bodies[s][k] = value.c[k];
-    wp::vec_t<3, double> out;
-    for (int k = 0; k < 3; ++k) out.c[k] = bodies[s][k];
-    return out;
+    {body}
 """
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __any_sync(0xffffffffu, flag);
+#else
+    return flag;
+#endif
+""")
+def any_lane(flag: int) -> int:
+    """Whether `flag` is not zero in any thread of this warp (on the CPU a warp is one thread)."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return 32;
+#else
+    return 1;
+#endif
+""")
+def lanes() -> int:
+    """Threads of a warp."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __ffs(mask) - 1;
+#else
+    int bit = 0;
+    while (!((mask >> bit) & 1)) ++bit;
+    return bit;
+#endif
+""")
+def lowest_bit(mask: int) -> int:
+    """Position of the lowest bit set in `mask`, which is not zero."""
+    ...
+
+
+@wp.func_native("""
+    WP_TILE_SYNC();
+""")
+def barrier():
+    """Waits for all threads of the block."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __syncthreads_or(flag);
+#else
+    static int any;
+    WP_TILE_SYNC();
+    any = 0;
+    WP_TILE_SYNC();
+    if (flag) any = 1;
+    WP_TILE_SYNC();
+    return any;
+#endif
+""")
+def any_thread(flag: int) -> int:
+    """Whether `flag` is not zero in any thread of the block; a barrier."""
+    ...
 
 
 @cache
-def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
-    """The exchanges of a block of `threads` threads, a multiple of 32, for a drive of `sprockets` sprockets."""
+def exchange(Real: type, threads: int, board: int) -> SimpleNamespace:
+    """The exchanges of a block of `threads` threads, a multiple of 32, with a board of `board` numbers."""
     real = NAMES[Real]
     state = wp.types.vector(STATE, Real)
     vec2 = wp.types.vector(2, Real)
-    moments = wp.types.vector(sprockets, Real)
-    finished = wp.types.vector(2 + sprockets, Real)
-    body = wp.types.vector(3, wp.float64)
 
     @wp.func_native(_next_snippet(real, threads, 4 if Real is wp.float64 else 6))
     def state_of_next(own: state, i: int, count: int) -> state:
-        """State of the next roller; the step's first barrier."""
+        """State of the next roller; the evaluation's first barrier."""
         ...
 
-    @wp.func_native(_finish_snippet(real, threads, sprockets))
-    def finish(own: vec2, moment: moments, i: int, count: int) -> finished:
-        """Force of the link before; then, for thread s, the sum of the moments on sprocket s. The second barrier."""
+    @wp.func_native(_previous_snippet(real, threads))
+    def force_of_previous(own: vec2, i: int, count: int) -> vec2:
+        """Force of the link before; the evaluation's second barrier."""
         ...
 
-    @wp.func_native(_body_snippet(sprockets))
-    def sprocket_body(write: int, s: int, value: body) -> body:
-        """Cosine, sine and angular velocity of sprocket s, written first if `write` is 1."""
+    @wp.func_native(
+        """
+#if defined(__CUDA_ARCH__)
+    #pragma unroll
+    for (int o = 16; o; o >>= 1) value += __shfl_xor_sync(0xffffffffu, value, o);
+#endif
+    return value;
+"""
+    )
+    def warp_sum(value: Real) -> Real:
+        """Sum of `value` over the threads of this warp."""
         ...
+
+    @wp.func_native(_board_snippet("double", board, "if (write) board[k] = value; return board[k];"))
+    def entry(write: int, k: int, value: wp.float64) -> wp.float64:
+        """Number `k` of the block's board, written first if `write` is 1."""
+        ...
+
+    @wp.func
+    def get(k: int):
+        """Number `k` of the board that the block's threads share."""
+        return entry(0, k, wp.float64(0.0))
+
+    @wp.func
+    def put(k: int, value: wp.float64):
+        """Writes number `k` of the board."""
+        entry(1, k, value)
 
     return SimpleNamespace(
-        state=state, vec2=vec2, moments=moments, state_of_next=state_of_next, finish=finish, sprocket_body=sprocket_body
+        state=state,
+        vec2=vec2,
+        state_of_next=state_of_next,
+        force_of_previous=force_of_previous,
+        warp_sum=warp_sum,
+        get=get,
+        put=put,
     )

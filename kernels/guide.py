@@ -12,6 +12,8 @@ from typing import Any
 
 import warp as wp
 
+from .root import inverse_root, root
+
 
 @wp.func
 def guide_gap(along: Any, across: Any, bar: Any):
@@ -32,8 +34,9 @@ def guide_gap(along: Any, across: Any, bar: Any):
             penetration = bar.roller_radius - across
         else:
             height = across + bar.end_radius
-            distance = wp.sqrt(beyond * beyond + height * height)
-            penetration = bar.roller_radius + bar.end_radius - distance
-            normal_along = beyond / distance
-            normal_across = height / distance
+            square = beyond * beyond + height * height
+            inverse = inverse_root(square)
+            penetration = bar.roller_radius + bar.end_radius - root(square)
+            normal_along = beyond * inverse
+            normal_across = height * inverse
     return penetration, normal_along, normal_across

@@ -9,6 +9,8 @@ from typing import Any
 
 import warp as wp
 
+from .root import inverse_root, root
+
 
 @wp.func
 def link_force(d: Any, w: Any, pitch: Any, stiffness: Any, damping: Any):
@@ -22,8 +24,7 @@ def link_force(d: Any, w: Any, pitch: Any, stiffness: Any, damping: Any):
         damping: c [N s/m].
     """
     square = wp.dot(d, d)
-    inverse = type(pitch)(1.0) / wp.sqrt(square)
-    u = d * inverse
+    u = d * inverse_root(square)
     rate = wp.dot(w, u)
-    tension = stiffness * (square * inverse - pitch) + damping * rate
+    tension = stiffness * (root(square) - pitch) + damping * rate
     return tension, rate, u

@@ -8,7 +8,7 @@ import warp as wp
 from .body import bodies, load_at
 from .rollers import accessors, passes, rows
 from .structs import Drive, Sums, types
-from .sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_sprocket, tallies
+from .sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_sprocket, following, tallies
 
 
 @cache
@@ -16,6 +16,7 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
     """The functions that look at one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     tally = tallies(Real, capacity)
+    follow = following(Real).follow
     load = accessors(Real).load
     acceleration = passes(Real, capacity).acceleration
     true_speed = bodies(Real).true_speed
@@ -82,10 +83,10 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
             strand = state.strands[i]
             if step % STRAND_LOOK_EVERY == 0 or step == drive.window_start:
-                strand = tally.follow(w, n, strand)
+                strand = follow(w, X, Y, n, strand)
                 state.strands[i] = strand
             strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
-            sums.strand[i] = add_displacement(strand_sums, tally.displacement(w, n, strand))
+            sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
 
     @wp.func
     def sample(

@@ -32,6 +32,7 @@ class Drive:
     first_sprocket: wp.int32
     first_guide: wp.int32
     first_contact: wp.int32  # first of the (S + G) N contact memories: sprockets, then guide-bars
+    first_tally: wp.int32  # first of the (S + 1) N link tallies: each strand's, then those of links on no strand
     integrator: wp.int32  # 0 leapfrog, 1 rk4
     step: wp.float64  # h [s]
     steps: wp.int32  # whole run
@@ -147,6 +148,35 @@ class Strand:
     middle: wp.int32  # last roller not past mid-strand
     first_link: wp.int32  # first link between the tangent points
     links: wp.int32  # how many
+
+
+@wp.struct
+class LinkTally:
+    """What one link added up while it was on one strand, or on none."""
+
+    samples: wp.int64
+    tension_min: wp.float64  # [N]
+    tension_max: wp.float64
+    tension: wp.float64
+    tension_square: wp.float64
+
+
+@wp.struct
+class RollerTally:
+    """What one link dissipated, and the energy of one roller, its link and its contacts at the window's two ends."""
+
+    dissipated: wp.float64  # [J]
+    energy_start: wp.float64  # [J]
+    energy_end: wp.float64
+
+
+@wp.struct
+class Tallies:
+    """Sums that the block kernels keep roller by roller, so that no thread waits for another; `collect` adds them up."""
+
+    link: wp.array(dtype=LinkTally)  # (sum of (S + 1) N,)
+    contact: wp.array(dtype=ContactSums)  # (contact memories,)
+    roller: wp.array(dtype=RollerTally)  # (all rollers,)
 
 
 @wp.struct

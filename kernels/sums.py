@@ -60,6 +60,81 @@ def add_displacement(sums: StrandSums, displacement: wp.float64):
     return sums
 
 
+@wp.func
+def along(x: wp.float64, y: wp.float64, strand: Strand):
+    """Coordinate of a point along a strand's nominal line [m]."""
+    return (x - strand.start[0]) * strand.direction[0] + (y - strand.start[1]) * strand.direction[1]
+
+
+@wp.func
+def across(x: wp.float64, y: wp.float64, strand: Strand):
+    """Distance of a point to the left of a strand's nominal line [m]."""
+    return (y - strand.start[1]) * strand.direction[0] - (x - strand.start[0]) * strand.direction[1]
+
+
+@wp.func
+def displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64, strand: Strand):
+    """Transverse displacement [m], left of travel positive, of the chain where it passes mid-strand between two rollers."""
+    a = along(ax, ay, strand)
+    b = along(bx, by, strand)
+    part = (wp.float64(0.5) * strand.length - a) / (b - a)
+    return across(ax, ay, strand) * (wp.float64(1.0) - part) + across(bx, by, strand) * part
+
+
+@cache
+def following(Real: type) -> SimpleNamespace:
+    """The function that keeps up which part of the chain is on a strand."""
+
+    @wp.func
+    def reach(rollers: wp.array(dtype=Real), x: int, y: int, i: int, strand: Strand):
+        """Coordinate of roller i along a strand's nominal line [m]."""
+        return along(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand)
+
+    @wp.func
+    def follow(rollers: wp.array(dtype=Real), x: int, y: int, n: int, strand: Strand):
+        """The strand with its middle and its links brought up to date; the chain has moved little since.
+
+        Roller i's coordinates are `rollers[x + i]` and `rollers[y + i]`.
+        """
+        half = wp.float64(0.5) * strand.length
+        middle = strand.middle
+        tries = int(0)
+        while reach(rollers, x, y, middle, strand) > half and tries < n:
+            middle = before(middle, n)
+            tries = tries + 1
+        tries = int(0)
+        while reach(rollers, x, y, after(middle, n), strand) <= half and tries < n:
+            middle = after(middle, n)
+            tries = tries + 1
+        first = middle
+        last = middle
+        if strand.links > 0:
+            first = strand.first_link
+            last = (first + strand.links) % n
+        tries = int(0)
+        while reach(rollers, x, y, before(first, n), strand) > wp.float64(0.0) and tries < n:
+            first = before(first, n)
+            tries = tries + 1
+        tries = int(0)
+        while reach(rollers, x, y, first, strand) <= wp.float64(0.0) and tries < n:
+            first = after(first, n)
+            tries = tries + 1
+        tries = int(0)
+        while reach(rollers, x, y, after(last, n), strand) < strand.length and tries < n:
+            last = after(last, n)
+            tries = tries + 1
+        tries = int(0)
+        while reach(rollers, x, y, last, strand) >= strand.length and tries < n:
+            last = before(last, n)
+            tries = tries + 1
+        strand.middle = middle
+        strand.first_link = first
+        strand.links = (last - first + n) % n
+        return strand
+
+    return SimpleNamespace(follow=follow)
+
+
 @cache
 def tallies(Real: type, capacity: int) -> SimpleNamespace:
     """The sums over the rollers of one variant, for rows of `capacity` values of type `Real`."""
@@ -97,57 +172,17 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         return sums
 
     @wp.func
-    def along(w: wp.array(dtype=Real), i: int, strand: Strand):
-        """Coordinate of roller i along a strand's nominal line [m]."""
-        return (wp.float64(load(w, X + i)) - strand.start[0]) * strand.direction[0] + (
-            wp.float64(load(w, Y + i)) - strand.start[1]
-        ) * strand.direction[1]
-
-    @wp.func
-    def across(w: wp.array(dtype=Real), i: int, strand: Strand):
-        """Distance of roller i to the left of a strand's nominal line [m]."""
-        return (wp.float64(load(w, Y + i)) - strand.start[1]) * strand.direction[0] - (
-            wp.float64(load(w, X + i)) - strand.start[0]
-        ) * strand.direction[1]
-
-    @wp.func
-    def follow(w: wp.array(dtype=Real), n: int, strand: Strand):
-        """The strand with its middle and its links brought up to date; the chain has moved little since."""
-        half = wp.float64(0.5) * strand.length
-        middle = strand.middle
-        tries = int(0)
-        while along(w, middle, strand) > half and tries < n:
-            middle = before(middle, n)
-            tries = tries + 1
-        tries = int(0)
-        while along(w, after(middle, n), strand) <= half and tries < n:
-            middle = after(middle, n)
-            tries = tries + 1
-        first = middle
-        tries = int(0)
-        while along(w, first, strand) > wp.float64(0.0) and tries < n:
-            first = before(first, n)
-            tries = tries + 1
-        first = after(first, n)
-        last = first
-        links = int(0)
-        while along(w, after(last, n), strand) < strand.length and links < n:
-            last = after(last, n)
-            links = links + 1
-        strand.middle = middle
-        strand.first_link = first
-        strand.links = links
-        return strand
-
-    @wp.func
-    def displacement(w: wp.array(dtype=Real), n: int, strand: Strand):
+    def mid_displacement(w: wp.array(dtype=Real), n: int, strand: Strand):
         """Transverse displacement of the chain where it passes mid-strand [m], positive to the left of travel."""
         i = strand.middle
         j = after(i, n)
-        a = along(w, i, strand)
-        b = along(w, j, strand)
-        part = (wp.float64(0.5) * strand.length - a) / (b - a)
-        return across(w, i, strand) * (wp.float64(1.0) - part) + across(w, j, strand) * part
+        return displacement(
+            wp.float64(load(w, X + i)),
+            wp.float64(load(w, Y + i)),
+            wp.float64(load(w, X + j)),
+            wp.float64(load(w, Y + j)),
+            strand,
+        )
 
     @wp.func
     def add_strand_links(w: wp.array(dtype=Real), n: int, strand: Strand, sums: StrandSums):

@@ -16,6 +16,8 @@ from typing import Any
 
 import warp as wp
 
+from .root import inverse_root, root
+
 
 @wp.func
 def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
@@ -63,17 +65,18 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
     normal_radial = gap.cos_half_seat
     normal_lateral = -side * gap.sin_half_seat
     if eta * gap.cos_half_seat <= -xi * gap.sin_half_seat:
-        distance = wp.sqrt(xi * xi + lateral * lateral)
-        inverse = one / wp.max(distance, type(xi)(1.0e-12))
-        penetration = distance - gap.clearance
+        square = wp.max(xi * xi + lateral * lateral, type(xi)(1.0e-24))
+        inverse = inverse_root(square)
+        penetration = root(square) - gap.clearance
         normal_radial = -xi * inverse
         normal_lateral = -lateral * inverse
     if penetration > zero:
         radial = gap.pitch_radius + xi
-        distance = wp.sqrt(radial * radial + lateral * lateral)
-        tip = gap.tip_reach - distance
-        if tip < penetration:
-            penetration = tip
-            normal_radial = radial / distance
-            normal_lateral = lateral / distance
+        square = radial * radial + lateral * lateral
+        limit = wp.max(gap.tip_reach - penetration, zero)
+        if square > limit * limit:
+            inverse = inverse_root(square)
+            penetration = gap.tip_reach - root(square)
+            normal_radial = radial * inverse
+            normal_lateral = lateral * inverse
     return penetration, normal_radial, normal_lateral

@@ -253,11 +253,11 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         assemblies=tuple(_assembled(v, drive) for v, drive in enumerate(drives)),
     )
     harmonics, seats = _Table(3), _Table(2)
-    roller = sprocket = guide = memory = 0
+    roller = sprocket = guide = memory = tally = 0
     for v, (drive, schedule, assembly) in enumerate(zip(drives, schedules, packed.assemblies, strict=True)):
         row = packed.drives[v]
         row["first_roller"], row["first_sprocket"] = roller, sprocket
-        row["first_guide"], row["first_contact"] = guide, memory
+        row["first_guide"], row["first_contact"], row["first_tally"] = guide, memory, tally
         _fill_drive(row, drive, schedule, assembly)
         _fill_chain(packed.chains[v], drive)
         for s in range(len(drive.sprockets)):
@@ -277,6 +277,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         ).ravel()
         roller, sprocket, guide = roller + n, sprocket + len(drive.sprockets), guide + len(drive.guides)
         memory += n * (len(drive.sprockets) + len(drive.guides))
+        tally += n * (len(drive.sprockets) + 1)
     packed.harmonics = harmonics.array()
     packed.seats = seats.array()
     return packed
