@@ -11,6 +11,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from .board import SLATE_STRIDE, STRIDE
+
 NAMES = {wp.float64: "double", wp.float32: "float"}
 STATE = 6
 """Values of a roller that its neighbor reads: x, y, vx, vy and the low parts of x, y."""
@@ -71,14 +73,24 @@ def _previous_snippet(real: str, threads: int) -> str:
 """
 
 
-def _board_snippet(real: str, size: int, body: str) -> str:
+SUM = """
+#if defined(__CUDA_ARCH__)
+    #pragma unroll
+    for (int o = 16; o; o >>= 1) value += __shfl_xor_sync(0xffffffffu, value, o);
+#endif
+    return value;
+"""
+
+
+def _board_snippet(real: str, size: int, cpu_size: int) -> str:
     return f"""
 #if defined(__CUDA_ARCH__)
     __shared__ {real} board[{size}];
 #else
-    static {real} board[{size}];
+    static {real} board[{cpu_size}];
 #endif
-    {body}
+    if (write) board[k] = value;
+    return board[k];
 """
 
 
@@ -121,6 +133,17 @@ def lowest_bit(mask: int) -> int:
 
 
 @wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("" : "+r"(index));
+#endif
+    return index;
+""")
+def again(index: int) -> int:
+    """`index`, unknown to the compiler: what is read with it is read anew, and holds no register in between."""
+    ...
+
+
+@wp.func_native("""
     WP_TILE_SYNC();
 """)
 def barrier():
@@ -147,11 +170,13 @@ def any_thread(flag: int) -> int:
 
 
 @cache
-def exchange(Real: type, threads: int, board: int) -> SimpleNamespace:
-    """The exchanges of a block of `threads` threads, a multiple of 32, with a board of `board` numbers."""
+def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
+    """The exchanges of a block of `threads` threads, a multiple of 32, for drives of up to `sprockets` sprockets."""
     real = NAMES[Real]
     state = wp.types.vector(STATE, Real)
     vec2 = wp.types.vector(2, Real)
+    board = _board_snippet("double", sprockets * (int(STRIDE) + threads // 32), sprockets * (int(STRIDE) + threads))
+    slate = _board_snippet(real, sprockets * int(SLATE_STRIDE), sprockets * int(SLATE_STRIDE))
 
     @wp.func_native(_next_snippet(real, threads, 4 if Real is wp.float64 else 6))
     def state_of_next(own: state, i: int, count: int) -> state:
@@ -163,33 +188,40 @@ def exchange(Real: type, threads: int, board: int) -> SimpleNamespace:
         """Force of the link before; the evaluation's second barrier."""
         ...
 
-    @wp.func_native(
-        """
-#if defined(__CUDA_ARCH__)
-    #pragma unroll
-    for (int o = 16; o; o >>= 1) value += __shfl_xor_sync(0xffffffffu, value, o);
-#endif
-    return value;
-"""
-    )
+    @wp.func_native(SUM)
     def warp_sum(value: Real) -> Real:
         """Sum of `value` over the threads of this warp."""
         ...
 
-    @wp.func_native(_board_snippet("double", board, "if (write) board[k] = value; return board[k];"))
-    def entry(write: int, k: int, value: wp.float64) -> wp.float64:
-        """Number `k` of the block's board, written first if `write` is 1."""
+    @wp.func_native(board)
+    def board_entry(write: int, k: int, value: wp.float64) -> wp.float64:
+        """Number `k` of the board, written first if `write` is 1."""
+        ...
+
+    @wp.func_native(slate)
+    def slate_entry(write: int, k: int, value: Real) -> Real:
+        """Number `k` of the slate, written first if `write` is 1."""
         ...
 
     @wp.func
     def get(k: int):
-        """Number `k` of the board that the block's threads share."""
-        return entry(0, k, wp.float64(0.0))
+        """Number `k` of the board."""
+        return board_entry(0, k, wp.float64(0.0))
 
     @wp.func
     def put(k: int, value: wp.float64):
         """Writes number `k` of the board."""
-        entry(1, k, value)
+        board_entry(1, k, value)
+
+    @wp.func
+    def slate_get(k: int):
+        """Number `k` of the slate."""
+        return slate_entry(0, k, Real(0.0))
+
+    @wp.func
+    def slate_put(k: int, value: Real):
+        """Writes number `k` of the slate."""
+        slate_entry(1, k, value)
 
     return SimpleNamespace(
         state=state,
@@ -199,4 +231,6 @@ def exchange(Real: type, threads: int, board: int) -> SimpleNamespace:
         warp_sum=warp_sum,
         get=get,
         put=put,
+        slate_get=slate_get,
+        slate_put=slate_put,
     )

@@ -21,7 +21,7 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
     """K pen^n [N], eq. (15) without damping; `penetration` > 0 [m]."""
     if exponent == type(exponent)(1.0):
         return stiffness * penetration
-    return stiffness * wp.pow(penetration, exponent)
+    return stiffness * wp.exp(exponent * wp.log(penetration))
 
 
 @wp.func

@@ -12,6 +12,7 @@ import warp as wp
 from .body import bodies, prescribed_at
 from .rollers import accessors, passes, rows
 from .structs import Drive, types
+from .trigonometry import sine_cosine
 
 
 @cache
@@ -56,13 +57,14 @@ def stepping(Real: type, capacity: int) -> SimpleNamespace:
         for s in range(drive.sprockets):
             body = state.sprockets[drive.first_sprocket + s]
             sprocket = ensemble.sprockets[drive.first_sprocket + s]
+            sine, cosine = sine_cosine(body.angle)
             state.totals[partner] = sprocket_pass(
                 w,
                 n,
                 sprocket,
                 body,
-                wp.cos(body.angle),
-                wp.sin(body.angle),
+                cosine,
+                sine,
                 ensemble.seats,
                 state.seat,
                 state.impact_speed,

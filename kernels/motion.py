@@ -13,6 +13,8 @@ Angles are kept in float64 at every precision: they are a few numbers a step, an
 
 import warp as wp
 
+from .trigonometry import sine_cosine
+
 vec3 = wp.types.vector(3, wp.float64)
 
 
@@ -54,8 +56,10 @@ def prescribed_motion(
     for j in range(first, first + count):
         harmonic = harmonics[j]
         argument = harmonic[0] * phi + harmonic[2]
-        angle = angle + harmonic[1] / harmonic[0] * (wp.sin(argument) - wp.sin(harmonic[2]))
-        factor = factor + harmonic[1] * wp.cos(argument)
+        sine, cosine = sine_cosine(argument)
+        start, _ = sine_cosine(harmonic[2])
+        angle = angle + harmonic[1] / harmonic[0] * (sine - start)
+        factor = factor + harmonic[1] * cosine
     return start_angle + sign * angle, sign * speed * ramp(time, ramp_time) * factor
 
 
@@ -78,6 +82,7 @@ def load_moment(
     torque = load[0]
     for j in range(first, first + count):
         harmonic = harmonics[j]
-        torque = torque + harmonic[1] * wp.cos(harmonic[0] * forward + harmonic[2])
+        _, cosine = sine_cosine(harmonic[0] * forward + harmonic[2])
+        torque = torque + harmonic[1] * cosine
     resisting = sign * torque + load[1] * speed + load[2] * speed * wp.abs(speed)
     return -resisting * ramp(time, ramp_time)

@@ -172,7 +172,7 @@ class RollerTally:
 
 @wp.struct
 class Tallies:
-    """Sums that the block kernels keep roller by roller, so that no thread waits for another; `collect` adds them up."""
+    """Sums that the block kernels keep roller by roller, so that no thread waits for another."""
 
     link: wp.array(dtype=LinkTally)  # (sum of (S + 1) N,)
     contact: wp.array(dtype=ContactSums)  # (contact memories,)
@@ -219,6 +219,7 @@ def types(Real: type) -> SimpleNamespace:
         stiffness: Real  # k [N/m]
         damping: Real  # c [N s/m]
         mass: Real  # m of a roller [kg]
+        inverse_mass: Real  # 1 / m [1/kg]
         gravity: vec2  # [m/s^2]
 
     @wp.struct

@@ -74,7 +74,7 @@ def across(x: wp.float64, y: wp.float64, strand: Strand):
 
 @wp.func
 def displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64, strand: Strand):
-    """Transverse displacement [m], left of travel positive, of the chain where it passes mid-strand between two rollers."""
+    """Transverse displacement of the chain where it passes mid-strand between two rollers [m], left positive."""
     a = along(ax, ay, strand)
     b = along(bx, by, strand)
     part = (wp.float64(0.5) * strand.length - a) / (b - a)

@@ -25,8 +25,8 @@ def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
 
     Used once, as a roller comes near a sprocket; from then on `seat_step` follows it.
     """
-    local = wp.atan2(r[1] * cosine - r[0] * sine, r[0] * cosine + r[1] * sine)
-    seat = int(wp.rint(local * type(cosine)(teeth) / type(cosine)(6.283185307179586)))
+    local = wp.atan2(float(r[1] * cosine - r[0] * sine), float(r[0] * cosine + r[1] * sine))
+    seat = int(wp.rint(local * float(teeth) * 0.15915494309189535))
     if seat < 0:
         seat = seat + teeth
     if seat >= teeth:

@@ -46,7 +46,7 @@ def chain(
     row["low"], row["high"] = -1e3, 1e3
     row = packed.chains[0]
     row["pitch"], row["stiffness"], row["damping"] = pitch, stiffness, damping
-    row["mass"], row["gravity"] = mass, gravity
+    row["mass"], row["inverse_mass"], row["gravity"] = mass, 1.0 / mass, gravity
     seats = []
     for s, values in enumerate(sprockets):
         teeth, half = values["teeth"], 0.5 * values.get("seat_angle", np.radians(137.0))

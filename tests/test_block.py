@@ -1,16 +1,20 @@
 """The block kernel: against the CPU kernel on cooperative fibers, and compiled for CUDA where there is no GPU."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import warp as wp
 from test_drive_physics import two_sprockets
 
 from warpchain import load_drive
-from warpchain.arrays import upload_ensemble, upload_state
+from warpchain.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.cpu import CpuEngine
-from warpchain.ensemble import REAL, Schedule, pack
+from warpchain.ensemble import Schedule, pack
 from warpchain.examples import drive_path
 from warpchain.kernels.block import block_kernel
+from warpchain.kernels.block_observe import collect
+from warpchain.recorder import frame_width
 
 FOREVER = 10**8
 
@@ -33,35 +37,69 @@ def equal_sprockets():
     return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0)], 64
 
 
+def run_blocks(packed, threads, blocks, order, frames):
+    """The ensemble on blocks of fibers: its state, its sums, and its frames."""
+    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu")
+    sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+    kernel = block_kernel(packed.real, threads)
+    turn = wp.array(order, dtype=wp.int32, device="cpu")
+    for block in blocks:
+        inputs = [ensemble, state, sums, tallies, frames, turn, block]
+        wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=threads, device="cpu")
+    wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
+    return state, sums
+
+
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("drives", [marine, equal_sprockets])
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, precision):
     variants, threads = drives()
-    schedules = [Schedule(drive.run.step, FOREVER, FOREVER - 1, FOREVER, 0) for drive in variants]
+    schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]
     packed = pack(variants, schedules).at_precision(precision)
+    widths = [frame_width(drive) * 16 for drive in variants]
+    packed.drives["first_value"] = [0, widths[0]]
     serial = CpuEngine(packed, 1)
-    for future in serial.advance(300, serial.frame_buffer(1)):
+    theirs = serial.frame_buffer(sum(widths))
+    for future in serial.advance(301, theirs):
         future.result()
     serial.close()
-    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu")
-    order = wp.array([1, 0], dtype=wp.int32, device="cpu")  # the launch's order of variants does not matter
-    drive = variants[0]
-    kernel = block_kernel(REAL[precision], threads, len(drive.sprockets), len(drive.guides))
-    for block in (120, 180):  # nor does where launches end
-        wp.launch(kernel, dim=2 * threads, inputs=[ensemble, state, order, block], block_dim=threads, device="cpu")
-    assert state.progress.numpy()["step"].tolist() == [300, 300]
+    ours = serial.frame_buffer(sum(widths))
+    ours.fill_(np.nan)
+    state, sums = run_blocks(packed, threads, [301], [1, 0], ours)  # the launch's order of variants does not matter
+    assert state.progress.numpy()["step"].tolist() == [301, 301]
+    assert state.progress.numpy()["diverged"].tolist() == [0, 0]
     # the same functions in the same order; moments are added up in another: round-off, which contacts amplify
     tolerance = 1e-12 if precision == "float64" else 1e-6
-    np.testing.assert_allclose(state.rollers.numpy(), serial.state.rollers.numpy(), atol=tolerance, rtol=tolerance)
+    close = partial(np.testing.assert_allclose, atol=tolerance, rtol=tolerance)
+    close(state.rollers.numpy(), serial.state.rollers.numpy())
     np.testing.assert_array_equal(state.seat.numpy(), serial.state.seat.numpy())
     for name in ("angle", "speed"):
-        mine, theirs = state.sprockets.numpy()[name], serial.state.sprockets.numpy()[name]
-        np.testing.assert_allclose(mine, theirs, rtol=tolerance, atol=tolerance)
+        close(state.sprockets.numpy()[name], serial.state.sprockets.numpy()[name])
+    # forces are differences of positions times stiffness: relative to the largest there is
+    close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 1e-3) * theirs.numpy().max())
+    for name in ("chain", "strand", "sprocket", "contact"):
+        mine, theirs_ = getattr(sums, name).numpy(), getattr(serial.sums, name).numpy()
+        for field in mine.dtype.names:
+            scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
+            loose = 1e-9 if precision == "float64" else 2e-3
+            close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
+
+
+def test_where_launches_end_does_not_matter(fibers):
+    variants, threads = equal_sprockets()
+    packed = pack(variants, [Schedule(drive.run.step, 2100, 1000, 2100, 0) for drive in variants])
+    none = wp.zeros(1, dtype=wp.float64, device="cpu")
+    once = run_blocks(packed, threads, [2101], [0, 1], none)
+    twice = run_blocks(packed, threads, [1024, 1024, 53], [0, 1], none)
+    np.testing.assert_array_equal(once[0].rollers.numpy(), twice[0].rollers.numpy())
+    for name in ("chain", "strand", "sprocket", "contact"):
+        mine, theirs = getattr(once[1], name).numpy(), getattr(twice[1], name).numpy()
+        assert mine.tobytes() == theirs.tobytes(), name
 
 
 @pytest.mark.parametrize("arch", [75, 80, 90])
 @pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
 def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch):
-    kernel = block_kernel(real, 128, 2, 1)
+    kernel = block_kernel(real, 128)
     wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(tmp_path))
     assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]

@@ -202,14 +202,19 @@ def test_marine_drive_carries_about_20_kn_and_its_load():
 
 
 def test_marine_metrics_in_float32_are_those_of_float64():
+    # The motion is chaotic: after a few tenths of a second two runs of equal right differ as much as two drives whose
+    # load differs in the sixth digit. So the means over such drives are compared, by their own spread.
     drive = load_drive(MARINE)
-    exact, single = row(drive, window=(0.5, 2.0)), row(drive, window=(0.5, 2.0), precision="float32")
-    # the motion is chaotic: two runs of equal right differ by what a mean over 1.5 s leaves
-    for name, tolerance in (
-        ("tension_mean", 0.03),
-        ("tension_std", 0.05),
-        ("camshaft.moment_mean", 2e-3),
-        ("camshaft.speed_mean", 1e-3),
-    ):
-        assert single[name] == pytest.approx(exact[name], rel=tolerance), name
-    assert abs(single["energy_residual_relative"]) < 2 * abs(exact["energy_residual_relative"])
+    count = 6
+    drives = [drive.with_values({"sprockets.camshaft.load.torque": 9000.0 + 0.01 * k}) for k in range(count)]
+    tables = [
+        simulate(drives, precision=precision, window=(0.5, 2.0), record=Record(variants="none")).metrics
+        for precision in ("float64", "float32")
+    ]
+    for name in ("tension_mean", "tension_std", "camshaft.moment_mean", "camshaft.speed_mean"):
+        exact, single = (np.array(table[name].to_pylist()) for table in tables)
+        error = np.sqrt((exact.var(ddof=1) + single.var(ddof=1)) / count)  # standard error of the difference
+        assert abs(single.mean() - exact.mean()) < 4 * error, name  # 4: one false alarm in some thousands
+        assert error < 0.03 * exact.mean(), name  # and it is sharp enough to tell a wrong one
+    exact, single = (np.array(table["energy_residual_relative"].to_pylist()) for table in tables)
+    assert np.abs(single).mean() < 2 * np.abs(exact).mean()

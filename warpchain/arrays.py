@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from warpchain.ensemble import Packed
@@ -42,3 +43,32 @@ def upload_state(packed: Packed, device: str) -> Any:
     state.totals = wp.zeros(partners, dtype=structs.Totals, device=device)
     state.progress = wp.zeros(packed.variants, dtype=structs.Progress, device=device)
     return state
+
+
+def empty_sums(packed: Packed, device: str) -> structs.Sums:
+    """Sums to which nothing has been added: minima at +infinity, maxima at -infinity."""
+    sums = structs.Sums()
+    for name, struct, count in (
+        ("chain", structs.ChainSums, packed.variants),
+        ("strand", structs.StrandSums, len(packed.sprockets)),
+        ("sprocket", structs.SprocketSums, len(packed.sprockets)),
+        ("contact", structs.ContactSums, len(packed.sprockets) + len(packed.guides)),
+    ):
+        values = np.zeros(count, dtype=struct.numpy_dtype())
+        for field in values.dtype.names or ():
+            if field.endswith("_min"):
+                values[field] = np.inf
+            elif field.endswith("_max") and field != "force_max":
+                values[field] = -np.inf
+        setattr(sums, name, wp.array(values, dtype=struct, device=device))
+    return sums
+
+
+def empty_tallies(packed: Packed, device: str) -> structs.Tallies:
+    """Tallies to which nothing has been added, for the block kernels."""
+    links, wheels = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
+    tallies = structs.Tallies()
+    tallies.link = wp.zeros(int((links * (wheels + 1)).sum()), dtype=structs.LinkTally, device=device)
+    tallies.contact = wp.zeros(len(packed.seat), dtype=structs.ContactSums, device=device)
+    tallies.roller = wp.zeros(int(links.sum()), dtype=structs.RollerTally, device=device)
+    return tallies

@@ -14,9 +14,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.arrays import upload_ensemble, upload_state
+from warpchain.arrays import empty_sums, upload_ensemble, upload_state
 from warpchain.ensemble import Packed
-from warpchain.kernels import relax, serial, structs
+from warpchain.kernels import relax, serial
 
 CAPACITIES = (264, 1032, 4104, 16392, 65544)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
@@ -42,7 +42,7 @@ class CpuEngine:
             self._scratch.put(wp.zeros(serial.SCRATCH_ROWS * self.capacity, dtype=packed.real, device="cpu"))
         self.ensemble = upload_ensemble(packed, "cpu")
         self.state = upload_state(packed, "cpu")
-        self.sums = _sums(self.variants, len(packed.sprockets), len(packed.guides))
+        self.sums = empty_sums(packed, "cpu")
 
     def _kernel(self, name: str) -> Any:
         """The compiled kernel, loaded before any thread launches it."""
@@ -102,22 +102,3 @@ def _capacity(packed: Packed) -> int:
         if capacity > longest:
             return capacity
     raise SimulationError(f"chain.links = {longest}: the CPU engine takes up to {CAPACITIES[-1] - 1} links")
-
-
-def _sums(variants: int, sprockets: int, guides: int) -> structs.Sums:
-    """Empty sums: minima at +infinity, maxima at -infinity."""
-    sums = structs.Sums()
-    for name, struct, count in (
-        ("chain", structs.ChainSums, variants),
-        ("strand", structs.StrandSums, sprockets),
-        ("sprocket", structs.SprocketSums, sprockets),
-        ("contact", structs.ContactSums, sprockets + guides),
-    ):
-        values = np.zeros(count, dtype=struct.numpy_dtype())
-        for field in values.dtype.names or ():
-            if field.endswith("_min"):
-                values[field] = np.inf
-            elif field.endswith("_max") and field != "force_max":
-                values[field] = -np.inf
-        setattr(sums, name, wp.array(values, dtype=struct, device="cpu"))
-    return sums

@@ -294,4 +294,5 @@ def _fill_chain(row: Any, drive: Drive) -> None:
     row["stiffness"] = drive.chain.stiffness
     row["damping"] = drive.chain.link_damping
     row["mass"] = drive.chain.mass
+    row["inverse_mass"] = 1.0 / drive.chain.mass
     row["gravity"] = drive.run.gravity

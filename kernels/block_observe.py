@@ -1,0 +1,313 @@
+"""What a block's threads take from an evaluated step: sums of the window, the energy balance, and frames.
+
+A thread adds up its own link's tension over `STRAND_LOOK_EVERY` steps in registers, then adds that to the tally of the
+strand that the link is on; thread s keeps the sums of sprocket s on the board. `collect` makes one row a variant of it.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from .block_forces import block_forces
+from .board import CENTER_X, CENTER_Y, DISPLACEMENT, STRIDE, SUMS
+from .body import load_at
+from .structs import ContactSums, Drive, StrandSums, Sums, Tallies, types
+from .sums import displacement, following
+
+
+@cache
+def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
+    """The functions that look at one variant on a block of `threads` threads."""
+    kinds = types(Real)
+    vec2 = kinds.vec2
+    part = block_forces(Real, threads, sprockets)
+    State, Forces = part.State, part.Forces
+    get, put = part.get, part.put
+    follow = following(Real).follow
+
+    @wp.struct
+    class Recent:
+        """A link's tension since it was last added to its tally."""
+
+        samples: wp.int32
+        tension_min: Real  # [N]
+        tension_max: Real
+        tension: Real
+        tension_square: Real
+        rate_square: Real  # [m^2/s^2]
+
+    @wp.func
+    def fresh():
+        """Nothing seen yet."""
+        recent = Recent()
+        recent.tension_min = Real(wp.inf)
+        recent.tension_max = Real(-wp.inf)
+        return recent
+
+    @wp.func
+    def add_link(recent: Recent, force: Forces, share: Real):
+        """One step's tension; `share` is 1/2 at the ends of the window, for what is integrated over time."""
+        recent.samples = recent.samples + 1
+        recent.tension_min = wp.min(recent.tension_min, force.tension)
+        recent.tension_max = wp.max(recent.tension_max, force.tension)
+        recent.tension = recent.tension + force.tension
+        recent.tension_square = recent.tension_square + force.tension * force.tension
+        recent.rate_square = recent.rate_square + share * force.rate * force.rate
+        return recent
+
+    @wp.func
+    def flush(ensemble: kinds.Ensemble, tallies: Tallies, variant: int, recent: Recent, category: int, i: int):
+        """Adds what link i has seen recently to its tally of strand `category`."""
+        if recent.samples > 0:
+            drive = ensemble.drives[variant]
+            at = drive.first_tally + category * drive.rollers + i
+            tally = tallies.link[at]
+            if tally.samples == wp.int64(0):
+                tally.tension_min = wp.float64(recent.tension_min)
+                tally.tension_max = wp.float64(recent.tension_max)
+            tally.samples = tally.samples + wp.int64(recent.samples)
+            tally.tension_min = wp.min(tally.tension_min, wp.float64(recent.tension_min))
+            tally.tension_max = wp.max(tally.tension_max, wp.float64(recent.tension_max))
+            tally.tension = tally.tension + wp.float64(recent.tension)
+            tally.tension_square = tally.tension_square + wp.float64(recent.tension_square)
+            tallies.link[at] = tally
+            roller = tallies.roller[drive.first_roller + i]
+            power = wp.float64(ensemble.chains[variant].damping) * wp.float64(recent.rate_square)
+            roller.dissipated = roller.dissipated + drive.step * power
+            tallies.roller[drive.first_roller + i] = roller
+
+    @wp.func
+    def look(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
+        """Strand s brought up to date by thread s, from positions published in the state's rows."""
+        drive = ensemble.drives[variant]
+        if i < drive.sprockets:
+            first = 6 * drive.first_roller
+            strand = state.strands[drive.first_sprocket + i]
+            strand = follow(state.rollers, first, first + drive.rollers, drive.rollers, strand)
+            state.strands[drive.first_sprocket + i] = strand
+
+    @wp.func
+    def category_of(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
+        """Strand that link i is on (S: none), and the strands whose middle it passes, as bits."""
+        drive = ensemble.drives[variant]
+        category = drive.sprockets
+        middle = int(0)
+        for s in range(drive.sprockets):
+            strand = state.strands[drive.first_sprocket + s]
+            place = i - strand.first_link
+            if place < 0:
+                place = place + drive.rollers
+            if place < strand.links:
+                category = s
+            if strand.middle == i:
+                middle = middle | (1 << s)
+        return category, middle
+
+    @wp.func
+    def add_middle(ensemble: kinds.Ensemble, state: kinds.State, variant: int, own: State, other: State, middle: int):
+        """One step's mid-strand displacement of the strands whose middle this link passes."""
+        drive = ensemble.drives[variant]
+        for s in range(drive.sprockets):
+            if (middle >> s) & 1 != 0:
+                value = displacement(
+                    wp.float64(own[0]),
+                    wp.float64(own[1]),
+                    wp.float64(other[0]),
+                    wp.float64(other[1]),
+                    state.strands[drive.first_sprocket + s],
+                )
+                at = s * STRIDE + DISPLACEMENT
+                put(at, wp.min(get(at), value))
+                put(at + 1, wp.max(get(at + 1), value))
+                put(at + 2, get(at + 2) + value)
+                put(at + 3, get(at + 3) + value * value)
+
+    @wp.func
+    def add_sprocket(s: int, speed: wp.float64, moment: wp.float64, load: wp.float64, weight: wp.float64):
+        """One step of sprocket s, as `sums.add_sprocket`, on the board."""
+        at = s * STRIDE + SUMS
+        put(at, wp.min(get(at), speed))
+        put(at + 1, wp.max(get(at + 1), speed))
+        put(at + 2, get(at + 2) + weight * speed)
+        put(at + 3, get(at + 3) + weight * speed * speed)
+        put(at + 4, get(at + 4) + weight * moment)
+        put(at + 5, get(at + 5) + weight * moment * speed)
+        put(at + 6, get(at + 6) + weight * load * speed)
+
+    @wp.func
+    def load_sums(sums: Sums, drive: Drive, s: int):
+        """The sums of sprocket s and strand s, onto the board."""
+        mine = sums.sprocket[drive.first_sprocket + s]
+        at = s * STRIDE + SUMS
+        put(at, mine.speed_min)
+        put(at + 1, mine.speed_max)
+        put(at + 2, mine.speed)
+        put(at + 3, mine.speed_square)
+        put(at + 4, mine.moment)
+        put(at + 5, mine.contact_work)
+        put(at + 6, mine.load_work)
+        strand = sums.strand[drive.first_sprocket + s]
+        at = s * STRIDE + DISPLACEMENT
+        put(at, strand.displacement_min)
+        put(at + 1, strand.displacement_max)
+        put(at + 2, strand.displacement)
+        put(at + 3, strand.displacement_square)
+
+    @wp.func
+    def store_sums(sums: Sums, drive: Drive, s: int):
+        """The sums of sprocket s and strand s, back from the board."""
+        mine = sums.sprocket[drive.first_sprocket + s]
+        at = s * STRIDE + SUMS
+        mine.speed_min = get(at)
+        mine.speed_max = get(at + 1)
+        mine.speed = get(at + 2)
+        mine.speed_square = get(at + 3)
+        mine.moment = get(at + 4)
+        mine.contact_work = get(at + 5)
+        mine.load_work = get(at + 6)
+        sums.sprocket[drive.first_sprocket + s] = mine
+        strand = sums.strand[drive.first_sprocket + s]
+        at = s * STRIDE + DISPLACEMENT
+        strand.displacement_min = get(at)
+        strand.displacement_max = get(at + 1)
+        strand.displacement = get(at + 2)
+        strand.displacement_square = get(at + 3)
+        sums.strand[drive.first_sprocket + s] = strand
+
+    @wp.func
+    def roller_energy(ensemble: kinds.Ensemble, variant: int, own: State, force: Forces, v: vec2):
+        """Kinetic and potential energy of a roller, elastic energy of its link and its contacts [J]; v at the same
+        instant.
+        """
+        chain = ensemble.chains[variant]
+        vx = wp.float64(v[0])
+        vy = wp.float64(v[1])
+        spring = wp.float64(force.tension - chain.damping * force.rate)
+        lift = wp.float64(chain.gravity[0]) * wp.float64(own[0]) + wp.float64(chain.gravity[1]) * wp.float64(own[1])
+        return (
+            wp.float64(0.5)
+            * (wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness))
+            - wp.float64(chain.mass) * lift
+            + wp.float64(force.energy)
+        )
+
+    @wp.func
+    def add_energy(ensemble: kinds.Ensemble, tallies: Tallies, variant: int, i: int, ends: int, energy: wp.float64):
+        """Adds to the energy at the window's start (`ends` 1) or end (2), kept with roller i."""
+        at = ensemble.drives[variant].first_roller + i
+        roller = tallies.roller[at]
+        if ends == 1:
+            roller.energy_start = roller.energy_start + energy
+        else:
+            roller.energy_end = roller.energy_end + energy
+        tallies.roller[at] = roller
+
+    @wp.func
+    def observe_sprocket(
+        ensemble: kinds.Ensemble,
+        tallies: Tallies,
+        variant: int,
+        s: int,
+        step: int,
+        angle: wp.float64,
+        speed: wp.float64,
+        moment: wp.float64,
+        weight: wp.float64,
+        ends: int,
+    ):
+        """One step of sprocket s for the sums of the window, and its energy at their ends."""
+        drive = ensemble.drives[variant]
+        motion = ensemble.motions[drive.first_sprocket + s]
+        load = wp.float64(0.0)
+        if motion.prescribed == 0:
+            load = load_at(wp.float64(step) * drive.step, angle, speed, motion, ensemble.harmonics)
+            if ends != 0:
+                energy = wp.float64(0.5) * speed * speed / motion.inverse_inertia
+                add_energy(ensemble, tallies, variant, s, ends, energy)
+        add_sprocket(s, speed, moment, load, weight)
+
+    @wp.func
+    def write_roller(frames: wp.array(dtype=Real), at: int, n: int, own: State, force: Forces, v: vec2):
+        """One roller's part of a frame, as `observe.sample` lays it out."""
+        frames[at] = own[0]
+        frames[at + n] = own[1]
+        frames[at + 2 * n] = v[0]
+        frames[at + 3 * n] = v[1]
+        frames[at + 4 * n] = force.tension
+        frames[at + 5 * n] = force.sprocket_force
+        frames[at + 6 * n] = force.guide_force
+
+    @wp.func
+    def write_sprocket(
+        frames: wp.array(dtype=Real), at: int, s: int, angle: wp.float64, speed: wp.float64, moment: wp.float64
+    ):
+        """One sprocket's part of a frame."""
+        frames[at] = Real(angle)
+        frames[at + 1] = Real(speed)
+        frames[at + 2] = Real(moment)
+        frames[at + 3] = Real(get(s * STRIDE + CENTER_X))
+        frames[at + 4] = Real(get(s * STRIDE + CENTER_Y))
+
+    return SimpleNamespace(
+        Recent=Recent,
+        **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},
+    )
+
+
+@wp.kernel(enable_backward=False)
+def collect(drives: wp.array(dtype=Drive), tallies: Tallies, sums: Sums):
+    """Adds up one variant's tallies, roller by roller in order: a thread a variant."""
+    variant = wp.tid()
+    drive = drives[variant]
+    n = drive.rollers
+    chain = sums.chain[variant]
+    samples = wp.int64(0)
+    for c in range(drive.sprockets + 1):
+        strand = StrandSums()
+        strand.tension_min = wp.float64(wp.inf)
+        strand.tension_max = wp.float64(-wp.inf)
+        for i in range(n):
+            tally = tallies.link[drive.first_tally + c * n + i]
+            if tally.samples > wp.int64(0):
+                strand.links = strand.links + tally.samples
+                strand.tension_min = wp.min(strand.tension_min, tally.tension_min)
+                strand.tension_max = wp.max(strand.tension_max, tally.tension_max)
+                strand.tension = strand.tension + tally.tension
+                strand.tension_square = strand.tension_square + tally.tension_square
+        chain.tension_min = wp.min(chain.tension_min, strand.tension_min)
+        chain.tension_max = wp.max(chain.tension_max, strand.tension_max)
+        chain.tension = chain.tension + strand.tension
+        chain.tension_square = chain.tension_square + strand.tension_square
+        samples = samples + strand.links
+        if c < drive.sprockets:
+            mine = sums.strand[drive.first_sprocket + c]
+            mine.links = strand.links
+            mine.tension_min = strand.tension_min
+            mine.tension_max = strand.tension_max
+            mine.tension = strand.tension
+            mine.tension_square = strand.tension_square
+            sums.strand[drive.first_sprocket + c] = mine
+    chain.samples = samples / wp.int64(n)
+    for c in range(drive.sprockets):
+        mine = sums.strand[drive.first_sprocket + c]
+        mine.samples = chain.samples
+        sums.strand[drive.first_sprocket + c] = mine
+    for i in range(n):
+        roller = tallies.roller[drive.first_roller + i]
+        chain.dissipated = chain.dissipated + roller.dissipated
+        chain.energy_start = chain.energy_start + roller.energy_start
+        chain.energy_end = chain.energy_end + roller.energy_end
+    sums.chain[variant] = chain
+    memory = drive.first_contact
+    for p in range(drive.sprockets + drive.guides):
+        at = drive.first_sprocket + drive.first_guide + p
+        total = ContactSums()
+        for i in range(n):
+            contact = tallies.contact[memory + i]
+            total.force_max = wp.max(total.force_max, contact.force_max)
+            total.impacts = total.impacts + contact.impacts
+            total.impulse = total.impulse + contact.impulse
+            total.dissipated = total.dissipated + contact.dissipated
+        sums.contact[at] = total
+        memory = memory + n
