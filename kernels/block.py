@@ -1,7 +1,8 @@
 """The block kernel: one block of threads a variant, one roller a thread, the whole time loop inside (leapfrog).
 
-A roller's state stays in registers; its seats and its contacts' memories are touched only while it is engaged. Thread s
-also moves sprocket s. One kernel is made for each precision, number of threads, and capacity for sprockets.
+A roller's state stays in registers, and the seat and memory of the contact it is in. Thread s also moves sprocket s.
+Whatever does not happen every step waits for the next `event`. One kernel is made for each precision, number of threads
+and number of sprockets.
 """
 
 from functools import cache
@@ -10,28 +11,11 @@ import warp as wp
 
 from .block_forces import block_forces
 from .block_observe import block_observing
-from .board import (
-    ANGLE,
-    CENTER_X,
-    CENTER_Y,
-    COSINE,
-    EXACT_SPEED,
-    FAR,
-    NEAR,
-    NEXT_SPEED,
-    SINE,
-    SLATE_STRIDE,
-    SLATE_X,
-    SLATE_Y,
-    SPEED,
-    STRIDE,
-    TARGET,
-)
 from .body import load_at, prescribed_at
-from .exchange import again, any_thread, barrier
+from .exchange import any_thread, barrier
 from .rollers import STATE_ROWS
 from .serial import DIVERGENCE_CHECK
-from .structs import Sums, Tallies, types, vec2d
+from .structs import Drive, Sums, Tallies, Wheel, types, vec2d
 from .sums import STRAND_LOOK_EVERY
 from .trigonometry import sine_cosine
 
@@ -52,8 +36,8 @@ def rotated(direction: vec2d, angle: wp.float64):
 
 
 @cache
-def block_kernel(Real: type, threads: int, sprockets: int = 4, blocks: int = 4) -> wp.Kernel:
-    """The kernel for drives of up to `threads` rollers and `sprockets` sprockets.
+def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> wp.Kernel:
+    """The kernel for drives of up to `threads` rollers and of `sprockets` sprockets.
 
     Launch it with `dim` = variants * threads and `block_dim` = threads. `blocks` is how many blocks the compiler is to
     make room for on a multiprocessor; it bounds the registers of a thread.
@@ -63,9 +47,9 @@ def block_kernel(Real: type, threads: int, sprockets: int = 4, blocks: int = 4) 
     part = block_forces(Real, threads, sprockets)
     look = block_observing(Real, threads, sprockets)
     State = part.State
-    get, put, slate_put = part.get, part.put, part.slate_put
-    state_of_next, force_of_previous, evaluate = part.state_of_next, part.force_of_previous, part.evaluate
-    moment_on, move = part.moment_on, part.move
+    talk = part.talk
+    shared_arrays, state_of_next, force_of_previous = talk.shared_arrays, talk.state_of_next, talk.force_of_previous
+    evaluate, store_mesh, moment_on, move = part.evaluate, part.store_mesh, part.moment_on, part.move
 
     @wp.func
     def fetch(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
@@ -99,32 +83,27 @@ def block_kernel(Real: type, threads: int, sprockets: int = 4, blocks: int = 4) 
         drive = ensemble.drives[variant]
         held = int(0)
         if i < drive.rollers:
-            for s in range(drive.sprockets):
+            for s in range(wp.static(sprockets)):
                 if state.seat[drive.first_contact + s * drive.rollers + i] >= 0:
                     held = held | (1 << s)
         return held
 
     @wp.func
-    def window(ensemble: kinds.Ensemble, variant: int, step: int):
-        """1 where the step is measured; and 1 at the window's start, 2 at its end."""
-        drive = ensemble.drives[variant]
-        measuring = int(0)
-        ends = int(0)
-        if step >= drive.window_start and step <= drive.window_end:
-            measuring = int(1)
-            if step == drive.window_start:
-                ends = int(1)
-            if step == drive.window_end:
-                ends = int(2)
-        return measuring, ends
-
-    @wp.func
-    def is_sampled(ensemble: kinds.Ensemble, variant: int, step: int):
-        """1 where the step is a frame."""
-        every = ensemble.drives[variant].sample_every
-        if every > 0:
-            return int(step % every == 0)
-        return int(0)
+    def next_event(drive: Drive, step: int):
+        """The next step after `step` at which more happens than forces and motion."""
+        event = (step // DIVERGENCE_CHECK + 1) * DIVERGENCE_CHECK
+        if step < drive.window_end:
+            event = wp.min(event, (step // STRAND_LOOK_EVERY + 1) * STRAND_LOOK_EVERY)
+            event = wp.min(event, drive.window_end)
+        if step < drive.window_start:
+            event = wp.min(event, drive.window_start)
+        if step == drive.window_start or step == drive.window_end:
+            event = step + 1
+        if drive.sample_every > 0:
+            event = wp.min(event, (step // drive.sample_every + 1) * drive.sample_every)
+        if step < drive.steps:
+            event = wp.min(event, drive.steps)
+        return event
 
     @wp.func
     def outside(ensemble: kinds.Ensemble, variant: int, own: State, i: int):
@@ -136,88 +115,114 @@ def block_kernel(Real: type, threads: int, sprockets: int = 4, blocks: int = 4) 
         return int(i < drive.rollers and not inside)
 
     @wp.func
-    def acceleration(ensemble: kinds.Ensemble, variant: int, force: part.Forces, previous: vec2):
-        """Acceleration of the roller [m/s^2], eq. (1)."""
-        chain = ensemble.chains[variant]
-        total = force.link + force.contact - previous
-        return vec2(chain.inverse_mass * total[0] + chain.gravity[0], chain.inverse_mass * total[1] + chain.gravity[1])
+    def acceleration(shared: kinds.Shared, force: vec2, previous: vec2):
+        """Acceleration of the roller [m/s^2], eq. (1), from its forces without those of the link before."""
+        chain = shared.chain[0]
+        return vec2(
+            chain.inverse_mass * (force[0] - previous[0]) + chain.gravity[0],
+            chain.inverse_mass * (force[1] - previous[1]) + chain.gravity[1],
+        )
 
     @wp.func
-    def start_sprocket(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, variant: int, s: int, step: int):
-        """Sprocket s and its sums, onto board and slate."""
+    def set_heading(shared: kinds.Shared, s: int):
+        """Cosine and sine of sprocket s from its angle."""
+        sine, cosine = sine_cosine(shared.wheels[s].angle)
+        shared.wheels[s].cosine = cosine
+        shared.wheels[s].sine = sine
+
+    @wp.func
+    def start_sprocket(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        shared: kinds.Shared,
+        variant: int,
+        s: int,
+        step: int,
+    ):
+        """What is shared of sprocket s and, with the first, of the chain."""
         drive = ensemble.drives[variant]
         mine = drive.first_sprocket + s
         body = state.sprockets[mine]
-        at = s * STRIDE
-        sine, cosine = sine_cosine(body.angle)
-        put(at + COSINE, cosine)
-        put(at + SINE, sine)
-        put(at + SPEED, body.speed)
-        put(at + ANGLE, body.angle)
-        put(at + CENTER_X, body.center[0])
-        put(at + CENTER_Y, body.center[1])
-        slate_put(s * SLATE_STRIDE + SLATE_X, Real(body.center[0]))
-        slate_put(s * SLATE_STRIDE + SLATE_Y, Real(body.center[1]))
-        slate_put(s * SLATE_STRIDE + NEAR, ensemble.sprockets[mine].near_square)
-        slate_put(s * SLATE_STRIDE + FAR, ensemble.sprockets[mine].far_square)
         angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[mine], ensemble.harmonics)
-        put(at + EXACT_SPEED, exact)
-        look.load_sums(sums, drive, s)
+        wheel = Wheel()
+        wheel.angle = body.angle
+        wheel.speed = body.speed
+        wheel.center = body.center
+        wheel.exact_speed = exact
+        shared.wheels[s] = wheel
+        set_heading(shared, s)
+        sprocket = ensemble.sprockets[mine]
+        shared.teeth[s] = sprocket
+        band = kinds.Band()
+        band.center = vec2(Real(body.center[0]), Real(body.center[1]))
+        band.near_square = sprocket.near_square
+        band.far_square = sprocket.far_square
+        shared.bands[s] = band
+        shared.sprocket_sums[s] = sums.sprocket[mine]
+        shared.strand_sums[s] = sums.strand[mine]
+        if s == 0:
+            shared.chain[0] = ensemble.chains[variant]
 
     @wp.func
-    def end_sprocket(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, variant: int, s: int):
-        """Sprocket s and its sums, back from the board."""
-        drive = ensemble.drives[variant]
-        body = state.sprockets[drive.first_sprocket + s]
-        body.angle = get(s * STRIDE + ANGLE)
-        body.speed = get(s * STRIDE + SPEED)
-        state.sprockets[drive.first_sprocket + s] = body
-        look.store_sums(sums, drive, s)
+    def end_sprocket(
+        ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, variant: int, s: int
+    ):
+        """Sprocket s and its sums back into the state."""
+        mine = ensemble.drives[variant].first_sprocket + s
+        body = state.sprockets[mine]
+        body.angle = shared.wheels[s].angle
+        body.speed = shared.wheels[s].speed
+        state.sprockets[mine] = body
+        sums.sprocket[mine] = shared.sprocket_sums[s]
+        sums.strand[mine] = shared.strand_sums[s]
 
     @wp.func
-    def foresee(ensemble: kinds.Ensemble, variant: int, s: int, step: int):
+    def foresee(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, step: int):
         """What sprocket s needs at the step's end and the rollers do not decide: its prescribed angle, or its load."""
         drive = ensemble.drives[variant]
         motion = ensemble.motions[drive.first_sprocket + s]
         time = wp.float64(step) * drive.step
-        at = s * STRIDE
+        wheel = shared.wheels[s]
         if motion.prescribed == 1:
             target, exact = prescribed_at(time + drive.step, motion, ensemble.harmonics)
-            put(at + TARGET, target)
-            put(at + NEXT_SPEED, exact)
+            shared.wheels[s].target = target
+            shared.wheels[s].next_speed = exact
         else:
-            put(at + TARGET, load_at(time, get(at + ANGLE), get(at + SPEED), motion, ensemble.harmonics))
+            shared.wheels[s].target = load_at(time, wheel.angle, wheel.speed, motion, ensemble.harmonics)
 
     @wp.func
-    def turn(ensemble: kinds.Ensemble, variant: int, s: int, step: int, kick: wp.float64, back: wp.float64, going: int):
+    def turn(
+        ensemble: kinds.Ensemble,
+        shared: kinds.Shared,
+        variant: int,
+        s: int,
+        kick: wp.float64,
+        back: wp.float64,
+        going: bool,
+    ):
         """Takes sprocket s one step on if `going`; returns its angle, angular velocity and contact moment before."""
         drive = ensemble.drives[variant]
         mine = drive.first_sprocket + s
-        at = s * STRIDE
-        moment = moment_on(s, drive.rollers)
-        angle = get(at + ANGLE)
-        speed = get(at + SPEED)
-        now = get(at + EXACT_SPEED)
-        turned = get(at + TARGET) - angle
+        wheel = shared.wheels[s]
+        angle = wheel.angle
+        moment = moment_on(shared, s, drive.rollers)
+        now = wheel.exact_speed
+        turned = wheel.target - angle
         if ensemble.motions[mine].prescribed == 1:
-            put(at + EXACT_SPEED, get(at + NEXT_SPEED))
-            speed = turned / drive.step
+            wheel.exact_speed = wheel.next_speed
+            wheel.speed = turned / drive.step
         else:
-            slope = (moment + get(at + TARGET)) * ensemble.motions[mine].inverse_inertia
-            now = speed + back * slope
-            speed = speed + kick * slope
-            turned = drive.step * speed
-        if going != 0:
-            put(at + SPEED, speed)
-            put(at + ANGLE, angle + turned)
-            if (step + 1) % HEADING_EVERY == 0:
-                sine, cosine = sine_cosine(angle + turned)
-                put(at + COSINE, cosine)
-                put(at + SINE, sine)
-            else:
-                heading = rotated(vec2d(get(at + COSINE), get(at + SINE)), turned)
-                put(at + COSINE, heading[0])
-                put(at + SINE, heading[1])
+            slope = (moment + wheel.target) * ensemble.motions[mine].inverse_inertia
+            now = wheel.speed + back * slope
+            wheel.speed = wheel.speed + kick * slope
+            turned = drive.step * wheel.speed
+        if going:
+            wheel.angle = angle + turned
+            heading = rotated(vec2d(wheel.cosine, wheel.sine), turned)
+            wheel.cosine = heading[0]
+            wheel.sine = heading[1]
+            shared.wheels[s] = wheel
         return angle, now, moment
 
     @wp.kernel(enable_backward=False, module="unique", grid_stride=False, launch_bounds=(threads, blocks))
@@ -231,95 +236,120 @@ def block_kernel(Real: type, threads: int, sprockets: int = 4, blocks: int = 4) 
         block: int,
     ):
         """Variants `order[b]`, one a block of threads: `block` steps on, sums and frames written on the way."""
+        shared = shared_arrays()
         variant = order[wp.tid() // wp.static(threads)]
         i = wp.tid() % wp.static(threads)
         n = ensemble.drives[variant].rollers
         live = i < n
         own = fetch(ensemble, state, variant, i)
         held = engaged(ensemble, state, variant, i)
+        mesh = part.Mesh()
+        mesh.sprocket = -1
         step = state.progress[variant].step
-        if i < ensemble.drives[variant].sprockets:
-            start_sprocket(ensemble, state, sums, variant, i, step)
+        if i < wp.static(sprockets):
+            start_sprocket(ensemble, state, sums, shared, variant, i, step)
         h = Real(ensemble.drives[variant].step)
-        steps = ensemble.drives[variant].steps
-        end = wp.min(step + block, steps + 1)
-        begin = step
+        end = wp.min(step + block, ensemble.drives[variant].steps + 1)
         frame = int(ensemble.drives[variant].first_value)
+        event = step
         recent = look.fresh()
-        category = ensemble.drives[variant].sprockets
+        category = int(wp.static(sprockets))
         middle = int(0)
+        share = Real(0.0)
+        measuring = bool(False)
         diverged = state.progress[variant].diverged
         while step < end and diverged == 0:
-            variant = again(variant)
-            measuring, ends = window(ensemble, variant, step)
-            share = Real(0.0)
-            if measuring != 0:
-                share = Real(1.0)
-                if ends != 0:
-                    share = Real(0.5)
-                due = step % STRAND_LOOK_EVERY == 0 or step == ensemble.drives[variant].window_start
-                if due:
-                    if live:
-                        look.flush(ensemble, tallies, variant, recent, category, i)
-                        publish(ensemble, state, variant, own, i)
-                        recent = look.fresh()
-                    barrier()
-                    look.look(ensemble, state, variant, i)
-                    barrier()
-                if due or step == begin:
-                    category, middle = look.category_of(ensemble, state, variant, i)
+            special = step == event
+            sampled = bool(False)
+            ends = int(0)
+            going = bool(True)
             kick = h
-            back = Real(0.5) * h
-            if step == 0:
-                kick = Real(0.5) * h
-                back = Real(0.0)
-            variant = again(variant)
+            if special:
+                drive = ensemble.drives[variant]
+                event = next_event(drive, step)
+                going = step < drive.steps
+                if drive.sample_every > 0:
+                    sampled = step % drive.sample_every == 0
+                measuring = step >= drive.window_start and step <= drive.window_end
+                share = Real(0.0)
+                if measuring:
+                    share = Real(1.0)
+                    if step == drive.window_start:
+                        ends = int(1)
+                    if step == drive.window_end:
+                        ends = int(2)
+                    if ends != 0:
+                        share = Real(0.5)
+                    if step % STRAND_LOOK_EVERY == 0 or ends == 1:
+                        if live:
+                            look.flush(ensemble, tallies, variant, recent, category, i)
+                            publish(ensemble, state, variant, own, i)
+                        recent = look.fresh()
+                        barrier()
+                        look.look(ensemble, state, variant, i)
+                        barrier()
+                    category, middle = look.category_of(ensemble, state, variant, i)
+                if step == 0:
+                    kick = Real(0.5) * h
+                if step % HEADING_EVERY == 0 and i < wp.static(sprockets):
+                    set_heading(shared, i)
             other = state_of_next(own, i, n)
-            force, held = evaluate(ensemble, state, tallies, variant, own, other, held, i, 0, share * h)
-            variant = again(variant)
-            if i < ensemble.drives[variant].sprockets:
-                foresee(ensemble, variant, i, step)
-            if step % DIVERGENCE_CHECK == 0 or step == steps:
-                diverged = any_thread(outside(ensemble, variant, own, i))
-            variant = again(variant)
-            previous = force_of_previous(force.link, i, n)
-            a = acceleration(ensemble, variant, force, previous)
-            if measuring != 0 and live:
+            force, mesh, held = evaluate(
+                ensemble, state, tallies, shared, variant, own, other, mesh, held, i, live, 0, share * h, ends
+            )
+            if i < wp.static(sprockets):
+                foresee(ensemble, shared, variant, i, step)
+            if measuring and live:
                 recent = look.add_link(recent, force, share)
                 if middle != 0:
-                    look.add_middle(ensemble, state, variant, own, other, middle)
-            sampled = is_sampled(ensemble, variant, step)
-            if (sampled != 0 or ends != 0) and live:
-                v = vec2(own[2] + back * a[0], own[3] + back * a[1])
-                if sampled != 0:
-                    look.write_roller(frames, frame + i, n, own, force, v)
-                if ends != 0:
+                    look.add_middle(ensemble, state, shared, variant, own, other, middle)
+            if special:
+                if sampled and live:
+                    look.write_roller(frames, frame + i, n, own, force)
+                if ends != 0 and live:
                     look.add_energy(
-                        ensemble, tallies, variant, i, ends, look.roller_energy(ensemble, variant, own, force, v)
+                        ensemble, tallies, variant, i, ends, look.elastic_energy(ensemble, variant, own, force)
                     )
-            if i < ensemble.drives[variant].sprockets:
-                angle, now, moment = turn(
-                    ensemble, variant, i, step, wp.float64(kick), wp.float64(back), int(step < steps and diverged == 0)
-                )
-                if measuring != 0:
+                if step % DIVERGENCE_CHECK == 0 or not going:
+                    diverged = any_thread(outside(ensemble, variant, own, i))
+                going = going and diverged == 0
+            previous = force_of_previous(force.link, i, n)
+            a = acceleration(shared, force.link + force.contact, previous)
+            if special and live:
+                back = Real(0.5) * h
+                if step == 0:
+                    back = Real(0.0)
+                v = vec2(own[2] + back * a[0], own[3] + back * a[1])
+                if sampled:
+                    look.write_velocity(frames, frame + i, n, v)
+                if ends != 0:
+                    energy = wp.float64(0.5) * wp.float64(ensemble.chains[variant].mass) * wp.float64(wp.dot(v, v))
+                    look.add_energy(ensemble, tallies, variant, i, ends, energy)
+            if i < wp.static(sprockets):
+                lag = wp.float64(0.5) * ensemble.drives[variant].step
+                if step == 0:
+                    lag = wp.float64(0.0)
+                angle, now, moment = turn(ensemble, shared, variant, i, wp.float64(kick), lag, going)
+                if measuring:
                     look.observe_sprocket(
-                        ensemble, tallies, variant, i, step, angle, now, moment, wp.float64(share * h), ends
+                        ensemble, tallies, shared, variant, i, step, angle, now, moment, wp.float64(share * h), ends
                     )
-                if sampled != 0:
-                    look.write_sprocket(frames, frame + 7 * n + 5 * i, i, angle, now, moment)
-            if sampled != 0:
-                frame = frame + 7 * n + 5 * ensemble.drives[variant].sprockets
+                if sampled:
+                    look.write_sprocket(frames, frame + 7 * n + 5 * i, shared.wheels[i], angle, now, moment)
+            if sampled:
+                frame = frame + 7 * n + wp.static(5 * sprockets)
+            if going:
+                own[2] = own[2] + kick * a[0]
+                own[3] = own[3] + kick * a[1]
+                own = move(own, h * own[2], h * own[3])
             if diverged == 0:
-                if step < steps:
-                    own[2] = own[2] + kick * a[0]
-                    own[3] = own[3] + kick * a[1]
-                    own = move(own, h * own[2], h * own[3])
                 step = step + 1
         if live:
             look.flush(ensemble, tallies, variant, recent, category, i)
             put_back(ensemble, state, variant, own, i)
-        if i < ensemble.drives[variant].sprockets:
-            end_sprocket(ensemble, state, sums, variant, i)
+            store_mesh(state, ensemble.drives[variant], mesh, i)
+        if i < wp.static(sprockets):
+            end_sprocket(ensemble, state, sums, shared, variant, i)
         if i == 0:
             progress = state.progress[variant]
             progress.step = step

@@ -5,36 +5,32 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .board import (
-    CENTER_X,
-    CENTER_Y,
-    COSINE,
-    FAR,
-    NEAR,
-    SINE,
-    SLATE_STRIDE,
-    SLATE_X,
-    SLATE_Y,
-    SPEED,
-    STRIDE,
-)
-from .contact import guide_contact, sprocket_contact
+from .contact import gap_contact, guide_contact, in_gap, moved_seat
 from .exchange import any_lane, exchange, lanes, lowest_bit
 from .link import link_force
-from .structs import Tallies, types, vec2d
-from .tooth import nearest_seat
+from .structs import Drive, Tallies, types, vec2d
+from .tooth import nearest_seat, seat_step
 
 
 @cache
 def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
-    """The functions that evaluate one variant on a block of `threads` threads, with up to `sprockets` sprockets."""
+    """The functions that evaluate one variant on a block of `threads` threads, with `sprockets` sprockets."""
     kinds = types(Real)
     vec2 = kinds.vec2
+    Moments = wp.types.vector(sprockets, Real)
     talk = exchange(Real, threads, sprockets)
     State = talk.state
     compensated = Real == wp.float32
-    state_of_next, force_of_previous, warp_sum = talk.state_of_next, talk.force_of_previous, talk.warp_sum
-    get, put, slate_get = talk.get, talk.put, talk.slate_get
+    warp_sum = talk.warp_sum
+
+    @wp.struct
+    class Mesh:
+        """The sprocket that a roller was engaged with last: its seat there and the contact's memory."""
+
+        sprocket: wp.int32  # negative: none
+        seat: wp.int32
+        direction: vec2d  # of the seat at angle zero
+        impact_speed: Real  # v0, 0 while open [m/s]
 
     @wp.struct
     class Forces:
@@ -46,7 +42,7 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         rate: Real  # of the link's elongation [m/s]
         sprocket_force: Real  # sum of magnitudes [N]
         guide_force: Real  # [N]
-        energy: Real  # elastic, of the contacts [J]
+        energy: Real  # elastic, of the contacts, if asked for [J]
 
     @wp.func
     def place(own: State, center: vec2d):
@@ -60,16 +56,16 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
             return vec2d(wp.float64(own[0]) - center[0], wp.float64(own[1]) - center[1])
 
     @wp.func
-    def bands(own: State, count: int):
-        """The sprockets whose band of engagement the roller is in, as bits."""
+    def engagements(shared: kinds.Shared, own: State):
+        """The sprockets whose band the roller is in, as bits."""
         mask = int(0)
-        for s in range(count):
-            at = s * SLATE_STRIDE
-            x = own[0] - slate_get(at + SLATE_X)
-            y = own[1] - slate_get(at + SLATE_Y)
+        for s in range(wp.static(sprockets)):
+            band = shared.bands[s]
+            x = own[0] - band.center[0]
+            y = own[1] - band.center[1]
             square = x * x + y * y
-            if square > slate_get(at + NEAR) and square < slate_get(at + FAR):
-                mask = mask | (1 << s)
+            if square > band.near_square and square < band.far_square:
+                mask = mask | wp.static(1 << s)
         return mask
 
     @wp.func
@@ -83,8 +79,9 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         tallies.contact[memory] = sums
 
     @wp.func
-    def link_of(own: State, other: State, chain: kinds.Chain):
+    def link_of(shared: kinds.Shared, own: State, other: State):
         """Tension [N], rate of elongation [m/s] and force on the roller [N] of the link to `other`, eq. (2), (3)."""
+        chain = shared.chain[0]
         d = vec2(other[0] - own[0], other[1] - own[1])
         if wp.static(compensated):
             d = d + vec2(other[4] - own[4], other[5] - own[5])
@@ -94,34 +91,59 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         return tension, rate, tension * u
 
     @wp.func
-    def clear_moments(i: int, count: int):
-        """This warp's part of every sprocket's moment, set to zero by its first lane."""
-        if i % lanes() == 0:
-            warps = wp.static(threads) // lanes()
-            for s in range(count):
-                put(wp.static(sprockets) * STRIDE + s * warps + i // lanes(), wp.float64(0.0))
+    def store_mesh(state: kinds.State, drive: Drive, mesh: Mesh, i: int):
+        """Seat and contact memory of roller i, into the state."""
+        if mesh.sprocket >= 0:
+            memory = drive.first_contact + mesh.sprocket * drive.rollers + i
+            state.seat[memory] = mesh.seat
+            state.impact_speed[memory] = mesh.impact_speed
 
     @wp.func
-    def add_moment(moment: Real, on: int, i: int, count: int):
-        """Adds up the warp's moments on each sprocket; this thread's is on sprocket `on`, none if negative."""
-        warps = wp.static(threads) // lanes()
-        for s in range(count):
-            mine = Real(0.0)
-            if s == on:
-                mine = moment
-            if any_lane(int(mine != Real(0.0))) != 0:
-                total = warp_sum(mine)
-                if i % lanes() == 0:
-                    k = wp.static(sprockets) * STRIDE + s * warps + i // lanes()
-                    put(k, get(k) + wp.float64(total))
+    def load_mesh(
+        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, drive: Drive, own: State, s: int, i: int
+    ):
+        """Seat and contact memory of roller i on sprocket s, from the state; the nearest seat if it has none."""
+        memory = drive.first_contact + s * drive.rollers + i
+        teeth = shared.teeth[s]
+        mesh = Mesh()
+        mesh.sprocket = s
+        mesh.seat = state.seat[memory]
+        mesh.impact_speed = state.impact_speed[memory]
+        if mesh.seat < 0:
+            wheel = shared.wheels[s]
+            mesh.seat = nearest_seat(place(own, wheel.center), wheel.cosine, wheel.sine, teeth.teeth)
+        mesh.direction = ensemble.seats[teeth.first_seat + mesh.seat]
+        return mesh
 
     @wp.func
-    def moment_on(s: int, n: int):
+    def leave(state: kinds.State, drive: Drive, mesh: Mesh, left: int, i: int):
+        """Roller i is no longer engaged with the sprockets `left`, as bits."""
+        while left != 0:
+            s = lowest_bit(left)
+            left = left & (left - 1)
+            memory = drive.first_contact + s * drive.rollers + i
+            state.seat[memory] = -1
+            state.impact_speed[memory] = Real(0.0)
+            if s == mesh.sprocket:
+                mesh.sprocket = -1
+        return mesh
+
+    @wp.func
+    def sum_moments(shared: kinds.Shared, moment: Moments, i: int):
+        """This warp's part of each sprocket's moment, for all to see."""
+        for s in range(wp.static(sprockets)):
+            total = moment[s]
+            if any_lane(int(total != Real(0.0))) != 0:
+                total = warp_sum(total)
+            if i % lanes() == 0:
+                shared.parts[s * (wp.static(threads) // lanes()) + i // lanes()] = wp.float64(total)
+
+    @wp.func
+    def moment_on(shared: kinds.Shared, s: int, n: int):
         """Sum of the moments on sprocket `s` [N m], warp by warp; after the second barrier."""
-        warps = wp.static(threads) // lanes()
         total = wp.float64(0.0)
         for w in range((n - 1) // lanes() + 1):
-            total = total + get(wp.static(sprockets) * STRIDE + s * warps + w)
+            total = total + shared.parts[s * (wp.static(threads) // lanes()) + w]
         return total
 
     @wp.func
@@ -129,75 +151,75 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         ensemble: kinds.Ensemble,
         state: kinds.State,
         tallies: Tallies,
+        shared: kinds.Shared,
         variant: int,
         own: State,
         other: State,
+        mesh: Mesh,
         held: int,
         i: int,
+        live: bool,
         stage: int,
         weight: Real,
+        energetic: int,
     ):
         """Link and contact forces on roller i, the next roller's state being `other`; all threads together.
 
         `held` are the sprockets it was engaged with, as bits; v0 is kept at `stage` 0 only. Contacts are added to
-        `tallies` where `weight` [s] is not zero. Returns the forces, and what it is engaged with now.
+        `tallies` where `weight` [s] is not zero. Returns the forces, and how the roller is engaged now.
         """
-        drive = ensemble.drives[variant]
-        chain = ensemble.chains[variant]
-        n = drive.rollers
         out = Forces()
-        tension, rate, link = link_of(own, other, chain)
+        tension, rate, link = link_of(shared, own, other)
         out.tension = tension
         out.rate = rate
         out.link = link
-        clear_moments(i, drive.sprockets)
         v = vec2(own[2], own[3])
+        moment = Moments()
         mask = int(0)
-        if i < n:
-            mask = bands(own, drive.sprockets)
-        left = held & ~mask
-        while left != 0:
-            memory = drive.first_contact + lowest_bit(left) * n + i
-            state.seat[memory] = -1
-            state.impact_speed[memory] = Real(0.0)
-            left = left & (left - 1)
+        if live:
+            mask = engagements(shared, own)
+            if (held & ~mask) != 0:
+                mesh = leave(state, ensemble.drives[variant], mesh, held & ~mask, i)
         todo = mask
-        while any_lane(todo) != 0:
-            moment = Real(0.0)
-            on = int(-1)
-            if todo != 0:
-                s = lowest_bit(todo)
-                todo = todo & (todo - 1)
-                memory = drive.first_contact + s * n + i
-                at = s * STRIDE
-                sprocket = ensemble.sprockets[drive.first_sprocket + s]
-                cosine = get(at + COSINE)
-                sine = get(at + SINE)
-                p = place(own, vec2d(get(at + CENTER_X), get(at + CENTER_Y)))
-                seat = state.seat[memory]
-                kept = seat
-                if seat < 0:
-                    seat = nearest_seat(p, cosine, sine, sprocket.teeth)
-                before = state.impact_speed[memory]
-                f, size, now, first, dissipated, energy = sprocket_contact(
-                    p, v, Real(get(at + SPEED)), cosine, sine, seat, before, sprocket, ensemble.seats
-                )
-                if now != kept:
-                    state.seat[memory] = now
-                if first != before and stage == 0:
-                    state.impact_speed[memory] = first
-                if first != Real(0.0):
-                    out.contact = out.contact + f
-                    out.sprocket_force = out.sprocket_force + size
+        while todo != 0:
+            s = lowest_bit(todo)
+            todo = todo & (todo - 1)
+            if s != mesh.sprocket:
+                store_mesh(state, ensemble.drives[variant], mesh, i)
+                mesh = load_mesh(ensemble, state, shared, ensemble.drives[variant], own, s, i)
+            sprocket = shared.teeth[s]
+            wheel = shared.wheels[s]
+            p = place(own, wheel.center)
+            e, radial, lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
+            move = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
+            if move != 0:
+                mesh.seat = moved_seat(mesh.seat, move, sprocket.teeth)
+                mesh.direction = ensemble.seats[sprocket.first_seat + mesh.seat]
+                e, radial, lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
+            before = mesh.impact_speed
+            f, size, first, dissipated, energy = gap_contact(
+                p, v, Real(wheel.speed), e, radial, lateral, before, sprocket
+            )
+            if stage == 0:
+                mesh.impact_speed = first
+            if first != Real(0.0):
+                out.contact = out.contact + f
+                out.sprocket_force = out.sprocket_force + size
+                turning = Real(p[1]) * f[0] - Real(p[0]) * f[1]
+                for q in range(wp.static(sprockets)):
+                    if q == s:
+                        moment[q] = moment[q] + turning
+                if energetic != 0:
                     out.energy = out.energy + energy
-                    moment = Real(p[1]) * f[0] - Real(p[0]) * f[1]
-                    on = s
-                    if weight != Real(0.0):
-                        tally_contact(tallies, memory, weight, size, dissipated, int(before == Real(0.0)))
-            add_moment(moment, on, i, drive.sprockets)
-        if i < n:
-            memory = drive.first_contact + drive.sprockets * n + i
+                if weight != Real(0.0):
+                    drive = ensemble.drives[variant]
+                    memory = drive.first_contact + s * drive.rollers + i
+                    tally_contact(tallies, memory, weight, size, dissipated, int(before == Real(0.0)))
+        sum_moments(shared, moment, i)
+        if live:
+            drive = ensemble.drives[variant]
             for g in range(drive.guides):
+                memory = drive.first_contact + (wp.static(sprockets) + g) * drive.rollers + i
                 bar = ensemble.guides[drive.first_guide + g]
                 before = state.impact_speed[memory]
                 f, size, first, dissipated, energy = guide_contact(place(own, bar.start), v, before, bar)
@@ -206,11 +228,11 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
                 if first != Real(0.0):
                     out.contact = out.contact + f
                     out.guide_force = out.guide_force + size
-                    out.energy = out.energy + energy
+                    if energetic != 0:
+                        out.energy = out.energy + energy
                     if weight != Real(0.0):
                         tally_contact(tallies, memory, weight, size, dissipated, int(before == Real(0.0)))
-                memory = memory + n
-        return out, mask
+        return out, mesh, mask
 
     @wp.func
     def move(own: State, dx: Real, dy: Real):
@@ -231,13 +253,11 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
 
     return SimpleNamespace(
         State=State,
+        Mesh=Mesh,
         Forces=Forces,
-        state_of_next=state_of_next,
-        force_of_previous=force_of_previous,
-        get=get,
-        put=put,
-        slate_put=talk.slate_put,
+        talk=talk,
         evaluate=evaluate,
+        store_mesh=store_mesh,
         moment_on=moment_on,
         move=move,
     )

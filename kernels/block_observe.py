@@ -1,7 +1,7 @@
 """What a block's threads take from an evaluated step: sums of the window, the energy balance, and frames.
 
 A thread adds up its own link's tension over `STRAND_LOOK_EVERY` steps in registers, then adds that to the tally of the
-strand that the link is on; thread s keeps the sums of sprocket s on the board. `collect` makes one row a variant of it.
+strand that the link is on; thread s keeps the sums of sprocket s. `collect` makes one row a variant of it.
 """
 
 from functools import cache
@@ -10,10 +10,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from .block_forces import block_forces
-from .board import CENTER_X, CENTER_Y, DISPLACEMENT, STRIDE, SUMS
 from .body import load_at
-from .structs import ContactSums, Drive, StrandSums, Sums, Tallies, types
-from .sums import displacement, following
+from .structs import ContactSums, Drive, StrandSums, Sums, Tallies, Wheel, types
+from .sums import add_displacement, add_sprocket, displacement, following
 
 
 @cache
@@ -23,7 +22,6 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
     vec2 = kinds.vec2
     part = block_forces(Real, threads, sprockets)
     State, Forces = part.State, part.Forces
-    get, put = part.get, part.put
     follow = following(Real).follow
 
     @wp.struct
@@ -105,89 +103,36 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         return category, middle
 
     @wp.func
-    def add_middle(ensemble: kinds.Ensemble, state: kinds.State, variant: int, own: State, other: State, middle: int):
+    def add_middle(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        shared: kinds.Shared,
+        variant: int,
+        own: State,
+        other: State,
+        middle: int,
+    ):
         """One step's mid-strand displacement of the strands whose middle this link passes."""
-        drive = ensemble.drives[variant]
-        for s in range(drive.sprockets):
+        first = ensemble.drives[variant].first_sprocket
+        for s in range(wp.static(sprockets)):
             if (middle >> s) & 1 != 0:
                 value = displacement(
                     wp.float64(own[0]),
                     wp.float64(own[1]),
                     wp.float64(other[0]),
                     wp.float64(other[1]),
-                    state.strands[drive.first_sprocket + s],
+                    state.strands[first + s],
                 )
-                at = s * STRIDE + DISPLACEMENT
-                put(at, wp.min(get(at), value))
-                put(at + 1, wp.max(get(at + 1), value))
-                put(at + 2, get(at + 2) + value)
-                put(at + 3, get(at + 3) + value * value)
+                shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
 
     @wp.func
-    def add_sprocket(s: int, speed: wp.float64, moment: wp.float64, load: wp.float64, weight: wp.float64):
-        """One step of sprocket s, as `sums.add_sprocket`, on the board."""
-        at = s * STRIDE + SUMS
-        put(at, wp.min(get(at), speed))
-        put(at + 1, wp.max(get(at + 1), speed))
-        put(at + 2, get(at + 2) + weight * speed)
-        put(at + 3, get(at + 3) + weight * speed * speed)
-        put(at + 4, get(at + 4) + weight * moment)
-        put(at + 5, get(at + 5) + weight * moment * speed)
-        put(at + 6, get(at + 6) + weight * load * speed)
-
-    @wp.func
-    def load_sums(sums: Sums, drive: Drive, s: int):
-        """The sums of sprocket s and strand s, onto the board."""
-        mine = sums.sprocket[drive.first_sprocket + s]
-        at = s * STRIDE + SUMS
-        put(at, mine.speed_min)
-        put(at + 1, mine.speed_max)
-        put(at + 2, mine.speed)
-        put(at + 3, mine.speed_square)
-        put(at + 4, mine.moment)
-        put(at + 5, mine.contact_work)
-        put(at + 6, mine.load_work)
-        strand = sums.strand[drive.first_sprocket + s]
-        at = s * STRIDE + DISPLACEMENT
-        put(at, strand.displacement_min)
-        put(at + 1, strand.displacement_max)
-        put(at + 2, strand.displacement)
-        put(at + 3, strand.displacement_square)
-
-    @wp.func
-    def store_sums(sums: Sums, drive: Drive, s: int):
-        """The sums of sprocket s and strand s, back from the board."""
-        mine = sums.sprocket[drive.first_sprocket + s]
-        at = s * STRIDE + SUMS
-        mine.speed_min = get(at)
-        mine.speed_max = get(at + 1)
-        mine.speed = get(at + 2)
-        mine.speed_square = get(at + 3)
-        mine.moment = get(at + 4)
-        mine.contact_work = get(at + 5)
-        mine.load_work = get(at + 6)
-        sums.sprocket[drive.first_sprocket + s] = mine
-        strand = sums.strand[drive.first_sprocket + s]
-        at = s * STRIDE + DISPLACEMENT
-        strand.displacement_min = get(at)
-        strand.displacement_max = get(at + 1)
-        strand.displacement = get(at + 2)
-        strand.displacement_square = get(at + 3)
-        sums.strand[drive.first_sprocket + s] = strand
-
-    @wp.func
-    def roller_energy(ensemble: kinds.Ensemble, variant: int, own: State, force: Forces, v: vec2):
-        """Kinetic and potential energy of a roller, elastic energy of its link and its contacts [J]; v at the same
-        instant.
-        """
+    def elastic_energy(ensemble: kinds.Ensemble, variant: int, own: State, force: Forces):
+        """Potential energy of a roller, elastic energy of its link and its contacts [J]."""
         chain = ensemble.chains[variant]
-        vx = wp.float64(v[0])
-        vy = wp.float64(v[1])
         spring = wp.float64(force.tension - chain.damping * force.rate)
         lift = wp.float64(chain.gravity[0]) * wp.float64(own[0]) + wp.float64(chain.gravity[1]) * wp.float64(own[1])
         return (
-            wp.float64(0.5)
-            * (wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness))
+            wp.float64(0.5) * spring * spring / wp.float64(chain.stiffness)
             - wp.float64(chain.mass) * lift
             + wp.float64(force.energy)
         )
@@ -207,6 +152,7 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
     def observe_sprocket(
         ensemble: kinds.Ensemble,
         tallies: Tallies,
+        shared: kinds.Shared,
         variant: int,
         s: int,
         step: int,
@@ -225,29 +171,33 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
             if ends != 0:
                 energy = wp.float64(0.5) * speed * speed / motion.inverse_inertia
                 add_energy(ensemble, tallies, variant, s, ends, energy)
-        add_sprocket(s, speed, moment, load, weight)
+        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], speed, moment, load, weight)
 
     @wp.func
-    def write_roller(frames: wp.array(dtype=Real), at: int, n: int, own: State, force: Forces, v: vec2):
-        """One roller's part of a frame, as `observe.sample` lays it out."""
+    def write_roller(frames: wp.array(dtype=Real), at: int, n: int, own: State, force: Forces):
+        """One roller's part of a frame but its velocity, as `observe.sample` lays it out."""
         frames[at] = own[0]
         frames[at + n] = own[1]
-        frames[at + 2 * n] = v[0]
-        frames[at + 3 * n] = v[1]
         frames[at + 4 * n] = force.tension
         frames[at + 5 * n] = force.sprocket_force
         frames[at + 6 * n] = force.guide_force
 
     @wp.func
+    def write_velocity(frames: wp.array(dtype=Real), at: int, n: int, v: vec2):
+        """One roller's velocity in a frame."""
+        frames[at + 2 * n] = v[0]
+        frames[at + 3 * n] = v[1]
+
+    @wp.func
     def write_sprocket(
-        frames: wp.array(dtype=Real), at: int, s: int, angle: wp.float64, speed: wp.float64, moment: wp.float64
+        frames: wp.array(dtype=Real), at: int, wheel: Wheel, angle: wp.float64, speed: wp.float64, moment: wp.float64
     ):
         """One sprocket's part of a frame."""
         frames[at] = Real(angle)
         frames[at + 1] = Real(speed)
         frames[at + 2] = Real(moment)
-        frames[at + 3] = Real(get(s * STRIDE + CENTER_X))
-        frames[at + 4] = Real(get(s * STRIDE + CENTER_Y))
+        frames[at + 3] = Real(wheel.center[0])
+        frames[at + 4] = Real(wheel.center[1])
 
     return SimpleNamespace(
         Recent=Recent,
@@ -289,10 +239,6 @@ def collect(drives: wp.array(dtype=Drive), tallies: Tallies, sums: Sums):
             mine.tension_square = strand.tension_square
             sums.strand[drive.first_sprocket + c] = mine
     chain.samples = samples / wp.int64(n)
-    for c in range(drive.sprockets):
-        mine = sums.strand[drive.first_sprocket + c]
-        mine.samples = chain.samples
-        sums.strand[drive.first_sprocket + c] = mine
     for i in range(n):
         roller = tallies.roller[drive.first_roller + i]
         chain.dissipated = chain.dissipated + roller.dissipated

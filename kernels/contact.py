@@ -50,6 +50,37 @@ def turned(direction: Any, cosine: Any, sine: Any):
 
 
 @wp.func
+def in_gap(p: vec2d, direction: vec2d, cosine: wp.float64, sine: wp.float64):
+    """Outward direction of a seat that points to `direction` at angle zero, and p's components along and across it."""
+    e = turned(direction, cosine, sine)
+    return e, wp.dot(p, e), p[1] * e[0] - p[0] * e[1]
+
+
+@wp.func
+def moved_seat(seat: int, move: int, teeth: int):
+    """The seat `move` = +1 or -1 further on."""
+    seat = seat + move
+    if seat < 0:
+        seat = seat + teeth
+    if seat >= teeth:
+        seat = seat - teeth
+    return seat
+
+
+@wp.func
+def gap_contact(
+    p: vec2d, v: Any, omega: Any, e: vec2d, radial: wp.float64, lateral: wp.float64, impact_speed: Any, sprocket: Any
+):
+    """Contact in a tooth gap whose outward direction is `e`; otherwise as `sprocket_contact`, without the seat."""
+    xi = type(omega)(radial - sprocket.exact_radius)
+    penetration, normal_radial, normal_lateral = tooth_gap(xi, type(omega)(lateral), sprocket)
+    n = turned(type(v)(type(omega)(e[0]), type(omega)(e[1])), normal_radial, normal_lateral)
+    surface = type(v)(-omega * type(omega)(p[1]), omega * type(omega)(p[0]))
+    force, first, dissipated, energy = penalty(penetration, wp.dot(surface - v, n), impact_speed, sprocket.law)
+    return force * n, force, first, dissipated, energy
+
+
+@wp.func
 def sprocket_contact(
     p: vec2d,
     v: Any,
@@ -78,25 +109,13 @@ def sprocket_contact(
     Returns:
         Force on the roller (vector, N), its magnitude, seat, v0, dissipated power [W], elastic energy [J].
     """
-    e = turned(seats[sprocket.first_seat + seat], cosine, sine)
-    radial = wp.dot(p, e)
-    lateral = p[1] * e[0] - p[0] * e[1]
+    e, radial, lateral = in_gap(p, seats[sprocket.first_seat + seat], cosine, sine)
     move = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
     if move != 0:
-        seat = seat + move
-        if seat < 0:
-            seat = seat + sprocket.teeth
-        if seat >= sprocket.teeth:
-            seat = seat - sprocket.teeth
-        e = turned(seats[sprocket.first_seat + seat], cosine, sine)
-        radial = wp.dot(p, e)
-        lateral = p[1] * e[0] - p[0] * e[1]
-    xi = type(omega)(radial - sprocket.exact_radius)
-    penetration, normal_radial, normal_lateral = tooth_gap(xi, type(omega)(lateral), sprocket)
-    n = turned(type(v)(type(omega)(e[0]), type(omega)(e[1])), normal_radial, normal_lateral)
-    surface = type(v)(-omega * type(omega)(p[1]), omega * type(omega)(p[0]))
-    force, first, dissipated, energy = penalty(penetration, wp.dot(surface - v, n), impact_speed, sprocket.law)
-    return force * n, force, seat, first, dissipated, energy
+        seat = moved_seat(seat, move, sprocket.teeth)
+        e, radial, lateral = in_gap(p, seats[sprocket.first_seat + seat], cosine, sine)
+    f, force, first, dissipated, energy = gap_contact(p, v, omega, e, radial, lateral, impact_speed, sprocket)
+    return f, force, seat, first, dissipated, energy
 
 
 @wp.func

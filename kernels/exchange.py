@@ -1,4 +1,4 @@
-"""What the threads of a block tell each other, thread i holding roller i: states, link forces, a board of numbers.
+"""What the threads of a block tell each other, thread i holding roller i: states, link forces, and arrays they share.
 
 The only native code of the block kernels. On CUDA, neighbors talk through warp shuffles, and through shared memory at
 the edges of warps; elsewhere through arrays that all threads read and write, which is also the plain description of
@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .board import SLATE_STRIDE, STRIDE
+from .structs import SprocketSums, StrandSums, Wheel, types
 
 NAMES = {wp.float64: "double", wp.float32: "float"}
 STATE = 6
@@ -82,15 +82,15 @@ SUM = """
 """
 
 
-def _board_snippet(real: str, size: int, cpu_size: int) -> str:
+def _shared_snippet(field: str, count: int, cpu_count: int) -> str:
     return f"""
 #if defined(__CUDA_ARCH__)
-    __shared__ {real} board[{size}];
+    __shared__ __align__(16) char memory[{count} * sizeof(*like.{field}.data)];
+    return {{(decltype(like.{field}.data))memory, {count}}};
 #else
-    static {real} board[{cpu_size}];
+    static char memory[{cpu_count} * sizeof(*like.{field}.data)];
+    return {{(decltype(like.{field}.data))memory, {cpu_count}}};
 #endif
-    if (write) board[k] = value;
-    return board[k];
 """
 
 
@@ -133,17 +133,6 @@ def lowest_bit(mask: int) -> int:
 
 
 @wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    asm volatile("" : "+r"(index));
-#endif
-    return index;
-""")
-def again(index: int) -> int:
-    """`index`, unknown to the compiler: what is read with it is read anew, and holds no register in between."""
-    ...
-
-
-@wp.func_native("""
     WP_TILE_SYNC();
 """)
 def barrier():
@@ -171,12 +160,11 @@ def any_thread(flag: int) -> int:
 
 @cache
 def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
-    """The exchanges of a block of `threads` threads, a multiple of 32, for drives of up to `sprockets` sprockets."""
+    """The exchanges of a block of `threads` threads, a multiple of 32, for drives of `sprockets` sprockets."""
     real = NAMES[Real]
     state = wp.types.vector(STATE, Real)
     vec2 = wp.types.vector(2, Real)
-    board = _board_snippet("double", sprockets * (int(STRIDE) + threads // 32), sprockets * (int(STRIDE) + threads))
-    slate = _board_snippet(real, sprockets * int(SLATE_STRIDE), sprockets * int(SLATE_STRIDE))
+    kinds = types(Real)
 
     @wp.func_native(_next_snippet(real, threads, 4 if Real is wp.float64 else 6))
     def state_of_next(own: state, i: int, count: int) -> state:
@@ -193,35 +181,39 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         """Sum of `value` over the threads of this warp."""
         ...
 
-    @wp.func_native(board)
-    def board_entry(write: int, k: int, value: wp.float64) -> wp.float64:
-        """Number `k` of the board, written first if `write` is 1."""
-        ...
+    @wp.func_native(_shared_snippet("wheels", sprockets, sprockets))
+    def wheels(like: kinds.Shared) -> wp.array(dtype=Wheel): ...
 
-    @wp.func_native(slate)
-    def slate_entry(write: int, k: int, value: Real) -> Real:
-        """Number `k` of the slate, written first if `write` is 1."""
-        ...
+    @wp.func_native(_shared_snippet("teeth", sprockets, sprockets))
+    def teeth(like: kinds.Shared) -> wp.array(dtype=kinds.Sprocket): ...
 
-    @wp.func
-    def get(k: int):
-        """Number `k` of the board."""
-        return board_entry(0, k, wp.float64(0.0))
+    @wp.func_native(_shared_snippet("bands", sprockets, sprockets))
+    def bands(like: kinds.Shared) -> wp.array(dtype=kinds.Band): ...
 
-    @wp.func
-    def put(k: int, value: wp.float64):
-        """Writes number `k` of the board."""
-        board_entry(1, k, value)
+    @wp.func_native(_shared_snippet("chain", 1, 1))
+    def chain(like: kinds.Shared) -> wp.array(dtype=kinds.Chain): ...
 
-    @wp.func
-    def slate_get(k: int):
-        """Number `k` of the slate."""
-        return slate_entry(0, k, Real(0.0))
+    @wp.func_native(_shared_snippet("parts", sprockets * (threads // 32), sprockets * threads))
+    def parts(like: kinds.Shared) -> wp.array(dtype=wp.float64): ...
+
+    @wp.func_native(_shared_snippet("sprocket_sums", sprockets, sprockets))
+    def sprocket_sums(like: kinds.Shared) -> wp.array(dtype=SprocketSums): ...
+
+    @wp.func_native(_shared_snippet("strand_sums", sprockets, sprockets))
+    def strand_sums(like: kinds.Shared) -> wp.array(dtype=StrandSums): ...
 
     @wp.func
-    def slate_put(k: int, value: Real):
-        """Writes number `k` of the slate."""
-        slate_entry(1, k, value)
+    def shared_arrays():
+        """The arrays that the block's threads share."""
+        shared = kinds.Shared()
+        shared.wheels = wheels(shared)
+        shared.teeth = teeth(shared)
+        shared.bands = bands(shared)
+        shared.chain = chain(shared)
+        shared.parts = parts(shared)
+        shared.sprocket_sums = sprocket_sums(shared)
+        shared.strand_sums = strand_sums(shared)
+        return shared
 
     return SimpleNamespace(
         state=state,
@@ -229,8 +221,5 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         state_of_next=state_of_next,
         force_of_previous=force_of_previous,
         warp_sum=warp_sum,
-        get=get,
-        put=put,
-        slate_get=slate_get,
-        slate_put=slate_put,
+        shared_arrays=shared_arrays,
     )

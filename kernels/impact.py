@@ -13,6 +13,8 @@ from typing import Any
 
 import warp as wp
 
+from .root import reciprocal
+
 LANKARANI_NIKRAVESH = wp.constant(0)
 
 
@@ -27,7 +29,7 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
 @wp.func
 def lankarani_nikravesh(elastic: Any, speed: Any, impact_speed: Any, hysteresis: Any):
     """Force [N] after eq. (15), (18), (19); `hysteresis` is 3 (1 - e^2) / 4, `impact_speed` is v0 [m/s]."""
-    return elastic * (type(elastic)(1.0) + hysteresis * speed / impact_speed)
+    return elastic * (type(elastic)(1.0) + hysteresis * speed * reciprocal(impact_speed))
 
 
 @wp.func

@@ -74,6 +74,20 @@ class SprocketState:
 
 
 @wp.struct
+class Wheel:
+    """A sprocket as a block's threads see it: thread s writes it, all read it."""
+
+    cosine: wp.float64  # of its angle
+    sine: wp.float64
+    speed: wp.float64  # angular velocity, half a step behind [rad/s]
+    center: vec2d  # [m]
+    angle: wp.float64  # [rad]
+    exact_speed: wp.float64  # prescribed: angular velocity at the step's instant [rad/s]
+    target: wp.float64  # prescribed: angle at the step's end [rad]; free: load moment [N m]
+    next_speed: wp.float64  # prescribed: angular velocity at the step's end [rad/s]
+
+
+@wp.struct
 class Totals:
     """What the contacts of one sprocket or guide-bar add up to at one instant."""
 
@@ -240,6 +254,14 @@ def types(Real: type) -> SimpleNamespace:
         law: ContactLaw
 
     @wp.struct
+    class Band:
+        """Where rollers are engaged with a sprocket: a ring about its center, at the kernel's precision."""
+
+        center: vec2  # [m]
+        near_square: Real  # [m^2]
+        far_square: Real
+
+    @wp.struct
     class Guide:
         """One guide-bar and its contact law, eq. (21)-(23)."""
 
@@ -274,12 +296,26 @@ def types(Real: type) -> SimpleNamespace:
         totals: wp.array(dtype=Totals)  # (all sprockets and guide-bars,)
         progress: wp.array(dtype=Progress)  # (variants,)
 
+    @wp.struct
+    class Shared:
+        """What the threads of a block share of the variant they are at, in the block's own memory."""
+
+        wheels: wp.array(dtype=Wheel)  # (S,)
+        teeth: wp.array(dtype=Sprocket)  # (S,)
+        bands: wp.array(dtype=Band)  # (S,)
+        chain: wp.array(dtype=Chain)  # (1,)
+        parts: wp.array(dtype=wp.float64)  # (S, warps): each warp's part of each sprocket's moment [N m]
+        sprocket_sums: wp.array(dtype=SprocketSums)  # (S,)
+        strand_sums: wp.array(dtype=StrandSums)  # (S,)
+
     return SimpleNamespace(
         Real=Real,
         vec2=vec2,
+        Shared=Shared,
         ContactLaw=ContactLaw,
         Chain=Chain,
         Sprocket=Sprocket,
+        Band=Band,
         Guide=Guide,
         Ensemble=Ensemble,
         State=State,

@@ -27,14 +27,13 @@ def rate(drive, variants: int, precision: str, steps: int, device: str, blocks: 
     start = 0 if metrics else FOREVER - 1
     schedule = Schedule(drive.run.step, FOREVER, start, FOREVER, 0)
     one = pack([drive], [schedule])
-    packed = pack([drive] * variants, [schedule] * variants) if variants < 2000 else repeated(one, variants)
-    packed = packed.at_precision(precision)
+    packed = repeated(one.at_precision(precision), variants)
     ensemble, state = upload_ensemble(packed, device), upload_state(packed, device)
     sums, tallies = empty_sums(packed, device), empty_tallies(packed, device)
     order = wp.array(np.arange(variants), dtype=wp.int32, device=device)
     frames = wp.zeros(1, dtype=packed.real, device=device)
     threads = -(-drive.chain.links // 32) * 32
-    kernel = block_kernel(REAL[precision], threads, blocks=blocks)
+    kernel = block_kernel(REAL[precision], threads, len(drive.sprockets), blocks)
 
     def launch(count: int) -> float:
         wp.synchronize_device(device)

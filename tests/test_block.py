@@ -41,7 +41,7 @@ def run_blocks(packed, threads, blocks, order, frames):
     """The ensemble on blocks of fibers: its state, its sums, and its frames."""
     ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu")
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
-    kernel = block_kernel(packed.real, threads)
+    kernel = block_kernel(packed.real, threads, int(packed.drives["sprockets"][0]))
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
         inputs = [ensemble, state, sums, tallies, frames, turn, block]
@@ -100,6 +100,6 @@ def test_where_launches_end_does_not_matter(fibers):
 @pytest.mark.parametrize("arch", [75, 80, 90])
 @pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
 def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch):
-    kernel = block_kernel(real, 128)
+    kernel = block_kernel(real, 128, 2)
     wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(tmp_path))
     assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
