@@ -1,6 +1,6 @@
 """The block kernel: one block of threads a variant, one roller a thread, the whole time loop inside (leapfrog).
 
-A roller's state stays in registers, and the seat and memory of the contact it is in. Thread s also moves sprocket s.
+A roller's state stays in registers, and the seat and memory of the contact it is in. A few threads also move a sprocket each.
 Whatever does not happen every step waits for the next `event`. One kernel is made for each precision, number of threads
 and number of sprockets.
 """
@@ -14,6 +14,7 @@ from .block_observe import block_observing
 from .body import load_at, prescribed_at
 from .exchange import any_thread, barrier
 from .rollers import STATE_ROWS
+from .root import reciprocal
 from .serial import DIVERGENCE_CHECK
 from .structs import Drive, Sums, Tallies, Wheel, types, vec2d
 from .sums import STRAND_LOOK_EVERY
@@ -50,6 +51,32 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
     talk = part.talk
     shared_arrays, state_of_next, force_of_previous = talk.shared_arrays, talk.state_of_next, talk.force_of_previous
     evaluate, store_mesh, moment_on, move = part.evaluate, part.store_mesh, part.moment_on, part.move
+
+    @wp.struct
+    class Now:
+        """Where the time loop is; all threads of a block agree but on category and middle."""
+
+        step: wp.int32
+        event: wp.int32  # the next step at which more happens than forces and motion
+        special: wp.int32  # 1: this is one
+        last: wp.int32  # 1: the run ends here
+        sampled: wp.int32  # 1: a frame is taken
+        frame: wp.int32  # where it goes
+        ends: wp.int32  # 1 at the window's start, 2 at its end
+        weight: Real  # time that this step stands for in the window's sums, 0 outside [s]
+        kick: Real  # h, half of it from the initial state [s]
+        category: wp.int32  # strand that this thread's link is on (S: none)
+        middle: wp.int32  # strands whose middle it passes, as bits
+        diverged: wp.int32
+
+    @wp.func
+    def sprocket_of(i: int):
+        """The sprocket that thread i moves, -1 for most: one warp after the other has one."""
+        warps = wp.static(threads // 32)
+        s = (i % 32) * warps + i // 32
+        if s < wp.static(sprockets):
+            return s
+        return -1
 
     @wp.func
     def fetch(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
@@ -159,6 +186,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         band.near_square = sprocket.near_square
         band.far_square = sprocket.far_square
         shared.bands[s] = band
+        shared.motions[s] = ensemble.motions[mine]
         shared.sprocket_sums[s] = sums.sprocket[mine]
         shared.strand_sums[s] = sums.strand[mine]
         if s == 0:
@@ -181,7 +209,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
     def foresee(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, step: int):
         """What sprocket s needs at the step's end and the rollers do not decide: its prescribed angle, or its load."""
         drive = ensemble.drives[variant]
-        motion = ensemble.motions[drive.first_sprocket + s]
+        motion = shared.motions[s]
         time = wp.float64(step) * drive.step
         wheel = shared.wheels[s]
         if motion.prescribed == 1:
@@ -202,21 +230,20 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         going: bool,
     ):
         """Takes sprocket s one step on if `going`; returns its angle, angular velocity and contact moment before."""
-        drive = ensemble.drives[variant]
-        mine = drive.first_sprocket + s
+        h = ensemble.drives[variant].step
         wheel = shared.wheels[s]
         angle = wheel.angle
-        moment = moment_on(shared, s, drive.rollers)
+        moment = moment_on(shared, s)
         now = wheel.exact_speed
         turned = wheel.target - angle
-        if ensemble.motions[mine].prescribed == 1:
+        if shared.motions[s].prescribed == 1:
             wheel.exact_speed = wheel.next_speed
-            wheel.speed = turned / drive.step
+            wheel.speed = turned * reciprocal(h)
         else:
-            slope = (moment + wheel.target) * ensemble.motions[mine].inverse_inertia
+            slope = (moment + wheel.target) * shared.motions[s].inverse_inertia
             now = wheel.speed + back * slope
             wheel.speed = wheel.speed + kick * slope
-            turned = drive.step * wheel.speed
+            turned = h * wheel.speed
         if going:
             wheel.angle = angle + turned
             heading = rotated(vec2d(wheel.cosine, wheel.sine), turned)
@@ -241,119 +268,125 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         i = wp.tid() % wp.static(threads)
         n = ensemble.drives[variant].rollers
         live = i < n
+        s = sprocket_of(i)
         own = fetch(ensemble, state, variant, i)
         held = engaged(ensemble, state, variant, i)
         mesh = part.Mesh()
         mesh.sprocket = -1
-        step = state.progress[variant].step
-        if i < wp.static(sprockets):
-            start_sprocket(ensemble, state, sums, shared, variant, i, step)
+        now = Now()
+        now.step = state.progress[variant].step
+        now.event = now.step
+        now.frame = int(ensemble.drives[variant].first_value)
+        now.category = wp.static(sprockets)
+        now.diverged = state.progress[variant].diverged
+        if s >= 0:
+            start_sprocket(ensemble, state, sums, shared, variant, s, now.step)
+        shared.recent[i] = look.fresh()
         h = Real(ensemble.drives[variant].step)
-        end = wp.min(step + block, ensemble.drives[variant].steps + 1)
-        frame = int(ensemble.drives[variant].first_value)
-        event = step
-        recent = look.fresh()
-        category = int(wp.static(sprockets))
-        middle = int(0)
-        share = Real(0.0)
-        measuring = bool(False)
-        diverged = state.progress[variant].diverged
-        while step < end and diverged == 0:
-            special = step == event
-            sampled = bool(False)
-            ends = int(0)
-            going = bool(True)
-            kick = h
-            if special:
+        end = wp.min(now.step + block, ensemble.drives[variant].steps + 1)
+        while now.step < end and now.diverged == 0:
+            now.kick = h
+            if now.step == now.event:
                 drive = ensemble.drives[variant]
-                event = next_event(drive, step)
-                going = step < drive.steps
+                now.special = 1
+                now.event = next_event(drive, now.step)
+                now.last = int(now.step == drive.steps)
+                now.sampled = 0
                 if drive.sample_every > 0:
-                    sampled = step % drive.sample_every == 0
-                measuring = step >= drive.window_start and step <= drive.window_end
-                share = Real(0.0)
-                if measuring:
-                    share = Real(1.0)
-                    if step == drive.window_start:
-                        ends = int(1)
-                    if step == drive.window_end:
-                        ends = int(2)
-                    if ends != 0:
-                        share = Real(0.5)
-                    if step % STRAND_LOOK_EVERY == 0 or ends == 1:
+                    now.sampled = int(now.step % drive.sample_every == 0)
+                now.weight = Real(0.0)
+                now.ends = 0
+                if now.step >= drive.window_start and now.step <= drive.window_end:
+                    now.weight = h
+                    if now.step == drive.window_start:
+                        now.ends = 1
+                    if now.step == drive.window_end:
+                        now.ends = 2
+                    if now.ends != 0:
+                        now.weight = Real(0.5) * h
+                    if now.step % STRAND_LOOK_EVERY == 0 or now.ends == 1:
                         if live:
-                            look.flush(ensemble, tallies, variant, recent, category, i)
+                            look.flush(ensemble, tallies, variant, shared.recent[i], now.category, i)
                             publish(ensemble, state, variant, own, i)
-                        recent = look.fresh()
+                        shared.recent[i] = look.fresh()
                         barrier()
-                        look.look(ensemble, state, variant, i)
+                        if s >= 0:
+                            look.look(ensemble, state, variant, s)
                         barrier()
                     category, middle = look.category_of(ensemble, state, variant, i)
-                if step == 0:
-                    kick = Real(0.5) * h
-                if step % HEADING_EVERY == 0 and i < wp.static(sprockets):
-                    set_heading(shared, i)
+                    now.category = category
+                    now.middle = middle
+                if now.step == 0:
+                    now.kick = Real(0.5) * h
+                if now.step % HEADING_EVERY == 0 and s >= 0:
+                    set_heading(shared, s)
             other = state_of_next(own, i, n)
             force, mesh, held = evaluate(
-                ensemble, state, tallies, shared, variant, own, other, mesh, held, i, live, 0, share * h, ends
+                ensemble, state, tallies, shared, variant, own, other, mesh, held, i, live, 0, now.weight, now.ends
             )
-            if i < wp.static(sprockets):
-                foresee(ensemble, shared, variant, i, step)
-            if measuring and live:
-                recent = look.add_link(recent, force, share)
-                if middle != 0:
-                    look.add_middle(ensemble, state, shared, variant, own, other, middle)
-            if special:
-                if sampled and live:
-                    look.write_roller(frames, frame + i, n, own, force)
-                if ends != 0 and live:
-                    look.add_energy(
-                        ensemble, tallies, variant, i, ends, look.elastic_energy(ensemble, variant, own, force)
-                    )
-                if step % DIVERGENCE_CHECK == 0 or not going:
-                    diverged = any_thread(outside(ensemble, variant, own, i))
-                going = going and diverged == 0
+            if s >= 0:
+                foresee(ensemble, shared, variant, s, now.step)
+            if now.weight != Real(0.0) and live:
+                shared.recent[i] = look.with_link(shared.recent[i], force, now.weight)
+                if now.middle != 0:
+                    look.add_middle(ensemble, state, shared, variant, own, other, now.middle)
+            if now.special != 0:
+                if now.sampled != 0 and live:
+                    look.write_roller(frames, now.frame + i, n, own, force)
+                if now.ends != 0 and live:
+                    energy = look.elastic_energy(ensemble, variant, own, force)
+                    look.add_energy(ensemble, tallies, variant, i, now.ends, energy)
+                if now.step % DIVERGENCE_CHECK == 0 or now.last != 0:
+                    now.diverged = any_thread(outside(ensemble, variant, own, i))
             previous = force_of_previous(force.link, i, n)
             a = acceleration(shared, force.link + force.contact, previous)
-            if special and live:
+            if now.special != 0 and live:
                 back = Real(0.5) * h
-                if step == 0:
+                if now.step == 0:
                     back = Real(0.0)
                 v = vec2(own[2] + back * a[0], own[3] + back * a[1])
-                if sampled:
-                    look.write_velocity(frames, frame + i, n, v)
-                if ends != 0:
+                if now.sampled != 0:
+                    look.write_velocity(frames, now.frame + i, n, v)
+                if now.ends != 0:
                     energy = wp.float64(0.5) * wp.float64(ensemble.chains[variant].mass) * wp.float64(wp.dot(v, v))
-                    look.add_energy(ensemble, tallies, variant, i, ends, energy)
-            if i < wp.static(sprockets):
+                    look.add_energy(ensemble, tallies, variant, i, now.ends, energy)
+            if s >= 0:
                 lag = wp.float64(0.5) * ensemble.drives[variant].step
-                if step == 0:
+                if now.step == 0:
                     lag = wp.float64(0.0)
-                angle, now, moment = turn(ensemble, shared, variant, i, wp.float64(kick), lag, going)
-                if measuring:
+                going = now.last == 0 and now.diverged == 0
+                angle, speed, moment = turn(ensemble, shared, variant, s, wp.float64(now.kick), lag, going)
+                if now.weight != Real(0.0):
+                    weight = wp.float64(now.weight)
                     look.observe_sprocket(
-                        ensemble, tallies, shared, variant, i, step, angle, now, moment, wp.float64(share * h), ends
+                        ensemble, tallies, shared, variant, s, i, now.step, angle, speed, moment, weight, now.ends
                     )
-                if sampled:
-                    look.write_sprocket(frames, frame + 7 * n + 5 * i, shared.wheels[i], angle, now, moment)
-            if sampled:
-                frame = frame + 7 * n + wp.static(5 * sprockets)
-            if going:
-                own[2] = own[2] + kick * a[0]
-                own[3] = own[3] + kick * a[1]
+                if now.sampled != 0:
+                    look.write_sprocket(frames, now.frame + 7 * n + 5 * s, shared.wheels[s], angle, speed, moment)
+            if now.last == 0:
+                own[2] = own[2] + now.kick * a[0]
+                own[3] = own[3] + now.kick * a[1]
                 own = move(own, h * own[2], h * own[3])
-            if diverged == 0:
-                step = step + 1
+            if now.special != 0:
+                if now.sampled != 0:
+                    now.frame = now.frame + 7 * n + wp.static(5 * sprockets)
+                if now.ends != 0:
+                    now.weight = Real(0.0)
+                now.sampled = 0
+                now.ends = 0
+                now.special = 0
+            if now.diverged == 0:
+                now.step = now.step + 1
         if live:
-            look.flush(ensemble, tallies, variant, recent, category, i)
+            look.flush(ensemble, tallies, variant, shared.recent[i], now.category, i)
             put_back(ensemble, state, variant, own, i)
-            store_mesh(state, ensemble.drives[variant], mesh, i)
-        if i < wp.static(sprockets):
-            end_sprocket(ensemble, state, sums, shared, variant, i)
+            store_mesh(state, tallies, shared, ensemble.drives[variant], mesh, i)
+        if s >= 0:
+            end_sprocket(ensemble, state, sums, shared, variant, s)
         if i == 0:
             progress = state.progress[variant]
-            progress.step = step
-            progress.diverged = diverged
+            progress.step = now.step
+            progress.diverged = now.diverged
             state.progress[variant] = progress
 
     return advance_block

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from .contact import gap_contact, guide_contact, in_gap, moved_seat
-from .exchange import any_lane, exchange, lanes, lowest_bit
+from .exchange import exchange, lanes, lowest_bit
 from .link import link_force
-from .structs import Drive, Tallies, types, vec2d
+from .structs import ContactSums, Drive, Tallies, types, vec2d
 from .tooth import nearest_seat, seat_step
 
 
@@ -69,14 +69,14 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         return mask
 
     @wp.func
-    def tally_contact(tallies: Tallies, memory: int, weight: Real, force: Real, dissipated: Real, began: int):
-        """Adds one roller's contact of one step to its own sums; `weight` is the time it stands for [s]."""
-        sums = tallies.contact[memory]
+    def with_contact(sums: ContactSums, weight: Real, force: Real, dissipated: Real, before: Real):
+        """The sums with one roller's contact of one step; `weight` is the time it stands for [s], `before` its v0 so far."""
         sums.force_max = wp.max(sums.force_max, wp.float64(force))
-        sums.impacts = sums.impacts + began
         sums.impulse = sums.impulse + wp.float64(weight * force)
         sums.dissipated = sums.dissipated + wp.float64(weight * dissipated)
-        tallies.contact[memory] = sums
+        if before == Real(0.0):
+            sums.impacts = sums.impacts + 1
+        return sums
 
     @wp.func
     def link_of(shared: kinds.Shared, own: State, other: State):
@@ -91,18 +91,26 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         return tension, rate, tension * u
 
     @wp.func
-    def store_mesh(state: kinds.State, drive: Drive, mesh: Mesh, i: int):
-        """Seat and contact memory of roller i, into the state."""
+    def store_mesh(state: kinds.State, tallies: Tallies, shared: kinds.Shared, drive: Drive, mesh: Mesh, i: int):
+        """Seat, contact memory and sums of roller i's contact, into the state and the tallies."""
         if mesh.sprocket >= 0:
             memory = drive.first_contact + mesh.sprocket * drive.rollers + i
             state.seat[memory] = mesh.seat
             state.impact_speed[memory] = mesh.impact_speed
+            tallies.contact[memory] = shared.contact_sums[i]
 
     @wp.func
     def load_mesh(
-        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, drive: Drive, own: State, s: int, i: int
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        drive: Drive,
+        own: State,
+        s: int,
+        i: int,
     ):
-        """Seat and contact memory of roller i on sprocket s, from the state; the nearest seat if it has none."""
+        """Seat, contact memory and sums of roller i on sprocket s; the nearest seat if it has none."""
         memory = drive.first_contact + s * drive.rollers + i
         teeth = shared.teeth[s]
         mesh = Mesh()
@@ -113,36 +121,32 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
             wheel = shared.wheels[s]
             mesh.seat = nearest_seat(place(own, wheel.center), wheel.cosine, wheel.sine, teeth.teeth)
         mesh.direction = ensemble.seats[teeth.first_seat + mesh.seat]
+        shared.contact_sums[i] = tallies.contact[memory]
         return mesh
 
     @wp.func
-    def leave(state: kinds.State, drive: Drive, mesh: Mesh, left: int, i: int):
+    def leave(state: kinds.State, drive: Drive, left: int, i: int):
         """Roller i is no longer engaged with the sprockets `left`, as bits."""
         while left != 0:
-            s = lowest_bit(left)
+            memory = drive.first_contact + lowest_bit(left) * drive.rollers + i
             left = left & (left - 1)
-            memory = drive.first_contact + s * drive.rollers + i
             state.seat[memory] = -1
             state.impact_speed[memory] = Real(0.0)
-            if s == mesh.sprocket:
-                mesh.sprocket = -1
-        return mesh
 
     @wp.func
     def sum_moments(shared: kinds.Shared, moment: Moments, i: int):
         """This warp's part of each sprocket's moment, for all to see."""
         for s in range(wp.static(sprockets)):
             total = moment[s]
-            if any_lane(int(total != Real(0.0))) != 0:
-                total = warp_sum(total)
+            total = warp_sum(total)
             if i % lanes() == 0:
                 shared.parts[s * (wp.static(threads) // lanes()) + i // lanes()] = wp.float64(total)
 
     @wp.func
-    def moment_on(shared: kinds.Shared, s: int, n: int):
+    def moment_on(shared: kinds.Shared, s: int):
         """Sum of the moments on sprocket `s` [N m], warp by warp; after the second barrier."""
         total = wp.float64(0.0)
-        for w in range((n - 1) // lanes() + 1):
+        for w in range(wp.static(threads) // lanes()):
             total = total + shared.parts[s * (wp.static(threads) // lanes()) + w]
         return total
 
@@ -178,15 +182,21 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         mask = int(0)
         if live:
             mask = engagements(shared, own)
-            if (held & ~mask) != 0:
-                mesh = leave(state, ensemble.drives[variant], mesh, held & ~mask, i)
+            if mask != held:
+                store_mesh(state, tallies, shared, ensemble.drives[variant], mesh, i)
+                mesh.sprocket = -1
+                leave(state, ensemble.drives[variant], held & ~mask, i)
         todo = mask
         while todo != 0:
             s = lowest_bit(todo)
             todo = todo & (todo - 1)
             if s != mesh.sprocket:
-                store_mesh(state, ensemble.drives[variant], mesh, i)
-                mesh = load_mesh(ensemble, state, shared, ensemble.drives[variant], own, s, i)
+                store_mesh(state, tallies, shared, ensemble.drives[variant], mesh, i)
+                new = load_mesh(ensemble, state, tallies, shared, ensemble.drives[variant], own, s, i)
+                mesh.sprocket = s
+                mesh.seat = new.seat
+                mesh.direction = new.direction
+                mesh.impact_speed = new.impact_speed
             sprocket = shared.teeth[s]
             wheel = shared.wheels[s]
             p = place(own, wheel.center)
@@ -212,9 +222,7 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
                 if energetic != 0:
                     out.energy = out.energy + energy
                 if weight != Real(0.0):
-                    drive = ensemble.drives[variant]
-                    memory = drive.first_contact + s * drive.rollers + i
-                    tally_contact(tallies, memory, weight, size, dissipated, int(before == Real(0.0)))
+                    shared.contact_sums[i] = with_contact(shared.contact_sums[i], weight, size, dissipated, before)
         sum_moments(shared, moment, i)
         if live:
             drive = ensemble.drives[variant]
@@ -231,7 +239,8 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
                     if energetic != 0:
                         out.energy = out.energy + energy
                     if weight != Real(0.0):
-                        tally_contact(tallies, memory, weight, size, dissipated, int(before == Real(0.0)))
+                        sums = tallies.contact[memory]
+                        tallies.contact[memory] = with_contact(sums, weight, size, dissipated, before)
         return out, mesh, mask
 
     @wp.func

@@ -24,38 +24,27 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
     State, Forces = part.State, part.Forces
     follow = following(Real).follow
 
-    @wp.struct
-    class Recent:
-        """A link's tension since it was last added to its tally."""
-
-        samples: wp.int32
-        tension_min: Real  # [N]
-        tension_max: Real
-        tension: Real
-        tension_square: Real
-        rate_square: Real  # [m^2/s^2]
-
     @wp.func
     def fresh():
         """Nothing seen yet."""
-        recent = Recent()
+        recent = kinds.Recent()
         recent.tension_min = Real(wp.inf)
         recent.tension_max = Real(-wp.inf)
         return recent
 
     @wp.func
-    def add_link(recent: Recent, force: Forces, share: Real):
-        """One step's tension; `share` is 1/2 at the ends of the window, for what is integrated over time."""
+    def with_link(recent: kinds.Recent, force: Forces, weight: Real):
+        """One step's tension, and rate squared over the time `weight` that the step stands for [s]."""
         recent.samples = recent.samples + 1
         recent.tension_min = wp.min(recent.tension_min, force.tension)
         recent.tension_max = wp.max(recent.tension_max, force.tension)
         recent.tension = recent.tension + force.tension
         recent.tension_square = recent.tension_square + force.tension * force.tension
-        recent.rate_square = recent.rate_square + share * force.rate * force.rate
+        recent.rate_square = recent.rate_square + weight * (force.rate * force.rate)
         return recent
 
     @wp.func
-    def flush(ensemble: kinds.Ensemble, tallies: Tallies, variant: int, recent: Recent, category: int, i: int):
+    def flush(ensemble: kinds.Ensemble, tallies: Tallies, variant: int, recent: kinds.Recent, category: int, i: int):
         """Adds what link i has seen recently to its tally of strand `category`."""
         if recent.samples > 0:
             drive = ensemble.drives[variant]
@@ -72,18 +61,17 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
             tallies.link[at] = tally
             roller = tallies.roller[drive.first_roller + i]
             power = wp.float64(ensemble.chains[variant].damping) * wp.float64(recent.rate_square)
-            roller.dissipated = roller.dissipated + drive.step * power
+            roller.dissipated = roller.dissipated + power
             tallies.roller[drive.first_roller + i] = roller
 
     @wp.func
-    def look(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
-        """Strand s brought up to date by thread s, from positions published in the state's rows."""
+    def look(ensemble: kinds.Ensemble, state: kinds.State, variant: int, s: int):
+        """Strand s brought up to date from positions published in the state's rows."""
         drive = ensemble.drives[variant]
-        if i < drive.sprockets:
-            first = 6 * drive.first_roller
-            strand = state.strands[drive.first_sprocket + i]
-            strand = follow(state.rollers, first, first + drive.rollers, drive.rollers, strand)
-            state.strands[drive.first_sprocket + i] = strand
+        first = 6 * drive.first_roller
+        strand = state.strands[drive.first_sprocket + s]
+        strand = follow(state.rollers, first, first + drive.rollers, drive.rollers, strand)
+        state.strands[drive.first_sprocket + s] = strand
 
     @wp.func
     def category_of(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
@@ -155,6 +143,7 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         shared: kinds.Shared,
         variant: int,
         s: int,
+        i: int,
         step: int,
         angle: wp.float64,
         speed: wp.float64,
@@ -162,15 +151,15 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         weight: wp.float64,
         ends: int,
     ):
-        """One step of sprocket s for the sums of the window, and its energy at their ends."""
+        """One step of sprocket s for the sums of the window, and its energy at their ends, kept with roller i."""
         drive = ensemble.drives[variant]
-        motion = ensemble.motions[drive.first_sprocket + s]
+        motion = shared.motions[s]
         load = wp.float64(0.0)
         if motion.prescribed == 0:
             load = load_at(wp.float64(step) * drive.step, angle, speed, motion, ensemble.harmonics)
             if ends != 0:
                 energy = wp.float64(0.5) * speed * speed / motion.inverse_inertia
-                add_energy(ensemble, tallies, variant, s, ends, energy)
+                add_energy(ensemble, tallies, variant, i, ends, energy)
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], speed, moment, load, weight)
 
     @wp.func
@@ -200,7 +189,6 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         frames[at + 4] = Real(wheel.center[1])
 
     return SimpleNamespace(
-        Recent=Recent,
         **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},
     )
 

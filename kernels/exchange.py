@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .structs import SprocketSums, StrandSums, Wheel, types
+from .structs import ContactSums, Motion, SprocketSums, StrandSums, Wheel, types
 
 NAMES = {wp.float64: "double", wp.float32: "float"}
 STATE = 6
@@ -196,6 +196,15 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
     @wp.func_native(_shared_snippet("parts", sprockets * (threads // 32), sprockets * threads))
     def parts(like: kinds.Shared) -> wp.array(dtype=wp.float64): ...
 
+    @wp.func_native(_shared_snippet("motions", sprockets, sprockets))
+    def motions(like: kinds.Shared) -> wp.array(dtype=Motion): ...
+
+    @wp.func_native(_shared_snippet("recent", threads, threads))
+    def recent(like: kinds.Shared) -> wp.array(dtype=kinds.Recent): ...
+
+    @wp.func_native(_shared_snippet("contact_sums", threads, threads))
+    def contact_sums(like: kinds.Shared) -> wp.array(dtype=ContactSums): ...
+
     @wp.func_native(_shared_snippet("sprocket_sums", sprockets, sprockets))
     def sprocket_sums(like: kinds.Shared) -> wp.array(dtype=SprocketSums): ...
 
@@ -211,6 +220,9 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         shared.bands = bands(shared)
         shared.chain = chain(shared)
         shared.parts = parts(shared)
+        shared.motions = motions(shared)
+        shared.recent = recent(shared)
+        shared.contact_sums = contact_sums(shared)
         shared.sprocket_sums = sprocket_sums(shared)
         shared.strand_sums = strand_sums(shared)
         return shared

@@ -297,6 +297,17 @@ def types(Real: type) -> SimpleNamespace:
         progress: wp.array(dtype=Progress)  # (variants,)
 
     @wp.struct
+    class Recent:
+        """A link's tension since it was last added to its tally."""
+
+        samples: wp.int32
+        tension_min: Real  # [N]
+        tension_max: Real
+        tension: Real
+        tension_square: Real
+        rate_square: Real  # integral over time [m^2/s]
+
+    @wp.struct
     class Shared:
         """What the threads of a block share of the variant they are at, in the block's own memory."""
 
@@ -305,8 +316,11 @@ def types(Real: type) -> SimpleNamespace:
         bands: wp.array(dtype=Band)  # (S,)
         chain: wp.array(dtype=Chain)  # (1,)
         parts: wp.array(dtype=wp.float64)  # (S, warps): each warp's part of each sprocket's moment [N m]
+        motions: wp.array(dtype=Motion)  # (S,)
         sprocket_sums: wp.array(dtype=SprocketSums)  # (S,)
         strand_sums: wp.array(dtype=StrandSums)  # (S,)
+        recent: wp.array(dtype=Recent)  # (threads,)
+        contact_sums: wp.array(dtype=ContactSums)  # (threads,): of the contact that each roller is in
 
     return SimpleNamespace(
         Real=Real,
@@ -316,6 +330,7 @@ def types(Real: type) -> SimpleNamespace:
         Chain=Chain,
         Sprocket=Sprocket,
         Band=Band,
+        Recent=Recent,
         Guide=Guide,
         Ensemble=Ensemble,
         State=State,

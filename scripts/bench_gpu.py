@@ -56,11 +56,9 @@ def repeated(one, variants: int):
     from dataclasses import replace
 
     names = ("drives", "chains", "sprockets", "motions", "guides", "rollers", "bodies", "strands", "seat")
-    many = replace(
-        one,
-        assemblies=one.assemblies * variants,
-        **{name: np.concatenate([getattr(one, name)] * variants) for name in names},
-    )
+    arrays = {name: getattr(one, name) for name in names}
+    arrays = {name: values[np.tile(np.arange(len(values)), variants)] for name, values in arrays.items()}
+    many = replace(one, assemblies=one.assemblies * variants, **arrays)
     row = one.drives[0]
     n, s, g = int(row["rollers"]), int(row["sprockets"]), int(row["guides"])
     for field, width in (
