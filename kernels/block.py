@@ -1,8 +1,8 @@
 """The block kernel: one block of threads a variant, one roller a thread, the whole time loop inside (leapfrog).
 
-A roller's state stays in registers, and the seat and memory of the contact it is in. A few threads also move a sprocket each.
-Whatever does not happen every step waits for the next `event`. One kernel is made for each precision, number of threads
-and number of sprockets.
+A roller's state stays in registers, with the seat and memory of the contact it is in. A few threads also move a sprocket
+each. Whatever does not happen every step waits for the next event. One kernel is made for each precision, number of
+threads and number of sprockets.
 """
 
 from functools import cache
@@ -10,7 +10,7 @@ from functools import cache
 import warp as wp
 
 from .block_forces import block_forces
-from .block_observe import block_observing
+from .block_observe import CHECK, END, ENDS, EVENT, FRAME, LAST, START, block_observing
 from .body import load_at, prescribed_at
 from .exchange import any_thread, barrier
 from .rollers import STATE_ROWS
@@ -50,7 +50,8 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
     State = part.State
     talk = part.talk
     shared_arrays, state_of_next, force_of_previous = talk.shared_arrays, talk.state_of_next, talk.force_of_previous
-    evaluate, store_mesh, moment_on, move = part.evaluate, part.store_mesh, part.moment_on, part.move
+    link_of, contacts, store_mesh = part.link_of, part.contacts, part.store_mesh
+    moment_on, move = part.moment_on, part.move
 
     @wp.struct
     class Now:
@@ -58,13 +59,8 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
 
         step: wp.int32
         event: wp.int32  # the next step at which more happens than forces and motion
-        special: wp.int32  # 1: this is one
-        last: wp.int32  # 1: the run ends here
-        sampled: wp.int32  # 1: a frame is taken
-        frame: wp.int32  # where it goes
-        ends: wp.int32  # 1 at the window's start, 2 at its end
+        flags: wp.int32  # what happens now, as bits
         weight: Real  # time that this step stands for in the window's sums, 0 outside [s]
-        kick: Real  # h, half of it from the initial state [s]
         category: wp.int32  # strand that this thread's link is on (S: none)
         middle: wp.int32  # strands whose middle it passes, as bits
         diverged: wp.int32
@@ -106,14 +102,19 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
 
     @wp.func
     def engaged(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
-        """Sprockets that roller i is engaged with, as bits."""
+        """The sprockets that roller i is engaged with and the guide-bars it touches."""
         drive = ensemble.drives[variant]
-        held = int(0)
+        mesh = part.Mesh()
+        mesh.sprocket = -1
         if i < drive.rollers:
+            memory = drive.first_contact + i
             for s in range(wp.static(sprockets)):
-                if state.seat[drive.first_contact + s * drive.rollers + i] >= 0:
-                    held = held | (1 << s)
-        return held
+                if state.seat[memory + s * drive.rollers] >= 0:
+                    mesh.held = mesh.held | (1 << s)
+            for g in range(drive.guides):
+                if state.impact_speed[memory + (wp.static(sprockets) + g) * drive.rollers] != Real(0.0):
+                    mesh.guides = mesh.guides | (1 << g)
+        return mesh
 
     @wp.func
     def next_event(drive: Drive, step: int):
@@ -131,6 +132,31 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         if step < drive.steps:
             event = wp.min(event, drive.steps)
         return event
+
+    @wp.func
+    def flags_of(drive: Drive, step: int):
+        """What happens at `step`, as bits."""
+        flags = int(EVENT)
+        if step == drive.steps:
+            flags = flags | LAST
+        if drive.sample_every > 0:
+            if step % drive.sample_every == 0:
+                flags = flags | FRAME
+        if step == drive.window_start:
+            flags = flags | START
+        if step == drive.window_end:
+            flags = flags | END
+        if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
+            flags = flags | CHECK
+        return flags
+
+    @wp.func
+    def frame_at(ensemble: kinds.Ensemble, state: kinds.State, variant: int, step: int):
+        """Where the frame of `step` begins in the launch's buffer."""
+        drive = ensemble.drives[variant]
+        every = drive.sample_every
+        number = step // every - (state.progress[variant].step + every - 1) // every
+        return int(drive.first_value) + number * (7 * drive.rollers + wp.static(5 * sprockets))
 
     @wp.func
     def outside(ensemble: kinds.Ensemble, variant: int, own: State, i: int):
@@ -220,15 +246,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
             shared.wheels[s].target = load_at(time, wheel.angle, wheel.speed, motion, ensemble.harmonics)
 
     @wp.func
-    def turn(
-        ensemble: kinds.Ensemble,
-        shared: kinds.Shared,
-        variant: int,
-        s: int,
-        kick: wp.float64,
-        back: wp.float64,
-        going: bool,
-    ):
+    def turn(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, step: int, going: bool):
         """Takes sprocket s one step on if `going`; returns its angle, angular velocity and contact moment before."""
         h = ensemble.drives[variant].step
         wheel = shared.wheels[s]
@@ -240,9 +258,11 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
             wheel.exact_speed = wheel.next_speed
             wheel.speed = turned * reciprocal(h)
         else:
-            slope = (moment + wheel.target) * shared.motions[s].inverse_inertia
-            now = wheel.speed + back * slope
-            wheel.speed = wheel.speed + kick * slope
+            gain = h * ((moment + wheel.target) * shared.motions[s].inverse_inertia)
+            if step == 0:
+                wheel.speed = wheel.speed - wp.float64(0.5) * gain
+            now = wheel.speed + wp.float64(0.5) * gain
+            wheel.speed = wheel.speed + gain
             turned = h * wheel.speed
         if going:
             wheel.angle = angle + turned
@@ -270,13 +290,10 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         live = i < n
         s = sprocket_of(i)
         own = fetch(ensemble, state, variant, i)
-        held = engaged(ensemble, state, variant, i)
-        mesh = part.Mesh()
-        mesh.sprocket = -1
+        mesh = engaged(ensemble, state, variant, i)
         now = Now()
         now.step = state.progress[variant].step
         now.event = now.step
-        now.frame = int(ensemble.drives[variant].first_value)
         now.category = wp.static(sprockets)
         now.diverged = state.progress[variant].diverged
         if s >= 0:
@@ -285,26 +302,15 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         h = Real(ensemble.drives[variant].step)
         end = wp.min(now.step + block, ensemble.drives[variant].steps + 1)
         while now.step < end and now.diverged == 0:
-            now.kick = h
             if now.step == now.event:
                 drive = ensemble.drives[variant]
-                now.special = 1
+                now.flags = flags_of(drive, now.step)
                 now.event = next_event(drive, now.step)
-                now.last = int(now.step == drive.steps)
-                now.sampled = 0
-                if drive.sample_every > 0:
-                    now.sampled = int(now.step % drive.sample_every == 0)
-                now.weight = Real(0.0)
-                now.ends = 0
                 if now.step >= drive.window_start and now.step <= drive.window_end:
                     now.weight = h
-                    if now.step == drive.window_start:
-                        now.ends = 1
-                    if now.step == drive.window_end:
-                        now.ends = 2
-                    if now.ends != 0:
+                    if now.flags & ENDS != 0:
                         now.weight = Real(0.5) * h
-                    if now.step % STRAND_LOOK_EVERY == 0 or now.ends == 1:
+                    if now.step % STRAND_LOOK_EVERY == 0 or now.flags & START != 0:
                         if live:
                             look.flush(ensemble, tallies, variant, shared.recent[i], now.category, i)
                             publish(ensemble, state, variant, own, i)
@@ -316,65 +322,59 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
                     category, middle = look.category_of(ensemble, state, variant, i)
                     now.category = category
                     now.middle = middle
-                if now.step == 0:
-                    now.kick = Real(0.5) * h
                 if now.step % HEADING_EVERY == 0 and s >= 0:
                     set_heading(shared, s)
             other = state_of_next(own, i, n)
-            force, mesh, held = evaluate(
-                ensemble, state, tallies, shared, variant, own, other, mesh, held, i, live, 0, now.weight, now.ends
+            tension, rate, link = link_of(shared, own, other)
+            if now.weight != Real(0.0) and live:
+                shared.recent[i] = look.with_link(shared.recent[i], tension, rate, now.weight)
+                if now.middle != 0:
+                    look.add_middle(ensemble, state, shared, variant, own, other, now.middle)
+            if now.flags != 0 and live:
+                if now.flags & FRAME != 0:
+                    at = frame_at(ensemble, state, variant, now.step)
+                    look.write_link(frames, at + i, n, own, tension)
+                if now.flags & ENDS != 0:
+                    energy = look.link_energy(ensemble, variant, own, tension, rate)
+                    look.add_energy(ensemble, tallies, variant, i, now.flags & START, energy)
+            contact, mesh = contacts(
+                ensemble, state, tallies, shared, variant, own, mesh, i, live, 0, now.weight, now.flags
             )
             if s >= 0:
                 foresee(ensemble, shared, variant, s, now.step)
-            if now.weight != Real(0.0) and live:
-                shared.recent[i] = look.with_link(shared.recent[i], force, now.weight)
-                if now.middle != 0:
-                    look.add_middle(ensemble, state, shared, variant, own, other, now.middle)
-            if now.special != 0:
-                if now.sampled != 0 and live:
-                    look.write_roller(frames, now.frame + i, n, own, force)
-                if now.ends != 0 and live:
-                    energy = look.elastic_energy(ensemble, variant, own, force)
-                    look.add_energy(ensemble, tallies, variant, i, now.ends, energy)
-                if now.step % DIVERGENCE_CHECK == 0 or now.last != 0:
-                    now.diverged = any_thread(outside(ensemble, variant, own, i))
-            previous = force_of_previous(force.link, i, n)
-            a = acceleration(shared, force.link + force.contact, previous)
-            if now.special != 0 and live:
-                back = Real(0.5) * h
-                if now.step == 0:
-                    back = Real(0.0)
-                v = vec2(own[2] + back * a[0], own[3] + back * a[1])
-                if now.sampled != 0:
-                    look.write_velocity(frames, now.frame + i, n, v)
-                if now.ends != 0:
-                    energy = wp.float64(0.5) * wp.float64(ensemble.chains[variant].mass) * wp.float64(wp.dot(v, v))
-                    look.add_energy(ensemble, tallies, variant, i, now.ends, energy)
+            if now.flags & CHECK != 0:
+                now.diverged = any_thread(outside(ensemble, variant, own, i))
+            previous = force_of_previous(link, i, n)
+            a = acceleration(shared, link + contact, previous)
+            if now.step == 0:  # leapfrog's velocities are half a step behind from here on
+                own[2] = own[2] - Real(0.5) * h * a[0]
+                own[3] = own[3] - Real(0.5) * h * a[1]
+            if now.flags & (FRAME | ENDS) != 0 and live:
+                v = vec2(own[2] + Real(0.5) * h * a[0], own[3] + Real(0.5) * h * a[1])
+                if now.flags & FRAME != 0:
+                    at = frame_at(ensemble, state, variant, now.step)
+                    look.write_rest(frames, at + i, n, v, shared.extra[i])
+                if now.flags & ENDS != 0:
+                    energy = look.motion_energy(ensemble, variant, v) + wp.float64(shared.extra[i].energy)
+                    look.add_energy(ensemble, tallies, variant, i, now.flags & START, energy)
             if s >= 0:
-                lag = wp.float64(0.5) * ensemble.drives[variant].step
-                if now.step == 0:
-                    lag = wp.float64(0.0)
-                going = now.last == 0 and now.diverged == 0
-                angle, speed, moment = turn(ensemble, shared, variant, s, wp.float64(now.kick), lag, going)
+                going = now.flags & LAST == 0 and now.diverged == 0
+                angle, speed, moment = turn(ensemble, shared, variant, s, now.step, going)
                 if now.weight != Real(0.0):
                     weight = wp.float64(now.weight)
                     look.observe_sprocket(
-                        ensemble, tallies, shared, variant, s, i, now.step, angle, speed, moment, weight, now.ends
+                        ensemble, tallies, shared, variant, s, i, now.step, angle, speed, moment, weight, now.flags
                     )
-                if now.sampled != 0:
-                    look.write_sprocket(frames, now.frame + 7 * n + 5 * s, shared.wheels[s], angle, speed, moment)
-            if now.last == 0:
-                own[2] = own[2] + now.kick * a[0]
-                own[3] = own[3] + now.kick * a[1]
+                if now.flags & FRAME != 0:
+                    at = frame_at(ensemble, state, variant, now.step)
+                    look.write_sprocket(frames, at + 7 * n + 5 * s, shared.wheels[s], angle, speed, moment)
+            if now.flags & LAST == 0:
+                own[2] = own[2] + h * a[0]
+                own[3] = own[3] + h * a[1]
                 own = move(own, h * own[2], h * own[3])
-            if now.special != 0:
-                if now.sampled != 0:
-                    now.frame = now.frame + 7 * n + wp.static(5 * sprockets)
-                if now.ends != 0:
-                    now.weight = Real(0.0)
-                now.sampled = 0
-                now.ends = 0
-                now.special = 0
+            if now.flags & ENDS != 0:
+                now.weight = Real(0.0)
+            now.flags = 0
             if now.diverged == 0:
                 now.step = now.step + 1
         if live:
@@ -383,6 +383,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
             store_mesh(state, tallies, shared, ensemble.drives[variant], mesh, i)
         if s >= 0:
             end_sprocket(ensemble, state, sums, shared, variant, s)
+        barrier()  # `frame_at` reads where the launch began
         if i == 0:
             progress = state.progress[variant]
             progress.step = now.step

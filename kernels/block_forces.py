@@ -1,12 +1,12 @@
-"""The block kernels' evaluation: the forces on the roller that a thread holds, and the moments on the sprockets."""
+"""The block kernels' forces: of the link after the roller that a thread holds, and of its contacts."""
 
 from functools import cache
 from types import SimpleNamespace
 
 import warp as wp
 
-from .contact import gap_contact, guide_contact, in_gap, moved_seat
-from .exchange import exchange, lanes, lowest_bit
+from .contact import closed_contact, gap_approach, guide_approach, in_gap, moved_seat
+from .exchange import any_lane, exchange, lanes, lowest_bit
 from .link import link_force
 from .structs import ContactSums, Drive, Tallies, types, vec2d
 from .tooth import nearest_seat, seat_step
@@ -17,7 +17,6 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
     """The functions that evaluate one variant on a block of `threads` threads, with `sprockets` sprockets."""
     kinds = types(Real)
     vec2 = kinds.vec2
-    Moments = wp.types.vector(sprockets, Real)
     talk = exchange(Real, threads, sprockets)
     State = talk.state
     compensated = Real == wp.float32
@@ -25,24 +24,23 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
 
     @wp.struct
     class Mesh:
-        """The sprocket that a roller was engaged with last: its seat there and the contact's memory."""
+        """How a roller is engaged: the sprocket it was looked at last, its seat there and the contact's memory."""
 
         sprocket: wp.int32  # negative: none
         seat: wp.int32
         direction: vec2d  # of the seat at angle zero
         impact_speed: Real  # v0, 0 while open [m/s]
+        held: wp.int32  # all sprockets it is engaged with, as bits
+        guides: wp.int32  # guide-bars it touches, as bits
 
     @wp.struct
-    class Forces:
-        """What an evaluation finds for one roller and the link after it."""
+    class Net:
+        """What a roller's contacts add up to while they are gone through."""
 
-        link: vec2  # force of the link after, on the roller [N]
-        contact: vec2  # force of all contacts [N]
-        tension: Real  # [N]
-        rate: Real  # of the link's elongation [m/s]
-        sprocket_force: Real  # sum of magnitudes [N]
-        guide_force: Real  # [N]
-        energy: Real  # elastic, of the contacts, if asked for [J]
+        x: Real  # force [N]
+        y: Real
+        moment: Real  # of the last contact, on sprocket `on` [N m]
+        on: wp.int32
 
     @wp.func
     def place(own: State, center: vec2d):
@@ -70,7 +68,7 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
 
     @wp.func
     def with_contact(sums: ContactSums, weight: Real, force: Real, dissipated: Real, before: Real):
-        """The sums with one roller's contact of one step; `weight` is the time it stands for [s], `before` its v0 so far."""
+        """The sums with one step of a contact, for the time `weight` [s]; `before` is its v0 so far."""
         sums.force_max = wp.max(sums.force_max, wp.float64(force))
         sums.impulse = sums.impulse + wp.float64(weight * force)
         sums.dissipated = sums.dissipated + wp.float64(weight * dissipated)
@@ -134,13 +132,18 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
             state.impact_speed[memory] = Real(0.0)
 
     @wp.func
-    def sum_moments(shared: kinds.Shared, moment: Moments, i: int):
-        """This warp's part of each sprocket's moment, for all to see."""
+    def add_moments(shared: kinds.Shared, moment: Real, on: int, i: int, pass_: int):
+        """This warp's part of each sprocket's moment; a thread's own is on sprocket `on`, none if negative."""
         for s in range(wp.static(sprockets)):
-            total = moment[s]
-            total = warp_sum(total)
+            total = Real(0.0)
+            if any_lane(int(on == s)) != 0:
+                total = warp_sum(wp.where(on == s, moment, Real(0.0)))
             if i % lanes() == 0:
-                shared.parts[s * (wp.static(threads) // lanes()) + i // lanes()] = wp.float64(total)
+                at = s * (wp.static(threads) // lanes()) + i // lanes()
+                if pass_ == 0:
+                    shared.parts[at] = wp.float64(total)
+                else:
+                    shared.parts[at] = shared.parts[at] + wp.float64(total)
 
     @wp.func
     def moment_on(shared: kinds.Shared, s: int):
@@ -151,97 +154,111 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         return total
 
     @wp.func
-    def evaluate(
+    def contacts(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         tallies: Tallies,
         shared: kinds.Shared,
         variant: int,
         own: State,
-        other: State,
         mesh: Mesh,
-        held: int,
         i: int,
         live: bool,
         stage: int,
         weight: Real,
-        energetic: int,
+        extra: int,
     ):
-        """Link and contact forces on roller i, the next roller's state being `other`; all threads together.
+        """Contact force on roller i [N], and how it is engaged now; all threads together.
 
-        `held` are the sprockets it was engaged with, as bits; v0 is kept at `stage` 0 only. Contacts are added to
-        `tallies` where `weight` [s] is not zero. Returns the forces, and how the roller is engaged now.
+        The moments on the sprockets go to `shared.parts`, contacts to their sums where `weight` [s] is not zero, forces
+        and energy to `shared.extra` if `extra`. v0 is kept at `stage` 0 only.
         """
-        out = Forces()
-        tension, rate, link = link_of(shared, own, other)
-        out.tension = tension
-        out.rate = rate
-        out.link = link
+        total = Net()
         v = vec2(own[2], own[3])
-        moment = Moments()
-        mask = int(0)
+        todo = int(0)
         if live:
-            mask = engagements(shared, own)
-            if mask != held:
-                store_mesh(state, tallies, shared, ensemble.drives[variant], mesh, i)
+            todo = engagements(shared, own)
+            if todo != mesh.held:
+                drive = ensemble.drives[variant]
+                store_mesh(state, tallies, shared, drive, mesh, i)
                 mesh.sprocket = -1
-                leave(state, ensemble.drives[variant], held & ~mask, i)
-        todo = mask
-        while todo != 0:
-            s = lowest_bit(todo)
-            todo = todo & (todo - 1)
-            if s != mesh.sprocket:
-                store_mesh(state, tallies, shared, ensemble.drives[variant], mesh, i)
-                new = load_mesh(ensemble, state, tallies, shared, ensemble.drives[variant], own, s, i)
-                mesh.sprocket = s
-                mesh.seat = new.seat
-                mesh.direction = new.direction
-                mesh.impact_speed = new.impact_speed
-            sprocket = shared.teeth[s]
-            wheel = shared.wheels[s]
-            p = place(own, wheel.center)
-            e, radial, lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
-            move = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
-            if move != 0:
-                mesh.seat = moved_seat(mesh.seat, move, sprocket.teeth)
-                mesh.direction = ensemble.seats[sprocket.first_seat + mesh.seat]
+                leave(state, drive, mesh.held & ~todo, i)
+                mesh.held = todo
+        if extra != 0:
+            shared.extra[i] = kinds.Extra()
+        more = int(1)
+        pass_ = int(0)
+        while more != 0:
+            total.on = -1
+            if todo != 0:
+                s = lowest_bit(todo)
+                todo = todo & (todo - 1)
+                if s != mesh.sprocket:
+                    drive = ensemble.drives[variant]
+                    store_mesh(state, tallies, shared, drive, mesh, i)
+                    new = load_mesh(ensemble, state, tallies, shared, drive, own, s, i)
+                    mesh.sprocket = s
+                    mesh.seat = new.seat
+                    mesh.direction = new.direction
+                    mesh.impact_speed = new.impact_speed
+                sprocket = shared.teeth[s]
+                wheel = shared.wheels[s]
+                p = place(own, wheel.center)
                 e, radial, lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
-            before = mesh.impact_speed
-            f, size, first, dissipated, energy = gap_contact(
-                p, v, Real(wheel.speed), e, radial, lateral, before, sprocket
-            )
-            if stage == 0:
-                mesh.impact_speed = first
-            if first != Real(0.0):
-                out.contact = out.contact + f
-                out.sprocket_force = out.sprocket_force + size
-                turning = Real(p[1]) * f[0] - Real(p[0]) * f[1]
-                for q in range(wp.static(sprockets)):
-                    if q == s:
-                        moment[q] = moment[q] + turning
-                if energetic != 0:
-                    out.energy = out.energy + energy
-                if weight != Real(0.0):
-                    shared.contact_sums[i] = with_contact(shared.contact_sums[i], weight, size, dissipated, before)
-        sum_moments(shared, moment, i)
+                move = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
+                if move != 0:
+                    mesh.seat = moved_seat(mesh.seat, move, sprocket.teeth)
+                    mesh.direction = ensemble.seats[sprocket.first_seat + mesh.seat]
+                    e, radial, lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
+                penetration, normal, speed = gap_approach(p, v, Real(wheel.speed), e, radial, lateral, sprocket)
+                if penetration > Real(0.0):
+                    size, first, dissipated, energy = closed_contact(
+                        penetration, speed, mesh.impact_speed, sprocket.law
+                    )
+                    f = size * normal
+                    total.x = total.x + f[0]
+                    total.y = total.y + f[1]
+                    total.moment = Real(p[1]) * f[0] - Real(p[0]) * f[1]
+                    total.on = s
+                    if weight != Real(0.0):
+                        before = mesh.impact_speed
+                        shared.contact_sums[i] = with_contact(shared.contact_sums[i], weight, size, dissipated, before)
+                    if extra != 0:
+                        shared.extra[i].sprocket_force = shared.extra[i].sprocket_force + size
+                        shared.extra[i].energy = shared.extra[i].energy + energy
+                    if stage == 0:
+                        mesh.impact_speed = first
+                else:
+                    if stage == 0:
+                        mesh.impact_speed = Real(0.0)
+            add_moments(shared, total.moment, total.on, i, pass_)
+            pass_ = pass_ + 1
+            more = any_lane(todo)
         if live:
             drive = ensemble.drives[variant]
             for g in range(drive.guides):
-                memory = drive.first_contact + (wp.static(sprockets) + g) * drive.rollers + i
                 bar = ensemble.guides[drive.first_guide + g]
-                before = state.impact_speed[memory]
-                f, size, first, dissipated, energy = guide_contact(place(own, bar.start), v, before, bar)
-                if first != before and stage == 0:
-                    state.impact_speed[memory] = first
-                if first != Real(0.0):
-                    out.contact = out.contact + f
-                    out.guide_force = out.guide_force + size
-                    if energetic != 0:
-                        out.energy = out.energy + energy
+                penetration, normal = guide_approach(place(own, bar.start), v, weight, bar)
+                memory = drive.first_contact + (wp.static(sprockets) + g) * drive.rollers + i
+                if penetration > Real(0.0):
+                    before = state.impact_speed[memory]
+                    speed = -wp.dot(v, normal)
+                    size, first, dissipated, energy = closed_contact(penetration, speed, before, bar.law)
+                    total.x = total.x + size * normal[0]
+                    total.y = total.y + size * normal[1]
+                    mesh.guides = mesh.guides | (1 << g)
+                    if stage == 0 and first != before:
+                        state.impact_speed[memory] = first
                     if weight != Real(0.0):
                         sums = tallies.contact[memory]
                         tallies.contact[memory] = with_contact(sums, weight, size, dissipated, before)
-        return out, mesh, mask
+                    if extra != 0:
+                        shared.extra[i].guide_force = shared.extra[i].guide_force + size
+                        shared.extra[i].energy = shared.extra[i].energy + energy
+                elif stage == 0 and (mesh.guides >> g) & 1 != 0:
+                    mesh.guides = mesh.guides & ~(1 << g)
+                    state.impact_speed[memory] = Real(0.0)
+        return vec2(total.x, total.y), mesh
 
     @wp.func
     def move(own: State, dx: Real, dy: Real):
@@ -263,9 +280,9 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
     return SimpleNamespace(
         State=State,
         Mesh=Mesh,
-        Forces=Forces,
         talk=talk,
-        evaluate=evaluate,
+        link_of=link_of,
+        contacts=contacts,
         store_mesh=store_mesh,
         moment_on=moment_on,
         move=move,

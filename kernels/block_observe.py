@@ -14,6 +14,15 @@ from .body import load_at
 from .structs import ContactSums, Drive, StrandSums, Sums, Tallies, Wheel, types
 from .sums import add_displacement, add_sprocket, displacement, following
 
+EVENT = wp.constant(1)
+"""What can happen at a step, as bits."""
+LAST = wp.constant(2)
+FRAME = wp.constant(4)
+START = wp.constant(8)  # of the window
+END = wp.constant(16)
+ENDS = wp.constant(24)
+CHECK = wp.constant(32)  # whether the variant diverged
+
 
 @cache
 def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
@@ -21,7 +30,7 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
     kinds = types(Real)
     vec2 = kinds.vec2
     part = block_forces(Real, threads, sprockets)
-    State, Forces = part.State, part.Forces
+    State = part.State
     follow = following(Real).follow
 
     @wp.func
@@ -33,14 +42,14 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         return recent
 
     @wp.func
-    def with_link(recent: kinds.Recent, force: Forces, weight: Real):
+    def with_link(recent: kinds.Recent, tension: Real, rate: Real, weight: Real):
         """One step's tension, and rate squared over the time `weight` that the step stands for [s]."""
         recent.samples = recent.samples + 1
-        recent.tension_min = wp.min(recent.tension_min, force.tension)
-        recent.tension_max = wp.max(recent.tension_max, force.tension)
-        recent.tension = recent.tension + force.tension
-        recent.tension_square = recent.tension_square + force.tension * force.tension
-        recent.rate_square = recent.rate_square + weight * (force.rate * force.rate)
+        recent.tension_min = wp.min(recent.tension_min, tension)
+        recent.tension_max = wp.max(recent.tension_max, tension)
+        recent.tension = recent.tension + tension
+        recent.tension_square = recent.tension_square + tension * tension
+        recent.rate_square = recent.rate_square + weight * (rate * rate)
         return recent
 
     @wp.func
@@ -114,23 +123,24 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
                 shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
 
     @wp.func
-    def elastic_energy(ensemble: kinds.Ensemble, variant: int, own: State, force: Forces):
-        """Potential energy of a roller, elastic energy of its link and its contacts [J]."""
+    def link_energy(ensemble: kinds.Ensemble, variant: int, own: State, tension: Real, rate: Real):
+        """Potential energy of a roller and elastic energy of its link [J]."""
         chain = ensemble.chains[variant]
-        spring = wp.float64(force.tension - chain.damping * force.rate)
+        spring = wp.float64(tension - chain.damping * rate)
         lift = wp.float64(chain.gravity[0]) * wp.float64(own[0]) + wp.float64(chain.gravity[1]) * wp.float64(own[1])
-        return (
-            wp.float64(0.5) * spring * spring / wp.float64(chain.stiffness)
-            - wp.float64(chain.mass) * lift
-            + wp.float64(force.energy)
-        )
+        return wp.float64(0.5) * spring * spring / wp.float64(chain.stiffness) - wp.float64(chain.mass) * lift
 
     @wp.func
-    def add_energy(ensemble: kinds.Ensemble, tallies: Tallies, variant: int, i: int, ends: int, energy: wp.float64):
-        """Adds to the energy at the window's start (`ends` 1) or end (2), kept with roller i."""
+    def motion_energy(ensemble: kinds.Ensemble, variant: int, v: vec2):
+        """Kinetic energy of a roller [J]."""
+        return wp.float64(0.5) * wp.float64(ensemble.chains[variant].mass) * wp.float64(wp.dot(v, v))
+
+    @wp.func
+    def add_energy(ensemble: kinds.Ensemble, tallies: Tallies, variant: int, i: int, start: int, energy: wp.float64):
+        """Adds to the energy at the window's start if `start`, else at its end, kept with roller i."""
         at = ensemble.drives[variant].first_roller + i
         roller = tallies.roller[at]
-        if ends == 1:
+        if start != 0:
             roller.energy_start = roller.energy_start + energy
         else:
             roller.energy_end = roller.energy_end + energy
@@ -149,7 +159,7 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         speed: wp.float64,
         moment: wp.float64,
         weight: wp.float64,
-        ends: int,
+        flags: int,
     ):
         """One step of sprocket s for the sums of the window, and its energy at their ends, kept with roller i."""
         drive = ensemble.drives[variant]
@@ -157,25 +167,25 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         load = wp.float64(0.0)
         if motion.prescribed == 0:
             load = load_at(wp.float64(step) * drive.step, angle, speed, motion, ensemble.harmonics)
-            if ends != 0:
+            if flags & ENDS != 0:
                 energy = wp.float64(0.5) * speed * speed / motion.inverse_inertia
-                add_energy(ensemble, tallies, variant, i, ends, energy)
+                add_energy(ensemble, tallies, variant, i, flags & START, energy)
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], speed, moment, load, weight)
 
     @wp.func
-    def write_roller(frames: wp.array(dtype=Real), at: int, n: int, own: State, force: Forces):
-        """One roller's part of a frame but its velocity, as `observe.sample` lays it out."""
+    def write_link(frames: wp.array(dtype=Real), at: int, n: int, own: State, tension: Real):
+        """A roller's place and its link's tension in a frame, as `observe.sample` lays it out."""
         frames[at] = own[0]
         frames[at + n] = own[1]
-        frames[at + 4 * n] = force.tension
-        frames[at + 5 * n] = force.sprocket_force
-        frames[at + 6 * n] = force.guide_force
+        frames[at + 4 * n] = tension
 
     @wp.func
-    def write_velocity(frames: wp.array(dtype=Real), at: int, n: int, v: vec2):
-        """One roller's velocity in a frame."""
+    def write_rest(frames: wp.array(dtype=Real), at: int, n: int, v: vec2, extra: kinds.Extra):
+        """A roller's velocity and contact forces in a frame."""
         frames[at + 2 * n] = v[0]
         frames[at + 3 * n] = v[1]
+        frames[at + 5 * n] = extra.sprocket_force
+        frames[at + 6 * n] = extra.guide_force
 
     @wp.func
     def write_sprocket(

@@ -33,14 +33,20 @@ def penalty(penetration: Any, speed: Any, impact_speed: Any, law: Any):
     dissipated = zero
     energy = zero
     if penetration > zero:
-        first = impact_speed
-        if first == zero:
-            first = wp.max(speed, law.speed_floor)
-        elastic = elastic_force(penetration, law.stiffness, law.exponent)
-        force = contact_force(elastic, speed, first, law)
-        dissipated = (force - elastic) * speed
-        energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
+        force, first, dissipated, energy = closed_contact(penetration, speed, impact_speed, law)
     return force, first, dissipated, energy
+
+
+@wp.func
+def closed_contact(penetration: Any, speed: Any, impact_speed: Any, law: Any):
+    """As `penalty`, of a contact that is closed."""
+    first = impact_speed
+    if first == type(penetration)(0.0):
+        first = wp.max(speed, law.speed_floor)
+    elastic = elastic_force(penetration, law.stiffness, law.exponent)
+    force = contact_force(elastic, speed, first, law)
+    energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
+    return force, first, (force - elastic) * speed, energy
 
 
 @wp.func
@@ -68,16 +74,13 @@ def moved_seat(seat: int, move: int, teeth: int):
 
 
 @wp.func
-def gap_contact(
-    p: vec2d, v: Any, omega: Any, e: vec2d, radial: wp.float64, lateral: wp.float64, impact_speed: Any, sprocket: Any
-):
-    """Contact in a tooth gap whose outward direction is `e`; otherwise as `sprocket_contact`, without the seat."""
+def gap_approach(p: vec2d, v: Any, omega: Any, e: vec2d, radial: wp.float64, lateral: wp.float64, sprocket: Any):
+    """Penetration [m] in a tooth gap whose outward direction is `e`, its normal, and the approach speed [m/s]."""
     xi = type(omega)(radial - sprocket.exact_radius)
     penetration, normal_radial, normal_lateral = tooth_gap(xi, type(omega)(lateral), sprocket)
     n = turned(type(v)(type(omega)(e[0]), type(omega)(e[1])), normal_radial, normal_lateral)
     surface = type(v)(-omega * type(omega)(p[1]), omega * type(omega)(p[0]))
-    force, first, dissipated, energy = penalty(penetration, wp.dot(surface - v, n), impact_speed, sprocket.law)
-    return force * n, force, first, dissipated, energy
+    return penetration, n, wp.dot(surface - v, n)
 
 
 @wp.func
@@ -114,8 +117,19 @@ def sprocket_contact(
     if move != 0:
         seat = moved_seat(seat, move, sprocket.teeth)
         e, radial, lateral = in_gap(p, seats[sprocket.first_seat + seat], cosine, sine)
-    f, force, first, dissipated, energy = gap_contact(p, v, omega, e, radial, lateral, impact_speed, sprocket)
-    return f, force, seat, first, dissipated, energy
+    penetration, n, speed = gap_approach(p, v, omega, e, radial, lateral, sprocket)
+    force, first, dissipated, energy = penalty(penetration, speed, impact_speed, sprocket.law)
+    return force * n, force, seat, first, dissipated, energy
+
+
+@wp.func
+def guide_approach(p: vec2d, v: Any, impact_speed: Any, bar: Any):
+    """Penetration [m] of a roller in a guide-bar, and its normal."""
+    t = bar.direction
+    along = type(impact_speed)(wp.dot(p, t))
+    across = type(impact_speed)(p[1] * t[0] - p[0] * t[1])
+    penetration, normal_along, normal_across = guide_gap(along, across, bar)
+    return penetration, turned(type(v)(type(impact_speed)(t[0]), type(impact_speed)(t[1])), normal_along, normal_across)
 
 
 @wp.func
@@ -131,10 +145,6 @@ def guide_contact(p: vec2d, v: Any, impact_speed: Any, bar: Any):
     Returns:
         Force on the roller (vector, N), its magnitude, v0, dissipated power [W], elastic energy [J].
     """
-    t = bar.direction
-    along = type(impact_speed)(wp.dot(p, t))
-    across = type(impact_speed)(p[1] * t[0] - p[0] * t[1])
-    penetration, normal_along, normal_across = guide_gap(along, across, bar)
-    n = turned(type(v)(type(impact_speed)(t[0]), type(impact_speed)(t[1])), normal_along, normal_across)
+    penetration, n = guide_approach(p, v, impact_speed, bar)
     force, first, dissipated, energy = penalty(penetration, -wp.dot(v, n), impact_speed, bar.law)
     return force * n, force, first, dissipated, energy

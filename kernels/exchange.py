@@ -202,6 +202,9 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
     @wp.func_native(_shared_snippet("recent", threads, threads))
     def recent(like: kinds.Shared) -> wp.array(dtype=kinds.Recent): ...
 
+    @wp.func_native(_shared_snippet("extra", threads, threads))
+    def extra(like: kinds.Shared) -> wp.array(dtype=kinds.Extra): ...
+
     @wp.func_native(_shared_snippet("contact_sums", threads, threads))
     def contact_sums(like: kinds.Shared) -> wp.array(dtype=ContactSums): ...
 
@@ -222,6 +225,7 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         shared.parts = parts(shared)
         shared.motions = motions(shared)
         shared.recent = recent(shared)
+        shared.extra = extra(shared)
         shared.contact_sums = contact_sums(shared)
         shared.sprocket_sums = sprocket_sums(shared)
         shared.strand_sums = strand_sums(shared)

@@ -308,6 +308,14 @@ def types(Real: type) -> SimpleNamespace:
         rate_square: Real  # integral over time [m^2/s]
 
     @wp.struct
+    class Extra:
+        """What frames and the energy balance want of one roller's contacts, at the steps that want it."""
+
+        sprocket_force: Real  # sum of magnitudes [N]
+        guide_force: Real  # [N]
+        energy: Real  # elastic [J]
+
+    @wp.struct
     class Shared:
         """What the threads of a block share of the variant they are at, in the block's own memory."""
 
@@ -320,6 +328,7 @@ def types(Real: type) -> SimpleNamespace:
         sprocket_sums: wp.array(dtype=SprocketSums)  # (S,)
         strand_sums: wp.array(dtype=StrandSums)  # (S,)
         recent: wp.array(dtype=Recent)  # (threads,)
+        extra: wp.array(dtype=Extra)  # (threads,)
         contact_sums: wp.array(dtype=ContactSums)  # (threads,): of the contact that each roller is in
 
     return SimpleNamespace(
@@ -331,6 +340,7 @@ def types(Real: type) -> SimpleNamespace:
         Sprocket=Sprocket,
         Band=Band,
         Recent=Recent,
+        Extra=Extra,
         Guide=Guide,
         Ensemble=Ensemble,
         State=State,
