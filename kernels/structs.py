@@ -176,9 +176,10 @@ def types(Real: type) -> SimpleNamespace:
     class ContactLaw:
         """A contact force law, eq. (15), (18), (19)."""
 
+        form: wp.int32  # place of its function in `impact.FORCES`
         stiffness: Real  # K [N/m^n]
         exponent: Real  # n
-        hysteresis: Real  # 3 (1 - e^2) / 4
+        hysteresis: Real  # d [-]; with Kelvin-Voigt c [N s/m]
         speed_floor: Real  # v_min [m/s]
 
     @wp.struct

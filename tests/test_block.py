@@ -13,6 +13,7 @@ from warpchain.examples import drive_path
 from warpchain.kernels.block import block_kernel
 
 FOREVER = 10**8
+KELVIN_VOIGT = {"contact.sprocket.law": "kelvin-voigt"}
 
 
 @pytest.fixture
@@ -30,7 +31,7 @@ def marine():
 
 
 def equal_sprockets():
-    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0)], 64
+    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(KELVIN_VOIGT)], 64
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])

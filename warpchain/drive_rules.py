@@ -12,7 +12,7 @@ from typing import Any
 
 from warpchain.contact import largest_load
 from warpchain.drive_base import BARE, Problem, elements, get, numbers, valid
-from warpchain.drive_contact import LAWS, MATERIALS, GuideContact, ImpactLaw, SprocketContact, merged, stiffness_given
+from warpchain.drive_contact import MATERIALS, GuideContact, ImpactLaw, SprocketContact, contact_rules, merged
 from warpchain.drive_parts import NO_SIZE, Chain
 
 
@@ -40,8 +40,8 @@ def guide_rules(drive: Any) -> Iterator[Problem]:
     for i, guide in enumerate(guides):
         own = get(guide, "contact")
         if own is not None and common is not None:
-            before = list(stiffness_given(common))
-            for problem in stiffness_given(merged(common, own)):
+            before = list(contact_rules(common))
+            for problem in contact_rules(merged(common, own)):
                 if problem not in before:
                     yield problem.under("guides", i, "contact")
 
@@ -96,13 +96,3 @@ def unsupported(drive: Any) -> Iterator[Problem]:
     if get(get(contact, "sprocket"), "profile") == "iso606":
         text = 'not supported in this version; use "circular" with clearance and seat_angle instead'
         yield Problem(("contact", "sprocket", "profile"), "iso606", text)
-    laws: list[tuple[tuple[str | int, ...], Any]] = [
-        (("contact", kind, "law"), get(get(contact, kind), "law")) for kind in ("sprocket", "guide")
-    ]
-    laws += [
-        (("guides", i, "contact", "law"), get(get(guide, "contact"), "law"))
-        for i, guide in enumerate(elements(drive, "guides"))
-    ]
-    for path, law in laws:
-        if isinstance(law, str) and law and law not in LAWS:
-            yield Problem(path, law, f'not supported in this version; use "{LAWS[0]}" instead')

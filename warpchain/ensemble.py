@@ -14,13 +14,16 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly, assemble
-from warpchain.contact import guide_stiffness, sprocket_stiffness
-from warpchain.drive import Drive
+from warpchain.contact import contact_damping, guide_stiffness, sprocket_stiffness
+from warpchain.drive import Drive, ImpactLaw
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels import structs
+from warpchain.kernels.impact import FORCES
 from warpchain.kernels.rollers import STATE_ROWS
+from warpchain.laws import LAWS
 
 INTEGRATORS = {"leapfrog": 0, "rk4": 1}
+FORMS = {force.key: form for form, force in enumerate(FORCES)}
 REAL = {"float64": wp.float64, "float32": wp.float32}
 ESCAPE_PITCHES = 10.0
 """A roller this many pitches outside the drive's bounding box has left it (the variant diverged)."""
@@ -143,10 +146,11 @@ def _zeros(struct: Any, count: int) -> NDArray[Any]:
     return np.zeros(max(count, 1), dtype=struct.numpy_dtype())
 
 
-def _fill_law(row: Any, contact: Any, stiffness: float) -> None:
+def _fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
+    row["form"] = FORMS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
-    row["hysteresis"] = 0.75 * (1.0 - contact.restitution**2)
+    row["hysteresis"] = contact_damping(contact, stiffness, mass)
     row["speed_floor"] = contact.impact_speed_floor
 
 
@@ -167,7 +171,7 @@ def _fill_sprocket(row: Any, drive: Drive, s: int, seats: _Table) -> None:
     row["cos_half_seat"] = np.cos(half_seat)
     row["sin_half_seat"] = np.sin(half_seat)
     row["tip_reach"] = drive.tip_radius(s) + drive.chain.roller_radius
-    _fill_law(row["law"], drive.contact.sprocket, sprocket_stiffness(drive, s))
+    _fill_law(row["law"], drive.contact.sprocket, sprocket_stiffness(drive, s), drive.chain.mass)
 
 
 def _fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: _Table) -> None:
@@ -200,7 +204,7 @@ def _fill_guide(row: Any, drive: Drive, g: int) -> None:
     row["length"] = length
     row["end_radius"] = guide.end_radius
     row["roller_radius"] = drive.chain.roller_radius
-    _fill_law(row["law"], drive.guide_contact(g), guide_stiffness(drive, g))
+    _fill_law(row["law"], drive.guide_contact(g), guide_stiffness(drive, g), drive.chain.mass)
 
 
 def _fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
