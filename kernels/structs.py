@@ -206,6 +206,7 @@ def types(Real: type) -> SimpleNamespace:
         clearance: Real  # Rc = R_seat - Rr [m]
         cos_half_seat: Real  # of half the seating angle
         sin_half_seat: Real
+        flank_curvature: Real  # 1 / (re + Rr) [1/m]; 0: straight
         tip_reach: Real  # R_tip + Rr [m]
         law: ContactLaw
 

@@ -57,6 +57,7 @@ def chain(
         sprocket["near_square"], sprocket["far_square"] = (radius - pitch / 2) ** 2, (radius + pitch / 2) ** 2
         sprocket["half_pitch_tangent"], sprocket["clearance"] = np.tan(np.pi / teeth), values.get("clearance", 0.0)
         sprocket["cos_half_seat"], sprocket["sin_half_seat"] = np.cos(half), np.sin(half)
+        sprocket["flank_curvature"] = values.get("flank_curvature", 0.0)
         sprocket["tip_reach"] = radius + pitch / 2
         law = sprocket["law"]
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)

@@ -257,7 +257,6 @@ def test_all_errors_of_a_file_at_once(values, tmp_path):
         'sprockets.2.name = "tightener": must be unique',
         "contact.guide: missing;",
         'sprockets.2.mount.kind = "elastic": not supported',
-        'contact.sprocket.profile = "iso606": not supported',
     ]
     assert len(found) == len(expected), found
     for start, line in zip(expected, found, strict=True):
@@ -318,12 +317,12 @@ def test_size_stands_for_the_keys_that_it_fills(values):
     assert [line[:20] for line in errors_of(values)] == ['chain.size = "72B": ']
 
 
-def test_iso606_profile_is_not_supported_yet(values):
+def test_iso606_profile_needs_a_gap_and_nothing_else(values):
     values["contact"]["sprocket"] |= {"profile": "iso606", "gap": "minimum"}
     del values["contact"]["sprocket"]["clearance"], values["contact"]["sprocket"]["seat_angle"]
-    SprocketContact(**values["contact"]["sprocket"])  # the part itself is valid
-    (line,) = errors_of(values)
-    assert line.startswith('contact.sprocket.profile = "iso606": not supported in this version; use "circular" with')
+    assert Drive(**values).contact.sprocket == SprocketContact(**values["contact"]["sprocket"])
+    values["contact"]["sprocket"]["reference_load"] = 1e12
+    assert errors_of(values)[0].startswith("contact.sprocket.reference_load = 1000000000000.0: must be below")
 
 
 @pytest.mark.parametrize("mount", [ELASTIC, SLIDER, MOVING])

@@ -85,13 +85,13 @@ def _stiffness(law: ImpactLaw, roller_radius: float, partner_radius: float, path
 def sprocket_stiffness(drive: Drive, s: int) -> float:
     """Generalized stiffness of the contact of rollers with sprocket s [N/m^n], given or from materials (eq. (20)).
 
-    The roller, of radius R1, lies in a seat of radius R2 = R1 + clearance; both count as convex, as in the paper.
+    The roller, of radius R1, lies in a seat of radius R2; both count as convex, as in the paper.
 
     Raises:
         DriveError: if the reference load is beyond the formula's validity; the message names the key.
     """
     law, radius = drive.contact.sprocket, drive.chain.roller_radius
-    return _stiffness(law, radius, radius + (law.clearance or 0.0), "contact.sprocket")
+    return _stiffness(law, radius, drive.tooth(s).seat_radius, "contact.sprocket")
 
 
 def guide_stiffness(drive: Drive, g: int) -> float:

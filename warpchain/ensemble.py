@@ -160,17 +160,19 @@ def _fill_sprocket(row: Any, drive: Drive, s: int, seats: _Table) -> None:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
         seats.known[teeth], _ = seats.add(np.stack([np.cos(angle), np.sin(angle)], axis=1))
     radius, half_pitch = drive.pitch_radius(s), 0.5 * drive.chain.pitch
-    half_seat = 0.5 * drive.seat_angle(s)
+    tooth = drive.tooth(s)
+    half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
     row["near_square"] = (radius - half_pitch) ** 2
     row["far_square"] = (radius + half_pitch) ** 2
     row["half_pitch_tangent"] = np.tan(np.pi / teeth)
-    row["clearance"] = drive.contact.sprocket.clearance
+    row["clearance"] = tooth.seat_radius - roller_radius
     row["cos_half_seat"] = np.cos(half_seat)
     row["sin_half_seat"] = np.sin(half_seat)
-    row["tip_reach"] = drive.tip_radius(s) + drive.chain.roller_radius
+    row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
+    row["tip_reach"] = tooth.tip_radius + roller_radius
     _fill_law(row["law"], drive.contact.sprocket, sprocket_stiffness(drive, s), drive.chain.mass)
 
 
