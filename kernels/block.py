@@ -82,6 +82,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, guides: int, blocks: 
         n = drive.rollers
         live = i < n
         row = STATE_ROWS * drive.first_roller + wp.min(i, n - 1)
+        length = ensemble.lengths[drive.first_roller + wp.min(i, n - 1)]
         own = State()
         for k in range(wp.static(6)):
             own[k] = state.rollers[row + k * n]
@@ -119,7 +120,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, guides: int, blocks: 
             if wp.static(compensated):
                 d = d + vec2(other[4] - own[4], other[5] - own[5])
             tension, rate, u = link_force(
-                d, vec2(other[2] - own[2], other[3] - own[3]), chain.pitch, chain.stiffness, chain.damping
+                d, vec2(other[2] - own[2], other[3] - own[3]), length, chain.stiffness, chain.damping
             )
             force = tension * u
             link = force

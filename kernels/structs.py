@@ -186,7 +186,6 @@ def types(Real: type) -> SimpleNamespace:
     class Chain:
         """The chain of one variant, eq. (1)-(3)."""
 
-        pitch: Real  # p [m]
         stiffness: Real  # k [N/m]
         damping: Real  # c [N s/m]
         mass: Real  # m of a roller [kg]
@@ -227,6 +226,7 @@ def types(Real: type) -> SimpleNamespace:
 
         drives: wp.array(dtype=Drive)  # (variants,)
         chains: wp.array(dtype=Chain)  # (variants,)
+        lengths: wp.array(dtype=Real)  # (all rollers,) unloaded length of each link [m]
         sprockets: wp.array(dtype=Sprocket)  # (all sprockets,)
         motions: wp.array(dtype=Motion)  # (all sprockets,)
         guides: wp.array(dtype=Guide)  # (all guide-bars,)

@@ -33,6 +33,7 @@ def chain(
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = Packed(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
+        lengths=np.full(n, pitch, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, wheels), guides=zeros(kinds.Guide),
         harmonics=np.zeros((1, 3)), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
@@ -45,7 +46,7 @@ def chain(
     row["window_start"], row["window_end"] = window or (0, steps)
     row["low"], row["high"] = -1e3, 1e3
     row = packed.chains[0]
-    row["pitch"], row["stiffness"], row["damping"] = pitch, stiffness, damping
+    row["stiffness"], row["damping"] = stiffness, damping
     row["mass"], row["gravity"] = mass, gravity
     seats = []
     for s, values in enumerate(sprockets):

@@ -13,7 +13,8 @@ from warpchain.examples import drive_path
 from warpchain.kernels.block import block_kernel
 
 FOREVER = 10**8
-OTHER_CONTACT = {
+OTHER_TEETH = {
+    "chain.worn_links": [{"link": 3, "elongation": 1e-3}],
     "contact.sprocket.law": "kelvin-voigt",
     "contact.sprocket.profile": "iso606",
     "contact.sprocket.gap": "maximum",
@@ -37,7 +38,7 @@ def marine():
 
 
 def equal_sprockets():
-    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_CONTACT)], 64
+    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)], 64
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])

@@ -55,7 +55,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     """
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
-    preload = max(0.0, drive.chain.stiffness * drive.chain.pitch * assembly.strain)
+    preload = max(0.0, drive.chain.stiffness * path.pitch * assembly.strain)
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
     speed = driver.prescribed.speed
@@ -73,7 +73,8 @@ def derive(drive: Drive) -> dict[str, Any]:
             {
                 "name": drive.sprockets[s].name,
                 "teeth": drive.sprockets[s].teeth,
-                "pitch_radius": float(path.pitch_radius[s]),
+                "pitch_radius": drive.pitch_radius(s),
+                "riding_radius": float(path.radius[s]),
                 "tip_radius": drive.tip_radius(s),
                 "seat_angle": math.degrees(drive.seat_angle(s)),
                 "wrap": math.degrees(float(path.wrap_angle[s])),

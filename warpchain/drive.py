@@ -45,7 +45,7 @@ from warpchain.drive_motion import (
     PrescribedMount,
     SliderMount,
 )
-from warpchain.drive_parts import Chain, Guide, RunSettings, Sprocket
+from warpchain.drive_parts import Chain, Guide, RunSettings, Sprocket, WornLink
 from warpchain.drive_rules import guide_rules, size_rules, sprocket_rules, unsupported
 from warpchain.drive_values import changed, lookup, settable
 from warpchain.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
@@ -70,6 +70,7 @@ __all__ = [
     "SliderMount",
     "Sprocket",
     "SprocketContact",
+    "WornLink",
     "dumps_drive",
     "load_drive",
     "loads_drive",
@@ -143,6 +144,13 @@ class Drive(Part):
     def pitch_radius(self, s: int) -> float:
         """Radius of the circle of sprocket s on which its seats lie [m]: p / (2 sin(pi/z))."""
         return self.sprocket_pitch(s) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
+
+    def riding_radius(self, s: int) -> float:
+        """Radius at which the rollers ride on sprocket s [m]: in their seats, or on the flanks where links are longer.
+
+        Links of the length l that take a tooth each span the pitch angle at l / (2 sin(pi/z)).
+        """
+        return max(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
 
     def tooth(self, s: int) -> Tooth:
         """The tooth gap of sprocket s: the contact's own, or that of ISO 606 for its teeth."""

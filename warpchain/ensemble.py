@@ -58,6 +58,7 @@ class Packed:
     precision: str
     drives: NDArray[Any]
     chains: NDArray[Any]
+    lengths: NDArray[np.floating]
     sprockets: NDArray[Any]
     motions: NDArray[Any]
     guides: NDArray[Any]
@@ -104,6 +105,7 @@ class Packed:
             self,
             precision=precision,
             chains=self.chains.astype(kinds.Chain.numpy_dtype()),
+            lengths=self.lengths.astype(precision),
             sprockets=self.sprockets.astype(kinds.Sprocket.numpy_dtype()),
             guides=self.guides.astype(kinds.Guide.numpy_dtype()),
             rollers=rollers,
@@ -247,6 +249,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         precision="float64",
         drives=_zeros(structs.Drive, count),
         chains=_zeros(kinds.Chain, count),
+        lengths=np.concatenate([drive.chain.link_lengths for drive in drives]),
         sprockets=_zeros(kinds.Sprocket, int(wheels.sum())),
         motions=_zeros(structs.Motion, int(wheels.sum())),
         guides=_zeros(kinds.Guide, int(bars.sum())),
@@ -295,7 +298,6 @@ def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], pre
 
 
 def _fill_chain(row: Any, drive: Drive) -> None:
-    row["pitch"] = drive.chain.pitch
     row["stiffness"] = drive.chain.stiffness
     row["damping"] = drive.chain.link_damping
     row["mass"] = drive.chain.mass
