@@ -77,10 +77,11 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
         normal_radial = -xi * inverse
         normal_lateral = -lateral * inverse
     elif gap.flank_curvature > zero:
-        along = gap.flank_curvature * (xi * gap.sin_half_seat + eta * gap.cos_half_seat)
+        t = xi * gap.sin_half_seat + eta * gap.cos_half_seat
+        along = gap.flank_curvature * t
         across = one - gap.flank_curvature * penetration
         distance = wp.sqrt(across * across + along * along)
-        penetration = (penetration * (one + across) - along * along / gap.flank_curvature) / (one + distance)
+        penetration = (penetration * (one + across) - along * t) / (one + distance)
         inverse = one / distance
         normal_radial = (across * gap.cos_half_seat + along * gap.sin_half_seat) * inverse
         normal_lateral = side * (along * gap.cos_half_seat - across * gap.sin_half_seat) * inverse

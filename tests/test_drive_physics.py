@@ -202,14 +202,19 @@ def test_marine_drive_carries_about_20_kn_and_its_load():
 
 
 def test_marine_metrics_in_float32_are_those_of_float64():
-    drive = load_drive(MARINE)
-    exact, single = row(drive, window=(0.5, 2.0)), row(drive, window=(0.5, 2.0), precision="float32")
-    # the motion is chaotic: two runs of equal right differ by what a mean over 1.5 s leaves
+    # the motion is chaotic, and settling has two ends that round-off chooses between: one run's metrics scatter (40 runs
+    # whose stiffness differs by 1e-13) by 1.6 %, 1.9 %, 0.15 % and 0.0014 %; means of four by half of it, and their
+    # difference is held to three of its standard deviations
+    drives = [load_drive(MARINE).with_values({"chain.stiffness": 1.5e9 * (1 + 1e-13 * i)}) for i in range(4)]
+    options = {"record": Record(variants="none"), "window": (0.5, 2.0)}
+    exact = simulate(drives, **options).metrics
+    single = simulate(drives, precision="float32", **options).metrics
     for name, tolerance in (
-        ("tension_mean", 0.03),
-        ("tension_std", 0.05),
-        ("camshaft.moment_mean", 2e-3),
-        ("camshaft.speed_mean", 1e-3),
+        ("tension_mean", 0.035),
+        ("tension_std", 0.04),
+        ("camshaft.moment_mean", 3.5e-3),
+        ("camshaft.speed_mean", 3e-5),
     ):
-        assert single[name] == pytest.approx(exact[name], rel=tolerance), name
-    assert abs(single["energy_residual_relative"]) < 2 * abs(exact["energy_residual_relative"])
+        assert np.mean(single[name]) == pytest.approx(np.mean(exact[name]), rel=tolerance), name
+    residuals = [np.abs(metrics["energy_residual_relative"]).max() for metrics in (exact, single)]
+    assert residuals[1] < 2 * residuals[0]

@@ -11,6 +11,7 @@ from test_drive_physics import two_sprockets
 from test_impact import KINDS, bounce
 
 from warpchain import Record, simulate
+from warpchain.check import derive, report
 from warpchain.contact import contact_rebound, rebound_ratio
 from warpchain.ensemble import Schedule, pack
 from warpchain.errors import DriveError, SimulationError
@@ -145,5 +146,12 @@ def test_a_damper_shortens_the_longest_step():
     omega_square, zeta = (4 * 5e7 + STIFFNESS) / MASS, -math.log(0.05) / math.hypot(math.pi, math.log(0.05))
     assert omega_square * h * h + 4 * zeta * math.sqrt(STIFFNESS / MASS) * h == pytest.approx(4.0, rel=1e-12)
     assert step_limit(free) == pytest.approx(2 / math.sqrt(omega_square), rel=1e-12)
-    with pytest.raises((DriveError, SimulationError), match="must be above 0 and below"):
+    with pytest.raises((DriveError, SimulationError), match=r"must be above 0 and below .* less for contact dampers"):
         simulate(damped.with_values({"run.step": 1.01 * h}))
+
+
+def test_check_tells_the_rebound():
+    values = derive(drive("flores", 0.4, "rebound"))
+    assert values["law"] == "flores"
+    assert values["rebound"] == pytest.approx(0.4, rel=1e-9)
+    assert "teeth: flores, a free roller rebounds with 0.400" in report(values)

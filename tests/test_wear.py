@@ -14,6 +14,7 @@ from test_drive_physics import two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.assembly import assemble
+from warpchain.check import derive, report
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.errors import DriveError
 from warpchain.geometry import chain_path
@@ -175,3 +176,11 @@ def test_worn_links_read_back_and_vary():
     expected = np.full(60, 0.05)
     expected[3] = 0.051
     np.testing.assert_allclose(more.chain.link_lengths, expected, rtol=1e-14)
+
+
+def test_check_tells_the_wear():
+    values = derive(two_sprockets(span=20.2).with_values({"chain.elongation": 0.01}))
+    assert values["elongation"] == pytest.approx(0.01, rel=1e-9)
+    assert values["sprockets"][0]["riding_radius"] == pytest.approx(1.01 * values["sprockets"][0]["pitch_radius"])
+    assert "links of 50 mm, worn by 1 %" in report(values)
+    assert "worn" not in report(derive(two_sprockets()))

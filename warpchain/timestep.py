@@ -55,8 +55,10 @@ def resolve_step(drive: Drive, step: float | None = None) -> float:
         return automatic_step(drive)
     limit = step_limit(drive)
     if not (math.isfinite(asked) and 0.0 < asked < limit):
+        laws = [drive.contact.sprocket, *(drive.guide_contact(g) for g in range(len(drive.guides)))]
+        damped = ", less for contact dampers" if any(LAWS[law.law].viscous for law in laws) else ""
         raise DriveError(
-            f'run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m); or "auto", '
-            f"{automatic_step(drive):.6g} s"
+            f"run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m){damped}; "
+            f'or "auto", {automatic_step(drive):.6g} s'
         )
     return asked
