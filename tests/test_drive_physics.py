@@ -202,9 +202,9 @@ def test_marine_drive_carries_about_20_kn_and_its_load():
 
 
 def test_marine_metrics_in_float32_are_those_of_float64():
-    # the motion is chaotic, and settling has two ends that round-off chooses between: one run's metrics scatter (40 runs
-    # whose stiffness differs by 1e-13) by 1.6 %, 1.9 %, 0.15 % and 0.0014 %; means of four by half of it, and their
-    # difference is held to three of its standard deviations
+    # the motion is chaotic, and settling has two ends that round-off chooses between: one run's metrics scatter by
+    # 1.6 %, 1.9 %, 0.15 % and 0.0014 % (40 runs whose stiffness differs by 1e-13); means of four by half of it, and
+    # their difference is held to three of its standard deviations
     drives = [load_drive(MARINE).with_values({"chain.stiffness": 1.5e9 * (1 + 1e-13 * i)}) for i in range(4)]
     options = {"record": Record(variants="none"), "window": (0.5, 2.0)}
     exact = simulate(drives, **options).metrics
