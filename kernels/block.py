@@ -1,6 +1,6 @@
 """The block kernel: one block of threads a variant, one roller a thread, the whole time loop inside (leapfrog).
 
-A roller's state stays in registers, with the seat and memory of the contact it is in. A few threads also move a sprocket
+A roller's state stays in registers, with seat and memory of the contact it is in. A few threads also move a sprocket
 each. Whatever does not happen every step waits for the next event. One kernel is made for each precision, number of
 threads and number of sprockets.
 """
@@ -290,6 +290,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         live = i < n
         s = sprocket_of(i)
         own = fetch(ensemble, state, variant, i)
+        length = ensemble.lengths[ensemble.drives[variant].first_roller + wp.min(i, n - 1)]
         mesh = engaged(ensemble, state, variant, i)
         now = Now()
         now.step = state.progress[variant].step
@@ -325,7 +326,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
                 if now.step % HEADING_EVERY == 0 and s >= 0:
                     set_heading(shared, s)
             other = state_of_next(own, i, n)
-            tension, rate, link = link_of(shared, own, other)
+            tension, rate, link = link_of(shared, own, other, length)
             if now.weight != Real(0.0) and live:
                 shared.recent[i] = look.with_link(shared.recent[i], tension, rate, now.weight)
                 if now.middle != 0:

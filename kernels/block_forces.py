@@ -77,14 +77,14 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         return sums
 
     @wp.func
-    def link_of(shared: kinds.Shared, own: State, other: State):
+    def link_of(shared: kinds.Shared, own: State, other: State, length: Real):
         """Tension [N], rate of elongation [m/s] and force on the roller [N] of the link to `other`, eq. (2), (3)."""
         chain = shared.chain[0]
         d = vec2(other[0] - own[0], other[1] - own[1])
         if wp.static(compensated):
             d = d + vec2(other[4] - own[4], other[5] - own[5])
         tension, rate, u = link_force(
-            d, vec2(other[2] - own[2], other[3] - own[3]), chain.pitch, chain.stiffness, chain.damping
+            d, vec2(other[2] - own[2], other[3] - own[3]), length, chain.stiffness, chain.damping
         )
         return tension, rate, tension * u
 

@@ -93,7 +93,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         chain = ensemble.chains[variant]
         s = settling[variant]
         n = drive.rollers
-        part.fetch(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+        part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
         end = wp.min(s.steps + block, s.limit)
         while s.steps < end and s.settled == 0:
             do.evaluate(ensemble, state, drive, chain, w, 0)

@@ -31,6 +31,7 @@ ROWS = (
     "fy",
     "sprocket_force",
     "guide_force",
+    "length",
 )
 RK4_ROWS = ("x0", "y0", "vx0", "vy0", "x0_low", "y0_low", "sum_x", "sum_y", "sum_vx", "sum_vy")
 STATE_ROWS = wp.constant(6)
@@ -63,7 +64,8 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
     load, store = accessors(Real).load, accessors(Real).store
     at = rows(capacity)
     X, Y, VX, VY, X_LOW, Y_LOW, LINK_X, LINK_Y = at.x, at.y, at.vx, at.vy, at.x_low, at.y_low, at.link_x, at.link_y
-    FX, FY, SPROCKET_FORCE, GUIDE_FORCE, TENSION, RATE = (
+    LENGTH, FX, FY, SPROCKET_FORCE, GUIDE_FORCE, TENSION, RATE = (
+        at.length,
         at.fx,
         at.fy,
         at.sprocket_force,
@@ -73,11 +75,17 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
     )
 
     @wp.func
-    def fetch(rollers: wp.array(dtype=Real), w: wp.array(dtype=Real), first: int, n: int):
-        """The state's x, y, vx, vy, from `first` on, into the scratch."""
+    def fetch(
+        rollers: wp.array(dtype=Real), lengths: wp.array(dtype=Real), w: wp.array(dtype=Real), first: int, n: int
+    ):
+        """The state's x, y, vx, vy and the links' lengths, of the variant whose rollers begin at `first`, into the
+        scratch.
+        """
         for row in range(STATE_ROWS):
             for i in range(n):
-                w[row * wp.static(capacity) + i] = rollers[first + row * n + i]
+                w[row * wp.static(capacity) + i] = rollers[STATE_ROWS * first + row * n + i]
+        for i in range(n):
+            w[LENGTH + i] = lengths[first + i]
 
     @wp.func
     def put_back(rollers: wp.array(dtype=Real), w: wp.array(dtype=Real), first: int, n: int):
@@ -137,7 +145,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
         while i < n:
             d = apart(w, i)
             v = vec2(load(w, VX + i + 1) - load(w, VX + i), load(w, VY + i + 1) - load(w, VY + i))
-            tension, rate, u = link_force(d, v, chain.pitch, chain.stiffness, chain.damping)
+            tension, rate, u = link_force(d, v, load(w, LENGTH + i), chain.stiffness, chain.damping)
             store(w, TENSION + i, tension)
             store(w, RATE + i, rate)
             store(w, LINK_X + i + 1, tension * u[0])

@@ -42,7 +42,7 @@ def advance_kernel(Real: type, capacity: int) -> wp.Kernel:
         chain = ensemble.chains[variant]
         progress = state.progress[variant]
         n = drive.rollers
-        part.fetch(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+        part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
         end = wp.min(progress.step + block, drive.steps + 1)
         frame = drive.first_value
         step = progress.step

@@ -220,16 +220,16 @@ def types(Real: type) -> SimpleNamespace:
     class ContactLaw:
         """A contact force law, eq. (15), (18), (19)."""
 
+        form: wp.int32  # place of its function in `impact.FORCES`
         stiffness: Real  # K [N/m^n]
         exponent: Real  # n
-        hysteresis: Real  # 3 (1 - e^2) / 4
+        hysteresis: Real  # d [-]; with Kelvin-Voigt c [N s/m]
         speed_floor: Real  # v_min [m/s]
 
     @wp.struct
     class Chain:
         """The chain of one variant, eq. (1)-(3)."""
 
-        pitch: Real  # p [m]
         stiffness: Real  # k [N/m]
         damping: Real  # c [N s/m]
         mass: Real  # m of a roller [kg]
@@ -250,6 +250,7 @@ def types(Real: type) -> SimpleNamespace:
         clearance: Real  # Rc = R_seat - Rr [m]
         cos_half_seat: Real  # of half the seating angle
         sin_half_seat: Real
+        flank_curvature: Real  # 1 / (re + Rr) [1/m]; 0: straight
         tip_reach: Real  # R_tip + Rr [m]
         law: ContactLaw
 
@@ -278,6 +279,7 @@ def types(Real: type) -> SimpleNamespace:
 
         drives: wp.array(dtype=Drive)  # (variants,)
         chains: wp.array(dtype=Chain)  # (variants,)
+        lengths: wp.array(dtype=Real)  # (all rollers,) unloaded length of each link [m]
         sprockets: wp.array(dtype=Sprocket)  # (all sprockets,)
         motions: wp.array(dtype=Motion)  # (all sprockets,)
         guides: wp.array(dtype=Guide)  # (all guide-bars,)

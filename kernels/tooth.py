@@ -5,18 +5,26 @@ In the gap's own frame, e the outward direction of seat j, tau = e turned by +90
 xi = q . e and eta = q . tau; the gap is symmetric, so |eta| is used and the normal mirrored back:
 
     seat arc  |eta| cos(b) <= -xi sin(b):  pen = |q| - Rc,                          n = -q / |q|         (5)-(8)
-    flank     else ("circular"):           pen = |eta| sin(b) - xi cos(b) - Rc,     n = (cos(b), -sign(eta) sin(b))
+    flank     else, straight:              pen = |eta| sin(b) - xi cos(b) - Rc,     n = (cos(b), -sign(eta) sin(b))
     tip       where it is the smaller:     pen = R_tip + Rr - |r|,                  n = r / |r|
 
 with b half the seating angle and Rc the clearance of the roller in its seat. Curve and normal are continuous from arc
 to flank: a gap that ended where pen > 0 would pump energy into every roller that passes.
+
+A convex flank ("iso606") is an arc of radius re tangent to the seat arc, so its offset curve has the curvature
+c = 1 / (re + Rr) there. With s the straight flank's penetration and t = xi sin(b) + |eta| cos(b) the distance along it,
+the roller stands off the arc's center by h with c h = (1 - c s, c t) across and along the straight flank, and
+
+    pen = 1/c - |h| = (2 s - c (s^2 + t^2)) / (1 + c |h|),    n = h / |h|,
+
+which loses no digits however large the flank's radius is.
 """
 
 from typing import Any
 
 import warp as wp
 
-from .root import inverse_root, root
+from .root import inverse_root, reciprocal, root
 
 
 @wp.func
@@ -70,6 +78,15 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
         penetration = root(square) - gap.clearance
         normal_radial = -xi * inverse
         normal_lateral = -lateral * inverse
+    elif gap.flank_curvature > zero:
+        t = xi * gap.sin_half_seat + eta * gap.cos_half_seat
+        along = gap.flank_curvature * t
+        across = one - gap.flank_curvature * penetration
+        square = across * across + along * along
+        penetration = (penetration * (one + across) - along * t) * reciprocal(one + root(square))
+        inverse = inverse_root(square)
+        normal_radial = (across * gap.cos_half_seat + along * gap.sin_half_seat) * inverse
+        normal_lateral = side * (along * gap.cos_half_seat - across * gap.sin_half_seat) * inverse
     if penetration > zero:
         radial = gap.pitch_radius + xi
         square = radial * radial + lateral * lateral

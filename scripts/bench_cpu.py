@@ -69,7 +69,7 @@ def reference_input(packed: Packed) -> bytes:
     """Variant 0 in the layout that chain_reference.c reads."""
     drive, chain = packed.drives[0], packed.chains[0]
     n, wheels, bars = int(drive["rollers"]), int(drive["sprockets"]), int(drive["guides"])
-    head = [n, wheels, bars, drive["step"], chain["pitch"], chain["stiffness"], chain["damping"], chain["mass"]]
+    head = [n, wheels, bars, drive["step"], packed.lengths[0], chain["stiffness"], chain["damping"], chain["mass"]]
     values = [*head, *chain["gravity"], 0.0, 0.0]
     law = ("stiffness", "exponent", "hysteresis", "speed_floor")
     for s in range(wheels):

@@ -85,19 +85,17 @@ def main() -> None:
     wp.init()
     print(wp.get_device(arguments.device).name)
     drive = loads_drive(TWO_SPROCKETS) if arguments.drive == "two" else load_drive(drive_path("marine"))
-    print(
-        f"{'precision':10s} {'blocks':>6s} {'variants':>9s} {'Groller-steps/s':>16s} {'us/step':>9s} {'first launch s':>15s}"
-    )
+    print("precision  blocks  variants  1e9 roller-steps/s   us/step  first launch s")
     for precision in REAL:
         for blocks in map(int, arguments.blocks.split(",")):
             for variants in map(int, arguments.only.split(",")):
                 steps = 4000 if variants < 5000 else 2000
                 per_second, first = rate(drive, variants, precision, steps, arguments.device, blocks, arguments.metrics)
                 step_time = 1e6 * variants * drive.chain.links / per_second
-                print(
-                    f"{precision:10s} {blocks:6d} {variants:9d} {per_second / 1e9:16.2f} {step_time:9.3f} {first:15.2f}",
-                    flush=True,
+                row = (
+                    f"{precision:9s} {blocks:7d} {variants:9d} {per_second / 1e9:19.2f} {step_time:9.3f} {first:15.2f}"
                 )
+                print(row, flush=True)
 
 
 if __name__ == "__main__":

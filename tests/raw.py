@@ -33,6 +33,7 @@ def chain(
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = Packed(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
+        lengths=np.full(n, pitch, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, wheels), guides=zeros(kinds.Guide),
         harmonics=np.zeros((1, 3)), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
@@ -45,7 +46,7 @@ def chain(
     row["window_start"], row["window_end"] = window or (0, steps)
     row["low"], row["high"] = -1e3, 1e3
     row = packed.chains[0]
-    row["pitch"], row["stiffness"], row["damping"] = pitch, stiffness, damping
+    row["stiffness"], row["damping"] = stiffness, damping
     row["mass"], row["inverse_mass"], row["gravity"] = mass, 1.0 / mass, gravity
     seats = []
     for s, values in enumerate(sprockets):
@@ -57,6 +58,7 @@ def chain(
         sprocket["near_square"], sprocket["far_square"] = (radius - pitch / 2) ** 2, (radius + pitch / 2) ** 2
         sprocket["half_pitch_tangent"], sprocket["clearance"] = np.tan(np.pi / teeth), values.get("clearance", 0.0)
         sprocket["cos_half_seat"], sprocket["sin_half_seat"] = np.cos(half), np.sin(half)
+        sprocket["flank_curvature"] = values.get("flank_curvature", 0.0)
         sprocket["tip_reach"] = radius + pitch / 2
         law = sprocket["law"]
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)

@@ -17,6 +17,14 @@ from warpchain.kernels.block_observe import collect
 from warpchain.recorder import frame_width
 
 FOREVER = 10**8
+OTHER_TEETH = {
+    "chain.worn_links": [{"link": 3, "elongation": 1e-3}],
+    "contact.sprocket.law": "kelvin-voigt",
+    "contact.sprocket.profile": "iso606",
+    "contact.sprocket.gap": "maximum",
+    "contact.sprocket.clearance": None,
+    "contact.sprocket.seat_angle": None,
+}
 
 
 @pytest.fixture
@@ -34,7 +42,7 @@ def marine():
 
 
 def equal_sprockets():
-    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0)], 64
+    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)], 64
 
 
 def run_blocks(packed, threads, blocks, order, frames):
@@ -76,12 +84,12 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, precisio
     for name in ("angle", "speed"):
         close(state.sprockets.numpy()[name], serial.state.sprockets.numpy()[name])
     # forces are differences of positions times stiffness: relative to the largest there is
-    close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 1e-3) * theirs.numpy().max())
+    close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
     for name in ("chain", "strand", "sprocket", "contact"):
         mine, theirs_ = getattr(sums, name).numpy(), getattr(serial.sums, name).numpy()
         for field in mine.dtype.names:
             scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
-            loose = 1e-9 if precision == "float64" else 2e-3
+            loose = 1e-9 if precision == "float64" else 1e-2
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
 
 

@@ -6,7 +6,7 @@ import warp as wp
 from raw import chain, polygon, run, state
 from scipy.integrate import solve_ivp
 
-from warpchain.kernels.rollers import passes
+from warpchain.kernels.rollers import ROWS, passes
 from warpchain.kernels.structs import types
 
 M, PITCH, MASS, STIFFNESS = 9, 0.1, 2.0, 5e6
@@ -35,11 +35,12 @@ def strand_frequency(direction, k, tension=2000.0):
 
     spacing = PITCH * (1 + tension / (STIFFNESS * PITCH))
     rows = np.zeros((20, 264))
+    rows[ROWS.index("length")] = PITCH
     rows[0, : M + 2] = spacing * np.arange(M + 2)
     shape = 1e-7 * np.sin(k * np.pi * np.arange(M + 2) / (M + 1))
     rows[direction, : M + 2] += shape
     law = kinds.Chain()
-    law.pitch, law.stiffness, law.damping, law.mass = PITCH, STIFFNESS, 0.0, MASS
+    law.stiffness, law.damping, law.mass = STIFFNESS, 0.0, MASS
     h = 0.002 * np.pi * np.sqrt(MASS / STIFFNESS)
     expected = closed_form(direction, k, tension)
     steps = int(20 / (expected * h))
@@ -193,7 +194,7 @@ def test_a_small_drive_against_dop853(integrator, order):
         sprocket = {"teeth": n, "stiffness": stiffness, "inertia": inertia, "speed": speed, "load": (torque, 0.0, 0.0)}
         packed = chain(position, velocity, mass=MASS, pitch=PITCH, stiffness=STIFFNESS, sprockets=[sprocket],
                        step=duration / steps, steps=steps, integrator=integrator)  # fmt: skip
-        packed.chains["pitch"] = 0.999 * PITCH
+        packed.lengths[:] = 0.999 * PITCH
         engine, _ = run(packed)
         apart = np.abs(state(engine)[:2].T.ravel() - exact[: 2 * n]).max()
         turned = abs(engine.state.sprockets.numpy()[0]["angle"] - exact[4 * n])

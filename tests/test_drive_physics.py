@@ -202,19 +202,19 @@ def test_marine_drive_carries_about_20_kn_and_its_load():
 
 
 def test_marine_metrics_in_float32_are_those_of_float64():
-    # The motion is chaotic: after a few tenths of a second two runs of equal right differ as much as two drives whose
-    # load differs in the sixth digit. So the means over such drives are compared, by their own spread.
-    drive = load_drive(MARINE)
-    count = 6
-    drives = [drive.with_values({"sprockets.camshaft.load.torque": 9000.0 + 0.01 * k}) for k in range(count)]
-    tables = [
-        simulate(drives, precision=precision, window=(0.5, 2.0), record=Record(variants="none")).metrics
-        for precision in ("float64", "float32")
-    ]
-    for name in ("tension_mean", "tension_std", "camshaft.moment_mean", "camshaft.speed_mean"):
-        exact, single = (np.array(table[name].to_pylist()) for table in tables)
-        error = np.sqrt((exact.var(ddof=1) + single.var(ddof=1)) / count)  # standard error of the difference
-        assert abs(single.mean() - exact.mean()) < 4 * error, name  # 4: one false alarm in some thousands
-        assert error < 0.03 * exact.mean(), name  # and it is sharp enough to tell a wrong one
-    exact, single = (np.array(table["energy_residual_relative"].to_pylist()) for table in tables)
-    assert np.abs(single).mean() < 2 * np.abs(exact).mean()
+    # the motion is chaotic, and settling has two ends that round-off chooses between: one run's metrics scatter by
+    # 1.6 %, 1.9 %, 0.15 % and 0.0014 % (40 runs whose stiffness differs by 1e-13); means of four by half of it, and
+    # their difference is held to three of its standard deviations
+    drives = [load_drive(MARINE).with_values({"chain.stiffness": 1.5e9 * (1 + 1e-13 * i)}) for i in range(4)]
+    options = {"record": Record(variants="none"), "window": (0.5, 2.0)}
+    exact = simulate(drives, **options).metrics
+    single = simulate(drives, precision="float32", **options).metrics
+    for name, tolerance in (
+        ("tension_mean", 0.035),
+        ("tension_std", 0.04),
+        ("camshaft.moment_mean", 3.5e-3),
+        ("camshaft.speed_mean", 3e-5),
+    ):
+        assert np.mean(single[name]) == pytest.approx(np.mean(exact[name]), rel=tolerance), name
+    residuals = [np.abs(metrics["energy_residual_relative"]).max() for metrics in (exact, single)]
+    assert residuals[1] < 2 * residuals[0]

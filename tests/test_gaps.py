@@ -151,3 +151,80 @@ def test_guide_gap_is_continuous_where_flat_and_end_meet():
         points = [(edge - 1e-9, 0.01), (edge, 0.01), (edge + 1e-9, 0.01)]
         found = launch(guide_gaps, points, bar())
         assert np.ptp(found[:, 0]) < 1e-9
+
+
+RE = 0.12 * 2 * RR * 27  # a convex flank as large as that of 25 teeth
+
+
+def convex():
+    gap = sprocket()
+    gap.flank_curvature = 1 / (RE + RR)
+    return gap
+
+
+def convex_curve(radial, lateral):
+    """Model of the offset curve with a convex flank: an arc about f, written out."""
+    xi, eta, side = radial - R, abs(lateral), 1.0 if lateral >= 0 else -1.0
+    if eta * np.cos(HALF) <= -xi * np.sin(HALF):
+        return curve(radial, lateral)
+    f = (CLEARANCE + RR + RE) * np.array([-np.cos(HALF), np.sin(HALF)])  # R_seat + re = Rc + Rr + re
+    h = np.array([xi, eta]) - f
+    pen, normal = RE + RR - np.hypot(*h), h / np.hypot(*h) * [1, side]
+    r = np.array([radial, lateral])
+    tip = R + (P - 2 * RR) / 2 + RR - np.hypot(*r)
+    if pen > 0 and tip < pen:
+        pen, normal = tip, r / np.hypot(*r)
+    return np.array([pen, *normal])
+
+
+def test_convex_flank_is_the_arc_about_its_center():
+    rng = np.random.default_rng(5)
+    points = np.stack([rng.uniform(R - P / 2, R + P / 2, 4000), rng.uniform(-P / 2, P / 2, 4000)], axis=1)
+    points[:2000] = [R, 0] + rng.normal(scale=5e-4, size=(2000, 2))
+    expected = np.array([convex_curve(*point) for point in points])
+    np.testing.assert_allclose(launch(tooth_gaps, points, convex()), expected, atol=1e-13)
+
+
+def test_convex_gap_is_continuous_with_its_normal():
+    # points on the offset curve on both sides of where arc and flank meet: penetration and normal change by no more
+    # than the distance, and the distance times the larger curvature
+    junction = np.array([R - CLEARANCE * np.cos(HALF), CLEARANCE * np.sin(HALF)])
+    along = np.array([np.sin(HALF), np.cos(HALF)])
+    points = [junction - 1e-9 * along, junction + 1e-9 * along]
+    before, after = launch(tooth_gaps, points, convex())
+    assert abs(before[0]) < 1e-14 and abs(after[0]) < 1e-14
+    assert np.abs(after - before)[1:].max() < 2e-9 / CLEARANCE
+    rng = np.random.default_rng(6)
+    start = np.stack([rng.uniform(R - P / 3, R + P / 3, 400), rng.uniform(-P / 2, P / 2, 400)], axis=1)
+    ends = start + rng.normal(scale=1e-6, size=start.shape)
+    before, after = launch(tooth_gaps, start, convex())[:, 0], launch(tooth_gaps, ends, convex())[:, 0]
+    both = (before > 0) & (after > 0)
+    assert both.sum() > 100
+    assert (np.abs(after - before)[both] <= np.hypot(*(ends - start).T)[both] * (1 + 1e-9) + 1e-16).all()
+
+
+def test_a_flank_of_huge_radius_is_the_straight_one():
+    gap = sprocket()
+    gap.flank_curvature = 1e-12
+    rng = np.random.default_rng(7)
+    points = [R, 0] + rng.normal(scale=5e-4, size=(500, 2))
+    np.testing.assert_allclose(launch(tooth_gaps, points, gap), launch(tooth_gaps, points, sprocket()), atol=1e-12)
+
+
+def test_single_precision_keeps_the_penetration_on_a_large_flank():
+    # 57 teeth of 72B: re = 2 m; what is left of meters must be good to a part of the micrometer
+    single = types(wp.float32)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def one(xi: wp.float32, lateral: wp.float32, gap: single.Sprocket, out: wp.array(dtype=wp.float32)):
+        penetration, radial, along = tooth_gap(xi, lateral, gap)
+        out[0] = penetration
+
+    gap = single.Sprocket()
+    gap.pitch_radius, gap.clearance, gap.flank_curvature, gap.tip_reach = R, CLEARANCE, 0.5, 2 * R
+    gap.cos_half_seat, gap.sin_half_seat = np.cos(HALF), np.sin(HALF)
+    out = wp.zeros(1, dtype=wp.float32, device="cpu")
+    xi, eta = 1e-4, 1e-3
+    wp.launch(one, dim=1, inputs=[xi, eta, gap, out], device="cpu")
+    h = np.array([xi, eta]) - (CLEARANCE + 2.0) * np.array([-np.cos(HALF), np.sin(HALF)])
+    assert out.numpy()[0] == pytest.approx(2.0 - np.hypot(*h), rel=1e-6)

@@ -80,7 +80,7 @@ def test_tangents(wheels):
     left = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
     for shift, point in ((0, path.strand_start), (-1, path.strand_end)):
         arm = np.roll(centers, shift, axis=0) - point  # to the sprocket: left of travel where it turns the chain ccw
-        reach = np.roll(signs * path.pitch_radius, shift)
+        reach = np.roll(signs * path.radius, shift)
         np.testing.assert_allclose(np.einsum("ij,ij->i", arm, left), reach, rtol=1e-12)
         np.testing.assert_allclose(np.einsum("ij,ij->i", arm, direction), 0.0, atol=1e-13)
 

@@ -18,6 +18,7 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
     for name, values, dtype in (
         ("drives", packed.drives, structs.Drive),
         ("chains", packed.chains, kinds.Chain),
+        ("lengths", packed.lengths, packed.real),
         ("sprockets", packed.sprockets, kinds.Sprocket),
         ("motions", packed.motions, structs.Motion),
         ("guides", packed.guides, kinds.Guide),

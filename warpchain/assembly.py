@@ -1,15 +1,16 @@
 """The initial state of a drive: every roller of a wrapped arc on a seat, every strand drawn from seat to seat.
 
 A taut chain's strands are straight and all their links are strained alike. A slack chain's links have exactly their
-pitch: the n links of a strand of chord C are chords of a circular arc through both end seats. With 2 y the angle that
-each link takes at the arc's center,
+unloaded length l_i: the links of a strand of chord C are chords of a circular arc of radius rho through both end seats.
+With 2 y_i the angle that link i takes at the arc's center, Y_i = y_1 + ... + y_i and Y their sum over all,
 
-    sin(n y) / (n sin(y)) = C / (n p),                                                          (a)
-    x_i = C sin(i y) cos((n - i) y) / sin(n y),   h_i = C sin(i y) sin((n - i) y) / sin(n y)     (b)
+    2 rho sin(Y) = C,   sin(y_i) = l_i / (2 rho),                                               (a)
+    x_i = C sin(Y_i) cos(Y - Y_i) / sin(Y),   h_i = C sin(Y_i) sin(Y - Y_i) / sin(Y)             (b)
 
 are roller i's places along the chord and off it, on the side of gravity (outward of the loop where gravity does not
-tell). Links on an arc span the sprocket's own pitch, so they carry no force unless that differs from the chain's; then
-they carry the stiffness times the difference from the start, which no placement on seats can avoid.
+tell). Links on a wrapped arc carry no force: where wear has made them longer than the sprocket's pitch, the rollers
+stand off their seats, at the radius where links of that length span a tooth each. Only a sprocket's pitch above the
+chain's, or a link unlike the others, carries the stiffness times the difference from the start, until settling.
 
 The driver, the first prescribed sprocket, has a seat exactly where the chain's path arrives on it, which is where the
 strand that it pulls ends. The other angles follow (see `warpchain.seating`). Seat 0 of every sprocket is the one
@@ -84,7 +85,7 @@ def assemble(drive: Drive) -> Assembly:
     angle, first_seat = _sprocket_angles(drive, seating)
     speed = _sprocket_speeds(drive, path)
 
-    count = drive.chain.links
+    count, lengths = drive.chain.links, drive.chain.link_lengths
     position, velocity = np.empty((count, 2)), np.empty((count, 2))
     seat_sprocket, seat_index = (
         np.full(count, -1, dtype=np.int32),
@@ -95,7 +96,7 @@ def assemble(drive: Drive) -> Assembly:
         rollers = slice(first[s], last[s] + 1)
         seat = (first_seat[s] + sprocket.sign * np.arange(seating.seats[s])) % sprocket.teeth
         polar = angle[s] + seat * (2.0 * math.pi / sprocket.teeth)
-        arm = path.pitch_radius[s] * np.stack([np.cos(polar), np.sin(polar)], axis=1)
+        arm = path.radius[s] * np.stack([np.cos(polar), np.sin(polar)], axis=1)
         position[rollers] = np.asarray(sprocket.center, dtype=float) + arm
         velocity[rollers] = speed[s] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
         seat_sprocket[rollers], seat_index[rollers] = s, seat
@@ -103,11 +104,12 @@ def assemble(drive: Drive) -> Assembly:
     for k, links in enumerate(seating.links):
         begin, end = last[k], first[(k + 1) % len(first)]
         rollers = slice(begin + 1, begin + links)
-        fraction = (np.arange(1, links) / links)[:, None]
+        natural = lengths[np.arange(begin, begin + links) % count]
+        fraction = (np.cumsum(natural) / natural.sum())[:-1, None]
         velocity[rollers] = velocity[begin] + fraction * (velocity[end] - velocity[begin])
         chord = position[end] - position[begin]
         if slack and links > 1:
-            position[rollers] = position[begin] + _arc(chord, links, path, drive.run.gravity)
+            position[rollers] = position[begin] + _arc(chord, natural, path, drive.run.gravity)
         else:
             position[rollers] = position[begin] + fraction * chord
     return Assembly(
@@ -147,9 +149,9 @@ def _sprocket_angles(drive: Drive, seating: Seating) -> tuple[list[float], list[
 
 def _sprocket_speeds(drive: Drive, path: ChainPath) -> NDArray[np.float64]:
     """Initial angular velocities (S,) [rad/s]: prescribed, or at the driver's pitch-circle speed."""
-    travel = _prescribed_speed(drive.sprockets[drive.driver]) * float(path.pitch_radius[drive.driver])
+    travel = _prescribed_speed(drive.sprockets[drive.driver]) * float(path.radius[drive.driver])
     speeds = [
-        travel / float(path.pitch_radius[s]) if sprocket.prescribed is None else _prescribed_speed(sprocket)
+        travel / float(path.radius[s]) if sprocket.prescribed is None else _prescribed_speed(sprocket)
         for s, sprocket in enumerate(drive.sprockets)
     ]
     return np.array([sprocket.sign * speed for sprocket, speed in zip(drive.sprockets, speeds, strict=True)])
@@ -163,7 +165,9 @@ def _prescribed_speed(sprocket: Sprocket) -> float:
     return motion.speed * (1.0 + sum(h.amplitude * math.cos(h.phase) for h in motion.harmonics))
 
 
-def _arc(chord: NDArray[np.float64], links: int, path: ChainPath, gravity: Sequence[float]) -> NDArray[np.float64]:
+def _arc(
+    chord: NDArray[np.float64], natural: NDArray[np.float64], path: ChainPath, gravity: Sequence[float]
+) -> NDArray[np.float64]:
     """The rollers between the ends of a sagging strand (links - 1, 2), from its first end [m]; (b) above."""
     length = math.hypot(chord[0], chord[1])
     along = chord / length
@@ -173,30 +177,33 @@ def _arc(chord: NDArray[np.float64], links: int, path: ChainPath, gravity: Seque
         pull = -path.turning
     if pull < 0.0:
         off = -off
-    half = _half_angle(length / (links * path.pitch), links)
-    if half == 0.0:
-        return np.arange(1, links)[:, None] / links * chord
-    passed = half * np.arange(1, links)
-    remaining = links * half - passed
-    sine = length * np.sin(passed) / math.sin(links * half)
-    return (sine * np.cos(remaining))[:, None] * along + (sine * np.sin(remaining))[:, None] * off
+    angle = _half_angles(length, natural)
+    whole = float(angle.sum())
+    if whole == 0.0:
+        return (np.cumsum(natural) / natural.sum())[:-1, None] * chord
+    passed = np.cumsum(angle)[:-1]
+    sine = length * np.sin(passed) / math.sin(whole)
+    return (sine * np.cos(whole - passed))[:, None] * along + (sine * np.sin(whole - passed))[:, None] * off
 
 
-def _half_angle(ratio: float, links: int) -> float:
-    """Half the angle y that a link takes at the center of a sagging strand's arc [rad], from (a): Newton's method.
+def _half_angles(chord: float, natural: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Half the angle y_i that each link takes at the center of a sagging strand's arc [rad], from (a): Newton's method.
 
-    Sought is y^2, in which sin(n y) / (n sin(y)) = 1 - (n^2 - 1) y^2 / 6 + ... is nearly straight.
+    Sought is the square of the curvature c = 1 / (2 rho), y_i = asin(c l_i), in which the chord sin(sum y_i) / c = l -
+    (l^3 - sum l_i^3) c^2 / 6 + ... is nearly straight.
     """
-    square = 6.0 * (1.0 - ratio) / (links * links - 1.0)
+    total = float(natural.sum())
+    square = 6.0 * (total - chord) / (total**3 - float((natural**3).sum()))
     if square <= 0.0:
-        return 0.0
+        return np.zeros_like(natural)
     for _ in range(20):
-        half = math.sqrt(square)
-        whole = links * half
-        sine = links * math.sin(half)
-        value = math.sin(whole) / sine
-        if abs(ratio - value) <= 4e-16:
+        curvature = math.sqrt(square)
+        angle = np.arcsin(curvature * natural)
+        whole = float(angle.sum())
+        value = math.sin(whole) / curvature
+        if abs(chord - value) <= 4e-16 * total:
             break
-        slope = (math.cos(whole) - math.cos(half) * value) * links / sine / (2.0 * half)
-        square += (ratio - value) / slope
-    return math.sqrt(square)
+        spread = float((natural / np.cos(angle)).sum())
+        slope = (math.cos(whole) * spread - value) / (2.0 * square)
+        square += (chord - value) / slope
+    return np.arcsin(math.sqrt(square) * natural)

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from warpchain.assembly import assemble
-from warpchain.contact import guide_stiffness, sprocket_stiffness
+from warpchain.contact import contact_rebound, guide_stiffness, sprocket_stiffness
 from warpchain.drive import Drive
 from warpchain.timestep import automatic_step, resolve_step, step_limit
 
@@ -55,7 +55,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     """
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
-    preload = max(0.0, drive.chain.stiffness * drive.chain.pitch * assembly.strain)
+    preload = max(0.0, drive.chain.stiffness * path.pitch * assembly.strain)
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
     speed = driver.prescribed.speed
@@ -64,6 +64,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
+        "elongation": path.pitch / drive.chain.pitch - 1.0,
         "roller_mass": drive.chain.mass,
         "chain_speed": speed * drive.pitch_radius(drive.driver),
         "strain": assembly.strain,
@@ -73,7 +74,8 @@ def derive(drive: Drive) -> dict[str, Any]:
             {
                 "name": drive.sprockets[s].name,
                 "teeth": drive.sprockets[s].teeth,
-                "pitch_radius": float(path.pitch_radius[s]),
+                "pitch_radius": drive.pitch_radius(s),
+                "riding_radius": float(path.radius[s]),
                 "tip_radius": drive.tip_radius(s),
                 "seat_angle": math.degrees(drive.seat_angle(s)),
                 "wrap": math.degrees(float(path.wrap_angle[s])),
@@ -93,8 +95,16 @@ def derive(drive: Drive) -> dict[str, Any]:
             }
             for k, name in enumerate(drive.strand_names)
         ],
+        "law": drive.contact.sprocket.law,
+        "rebound": contact_rebound(drive.contact.sprocket),
         "guides": [
-            {"name": guide.name, "contact_stiffness": guide_stiffness(drive, g)} for g, guide in enumerate(drive.guides)
+            {
+                "name": guide.name,
+                "contact_stiffness": guide_stiffness(drive, g),
+                "law": drive.guide_contact(g).law,
+                "rebound": contact_rebound(drive.guide_contact(g)),
+            }
+            for g, guide in enumerate(drive.guides)
         ],
         "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
         "step": resolve_step(drive),
@@ -116,9 +126,10 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
 def report(values: dict[str, Any]) -> str:
     """The derived quantities as text for a terminal."""
     state = "taut" if values["strain"] >= 0.0 else "slack"
+    worn = f", worn by {100.0 * values['elongation']:.3g} %" if abs(values["elongation"]) > 1e-12 else ""
     lines = [
-        f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm, {values['roller_mass']:.4g} kg a roller, "
-        f"{values['chain_speed']:.4g} m/s",
+        f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
+        f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
         f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N",
         "",
     ]
@@ -138,6 +149,8 @@ def report(values: dict[str, Any]) -> str:
         ],
     )
     lines += [
+        "",
+        f"teeth: {values['law']}, a free roller rebounds with {values['rebound']:.3f} of its speed",
         "",
         "first transverse frequency of each strand, at the preload and at the tension that steady loads imply:",
     ]
@@ -159,8 +172,11 @@ def report(values: dict[str, Any]) -> str:
         lines += [
             "",
             *_table(
-                ("guide-bar", "contact stiffness"),
-                [(g["name"], f"{g['contact_stiffness']:.4g} N/m^n") for g in values["guides"]],
+                ("guide-bar", "contact stiffness", "law", "rebound"),
+                [
+                    (g["name"], f"{g['contact_stiffness']:.4g} N/m^n", g["law"], f"{g['rebound']:.3f}")
+                    for g in values["guides"]
+                ],
             ),
         ]
     lines += [

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from warpchain.drive_errors import drive_error
 from warpchain.errors import DriveError
+from warpchain.laws import LAWS, law_factor
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -84,13 +85,13 @@ def _stiffness(law: ImpactLaw, roller_radius: float, partner_radius: float, path
 def sprocket_stiffness(drive: Drive, s: int) -> float:
     """Generalized stiffness of the contact of rollers with sprocket s [N/m^n], given or from materials (eq. (20)).
 
-    The roller, of radius R1, lies in a seat of radius R2 = R1 + clearance; both count as convex, as in the paper.
+    The roller, of radius R1, lies in a seat of radius R2; both count as convex, as in the paper.
 
     Raises:
         DriveError: if the reference load is beyond the formula's validity; the message names the key.
     """
     law, radius = drive.contact.sprocket, drive.chain.roller_radius
-    return _stiffness(law, radius, radius + (law.clearance or 0.0), "contact.sprocket")
+    return _stiffness(law, radius, drive.tooth(s).seat_radius, "contact.sprocket")
 
 
 def guide_stiffness(drive: Drive, g: int) -> float:
@@ -106,28 +107,38 @@ def guide_stiffness(drive: Drive, g: int) -> float:
     return _stiffness(drive.guide_contact(g), drive.chain.roller_radius, math.inf, path)
 
 
-def rebound_ratio(restitution: float) -> float:
-    """Speed after an impact over the speed before, as the Lankarani-Nikravesh law gives it [-].
+def rebound_ratio(restitution: float, law: str = "lankarani-nikravesh") -> float:
+    """Speed after an impact over the speed before, as a contact law gives it where no other force acts [-].
 
-    Without other forces it is the r of d - ln(1 + d) = -d r - ln(1 - d r), d = 3 (1 - e^2)/4, whatever the stiffness,
-    the exponent, the mass and the speed. It is not e: the law was derived for e near 1, and e = 0.3 returns 0.684.
+    It is not e: Lankarani and Nikravesh's law was derived for e near 1, and e = 0.3 returns 0.684 (see
+    `warpchain.laws`).
 
     Args:
         restitution: e [-], above 0, at most 1.
+        law: name of the law.
 
     Raises:
-        DriveError: for a restitution out of that range.
+        DriveError: for a restitution out of that range, or an unknown law.
     """
     if not 0.0 < restitution <= 1.0:
         raise drive_error([f"restitution = {restitution!r}: must be a number above 0, at most 1"])
-    d = 0.75 * (1.0 - restitution**2)
-    if d < 1e-4:  # both sides nearly cancel: the series of r in d
-        return 1.0 - 2.0 * d / 3.0 + 4.0 * d * d / 9.0
-    target = d - math.log1p(d)
-    x = d  # x = d r; -x - ln(1 - x) is convex and at least the target here, so Newton descends to the root
-    for _ in range(100):
-        change = (-x - math.log1p(-x) - target) * (1.0 - x) / x
-        x -= change
-        if abs(change) <= 1e-15 * d:
-            break
-    return x / d
+    if law not in LAWS:
+        raise drive_error([f"law = {law!r}: must be one of {', '.join(LAWS)}"])
+    return LAWS[law].rebound(law_factor(law, restitution))
+
+
+def contact_rebound(law: ImpactLaw) -> float:
+    """Speed after an impact over the speed before of a contact as set [-], where no other force acts."""
+    return LAWS[law.law].rebound(law_factor(law.law, law.restitution, law.restitution_means))
+
+
+def contact_damping(law: ImpactLaw, stiffness: float, mass: float) -> float:
+    """What the law's function takes for damping: hysteresis factor d [-], or c of Kelvin-Voigt [N s/m].
+
+    Args:
+        law: the contact's settings.
+        stiffness: K [N/m^n].
+        mass: of a roller [kg], which hits a partner that counts as much heavier.
+    """
+    factor = law_factor(law.law, law.restitution, law.restitution_means)
+    return factor * LAWS[law.law].unit(stiffness, mass)

@@ -45,10 +45,10 @@ from warpchain.drive_motion import (
     PrescribedMount,
     SliderMount,
 )
-from warpchain.drive_parts import Chain, Guide, RunSettings, Sprocket
+from warpchain.drive_parts import Chain, Guide, RunSettings, Sprocket, WornLink
 from warpchain.drive_rules import guide_rules, size_rules, sprocket_rules, unsupported
 from warpchain.drive_values import changed, lookup, settable
-from warpchain.teeth import default_seat_angle, releasing_seat_angle
+from warpchain.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 
 __all__ = [
     "BalanceWheel",
@@ -70,6 +70,7 @@ __all__ = [
     "SliderMount",
     "Sprocket",
     "SprocketContact",
+    "WornLink",
     "dumps_drive",
     "load_drive",
     "loads_drive",
@@ -135,27 +136,53 @@ class Drive(Part):
         names = [sprocket.name for sprocket in self.sprockets]
         return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
 
+    def sprocket_pitch(self, s: int) -> float:
+        """Pitch of the teeth of sprocket s [m]: its own, or else the chain's."""
+        own = self.sprockets[s].pitch
+        return self.chain.pitch if own is None else own
+
     def pitch_radius(self, s: int) -> float:
-        """Radius of the circle of sprocket s on which seated rollers lie [m]: p / (2 sin(pi/z))."""
-        sprocket = self.sprockets[s]
-        pitch = self.chain.pitch if sprocket.pitch is None else sprocket.pitch
-        return pitch / (2.0 * math.sin(math.pi / sprocket.teeth))
+        """Radius of the circle of sprocket s on which its seats lie [m]: p / (2 sin(pi/z))."""
+        return self.sprocket_pitch(s) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
+
+    def riding_radius(self, s: int) -> float:
+        """Radius at which the rollers ride on sprocket s [m]: in their seats, or on the flanks where links are longer.
+
+        Links of the length l that take a tooth each span the pitch angle at l / (2 sin(pi/z)).
+        """
+        return max(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
+
+    def tooth(self, s: int) -> Tooth:
+        """The tooth gap of sprocket s: the contact's own, or that of ISO 606 for its teeth."""
+        contact, radius, teeth = self.contact.sprocket, self.chain.roller_radius, self.sprockets[s].teeth
+        if contact.profile == "iso606":
+            assert contact.gap is not None  # the contact's own rule
+            return iso606_tooth(contact.gap, radius, teeth, self.sprocket_pitch(s))
+        assert contact.clearance is not None
+        angle = contact.seat_angle
+        return Tooth(
+            seat_radius=radius + contact.clearance,
+            seat_angle=default_seat_angle(teeth, self.pitch_radius(s), self.chain.pitch)
+            if angle is None
+            else math.radians(angle),
+            flank_radius=math.inf,
+            tip_radius=self.pitch_radius(s) + 0.5 * (self.chain.pitch - 2.0 * radius),
+        )
 
     def seat_angle(self, s: int) -> float:
-        """Angle of the seat arc of sprocket s [rad]; unless given, 140 degrees - 90 degrees / z, less for few teeth."""
-        given = self.contact.sprocket.seat_angle
-        if given is not None:
-            return math.radians(given)
-        return default_seat_angle(self.sprockets[s].teeth, self.pitch_radius(s), self.chain.pitch)
+        """Angle of the seat arc of sprocket s [rad]."""
+        return self.tooth(s).seat_angle
+
+    def tip_radius(self, s: int) -> float:
+        """Radius at which the teeth of sprocket s end [m]."""
+        return self.tooth(s).tip_radius
 
     def catching(self) -> tuple[int, ...]:
         """Sprockets whose straight flanks are too steep to let a strand's rollers go (see `warpchain.teeth`)."""
+        if self.contact.sprocket.profile != "circular":
+            return ()
         angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in range(len(self.sprockets)))
         return tuple(s for s, limit in angles if self.seat_angle(s) > limit)
-
-    def tip_radius(self, s: int) -> float:
-        """Radius at which the teeth of sprocket s end [m]: pitch radius + half the room between two rollers."""
-        return self.pitch_radius(s) + 0.5 * (self.chain.pitch - 2.0 * self.chain.roller_radius)
 
     def guide_contact(self, g: int) -> GuideContact:
         """Contact of guide-bar g: the common settings with the bar's own put over them."""

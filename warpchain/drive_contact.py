@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from warpchain.drive_base import (
     BARE,
@@ -14,17 +14,29 @@ from warpchain.drive_base import (
     Part,
     Positive,
     Problem,
-    Text,
     Value,
     allowed,
     get,
 )
+from warpchain.laws import LAWS, Means
 
 MATERIALS = ("width", "reference_load", "roller", "partner")
 """The keys from which a stiffness can be computed; all four, or `stiffness` itself."""
 
-LAWS = ("lankarani-nikravesh",)
 
+def _check_law(value: str) -> str:
+    if value not in LAWS:
+        raise ValueError("no law")
+    return value
+
+
+LawName = Annotated[
+    str,
+    Field(strict=True),
+    AfterValidator(_check_law),
+    Value("must be one of " + ", ".join(f'"{name}"' for name in LAWS)),
+]
+RestitutionMeans = Annotated[Means, Value('must be "parameter" or "rebound"')]
 Restitution = Annotated[float, Field(strict=True, gt=0, le=1), Value("must be a number above 0, at most 1")]
 Exponent = Annotated[float, Field(strict=True, ge=1, allow_inf_nan=False), Value("must be a number of at least 1")]
 PoissonsRatio = Annotated[float, Field(strict=True, gt=-1, le=0.5), Value("must be a number above -1, at most 0.5")]
@@ -71,14 +83,24 @@ def stiffness_given(node: Any) -> Iterator[Problem]:
     yield from _not_both(node)
 
 
-class ImpactLaw(Part):
-    """A contact's force: K pen^n (1 + 3/4 (1 - e^2) v / v0), never negative.
+def contact_rules(node: Any) -> Iterator[Problem]:
+    """The rules of a contact's values, taken together."""
+    yield from stiffness_given(node)
+    law, exponent = get(node, "law"), get(node, "exponent")
+    if isinstance(law, str) and law in LAWS and LAWS[law].viscous and exponent not in (None, 1.0):
+        yield Problem(("exponent",), exponent, f'must be 1 with law = "{law}", which is linear')
 
-    Pedersen et al. 2004, eq. (15), (18), (19).
+
+class ImpactLaw(Part):
+    """A contact's force, never negative; by default K pen^n (1 + 3/4 (1 - e^2) v / v0).
+
+    Pedersen et al. 2004, eq. (15), (18), (19); for the other laws see `warpchain.laws`.
 
     Attributes:
         law: name of the law.
-        restitution: e [-], above 0, at most 1. The law does not return its own e: see `contact.rebound_ratio`.
+        restitution: e [-], above 0, at most 1.
+        restitution_means: "parameter", e of the law's own formula, which does not return it (see
+            `contact.rebound_ratio`); or "rebound", what a free roller is to rebound by.
         exponent: n [-], >= 1; 1 is the linearised cylinder contact.
         impact_speed_floor: least approach speed v0 at the begin of a contact [m/s], > 0.
         stiffness: generalized stiffness K [N/m^n], > 0; or the next four.
@@ -87,8 +109,9 @@ class ImpactLaw(Part):
         roller, partner: materials of the chain roller and of what it touches.
     """
 
-    law: Text = "lankarani-nikravesh"
+    law: LawName = "lankarani-nikravesh"
     restitution: Restitution
+    restitution_means: RestitutionMeans = "parameter"
     exponent: Exponent = 1.0
     impact_speed_floor: Positive
     stiffness: Positive | None = None
@@ -101,7 +124,7 @@ class ImpactLaw(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        yield from stiffness_given(node)
+        yield from contact_rules(node)
 
 
 class GuideContact(ImpactLaw):
@@ -125,7 +148,7 @@ class SprocketContact(ImpactLaw):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        yield from stiffness_given(node)
+        yield from contact_rules(node)
         if get(node, "profile") == "iso606":
             if get(node, "gap") is None:
                 yield Problem(("gap",), None, f"missing; {allowed(cls, 'gap')}", BARE)
@@ -142,8 +165,9 @@ class SprocketContact(ImpactLaw):
 class GuideOverrides(Part):
     """What one guide-bar's contact has different from `[contact.guide]`; the keys are those of `ImpactLaw`."""
 
-    law: Text | None = None
+    law: LawName | None = None
     restitution: Restitution | None = None
+    restitution_means: RestitutionMeans | None = None
     exponent: Exponent | None = None
     impact_speed_floor: Positive | None = None
     stiffness: Positive | None = None

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from warpchain.drive_base import (
     BARE,
+    Allowed,
     Name,
     NonNegative,
     Pair,
@@ -29,8 +30,14 @@ from warpchain.drive_base import (
 from warpchain.drive_contact import GuideOverrides
 from warpchain.drive_motion import BalanceWheel, FixedMount, Load, Mount, Prescribed
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 Teeth = Annotated[int, Field(strict=True, ge=5), Value("must be an integer of at least 5")]
 Links = Annotated[int, Field(strict=True, ge=3), Value("must be an integer of at least 3")]
+LinkIndex = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
+Elongation = Annotated[float, Field(strict=True, ge=-0.05, le=0.1), Value("must be a number from -0.05 to 0.1")]
 Wrap = Annotated[Literal["ccw", "cw"], Value('must be "ccw" or "cw"')]
 Integrator = Annotated[Literal["leapfrog", "rk4"], Value('must be "leapfrog" or "rk4"')]
 Step = Annotated[
@@ -44,8 +51,20 @@ MOST = 1_000_000
 NO_SIZE = "not supported in this version; give pitch, roller_radius and roller_mass or mass_per_length instead"
 
 
+class WornLink(Part):
+    """One link whose length is its own.
+
+    Attributes:
+        link: index from 0; link i joins rollers i and i + 1, roller 0 the first seated one of the first sprocket.
+        elongation: of this link [-], relative to the pitch and in place of the chain's.
+    """
+
+    link: LinkIndex
+    elongation: Elongation
+
+
 class Chain(Part):
-    """The chain: equal links between rollers that are point masses (eq. (1)-(3)).
+    """The chain: links between rollers that are point masses (eq. (1)-(3)), equal but for wear.
 
     Attributes:
         size: ISO 606 size; reserved, not supported yet.
@@ -57,6 +76,8 @@ class Chain(Part):
         damping: of one link [N s/m], >= 0; or
         damping_ratio: zeta [-], >= 0: the damping is 2 zeta sqrt(stiffness mass).
         roller_radius: [m], below half the pitch.
+        elongation: of every link by wear [-], relative to the pitch.
+        worn_links: links with an elongation of their own.
     """
 
     size: Text | None = None
@@ -68,6 +89,8 @@ class Chain(Part):
     damping: NonNegative | None = None
     damping_ratio: NonNegative | None = None
     roller_radius: Positive
+    elongation: Elongation = 0.0
+    worn_links: Annotated[tuple[WornLink, ...], Allowed("must be a list of tables { link, elongation }")] = ()
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "roller_mass": ("mass_per_length",),
@@ -92,6 +115,21 @@ class Chain(Part):
         assert self.damping_ratio is not None  # the chain's own rule
         return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * self.mass)
 
+    @property
+    def worn_pitch(self) -> float:
+        """Unloaded length of a link that has no elongation of its own [m]."""
+        return self.pitch * (1.0 + self.elongation)
+
+    @property
+    def link_lengths(self) -> NDArray[np.float64]:
+        """(N,) unloaded lengths of the links [m]."""
+        import numpy as np
+
+        lengths = np.full(self.links, self.worn_pitch)
+        for worn in self.worn_links:
+            lengths[worn.link] = self.pitch * (1.0 + worn.elongation)
+        return lengths
+
     @classmethod
     def _missing(cls, key: str, node: Any) -> Problem:
         if get(node, "size") is not None and key in ("pitch", "roller_radius"):
@@ -104,6 +142,14 @@ class Chain(Part):
         if get(node, "size") is None or get(node, "roller_mass") is not None:
             yield from exactly_one(node, "roller_mass", "mass_per_length")
         yield from at_most(node, "links", MOST)
+        links, seen = get(node, "links"), set()
+        for i, worn in enumerate(elements(node, "worn_links")):
+            link = get(worn, "link")
+            if numbers(link, links) and link >= links:
+                yield Problem(("worn_links", i, "link"), link, f"must be below the number of links, {links}")
+            if numbers(link) and link in seen:
+                yield Problem(("worn_links", i, "link"), link, "must be another link than those before")
+            seen.add(link if numbers(link) else None)
         yield from exactly_one(node, "damping", "damping_ratio", "must be a number of at least 0")
         if numbers(radius, pitch) and radius >= pitch / 2 > 0:
             yield Problem(("roller_radius",), radius, f"must be below half the pitch, {pitch / 2:g}")

@@ -12,8 +12,9 @@ from typing import Any
 
 from warpchain.contact import largest_load
 from warpchain.drive_base import BARE, Problem, elements, get, numbers, valid
-from warpchain.drive_contact import LAWS, MATERIALS, GuideContact, ImpactLaw, SprocketContact, merged, stiffness_given
+from warpchain.drive_contact import MATERIALS, GuideContact, ImpactLaw, SprocketContact, contact_rules, merged
 from warpchain.drive_parts import NO_SIZE, Chain
+from warpchain.teeth import iso606_tooth
 
 
 def sprocket_rules(drive: Any) -> Iterator[Problem]:
@@ -40,8 +41,8 @@ def guide_rules(drive: Any) -> Iterator[Problem]:
     for i, guide in enumerate(guides):
         own = get(guide, "contact")
         if own is not None and common is not None:
-            before = list(stiffness_given(common))
-            for problem in stiffness_given(merged(common, own)):
+            before = list(contact_rules(common))
+            for problem in contact_rules(merged(common, own)):
                 if problem not in before:
                     yield problem.under("guides", i, "contact")
 
@@ -59,6 +60,10 @@ def size_rules(drive: Any) -> Iterator[Problem]:
             text = f"must be below half the pitch less the roller radius, {room:g}"
             yield Problem(("contact", "sprocket", "clearance"), sprocket.clearance, text)
         yield from _load_rule(sprocket, radius, radius + sprocket.clearance, "contact", "sprocket")
+    elif sprocket is not None:
+        assert sprocket.gap is not None  # the contact's own rule
+        seat = iso606_tooth(sprocket.gap, radius, 9, chain.pitch).seat_radius  # the same for any number of teeth
+        yield from _load_rule(sprocket, radius, seat, "contact", "sprocket")
     guide = valid(GuideContact, get(contact, "guide"))
     if guide is None:
         return
@@ -92,17 +97,3 @@ def unsupported(drive: Any) -> Iterator[Problem]:
         if numbers(mass) and mass > 0:
             text = "not supported in this version; use 0 and add mass * radius^2 to the inertia instead"
             yield Problem(("sprockets", i, "balance_wheel", "mass"), mass, text)
-    contact = get(drive, "contact")
-    if get(get(contact, "sprocket"), "profile") == "iso606":
-        text = 'not supported in this version; use "circular" with clearance and seat_angle instead'
-        yield Problem(("contact", "sprocket", "profile"), "iso606", text)
-    laws: list[tuple[tuple[str | int, ...], Any]] = [
-        (("contact", kind, "law"), get(get(contact, kind), "law")) for kind in ("sprocket", "guide")
-    ]
-    laws += [
-        (("guides", i, "contact", "law"), get(get(guide, "contact"), "law"))
-        for i, guide in enumerate(elements(drive, "guides"))
-    ]
-    for path, law in laws:
-        if isinstance(law, str) and law and law not in LAWS:
-            yield Problem(path, law, f'not supported in this version; use "{LAWS[0]}" instead')

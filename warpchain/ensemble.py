@@ -14,13 +14,16 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly, assemble
-from warpchain.contact import guide_stiffness, sprocket_stiffness
-from warpchain.drive import Drive
+from warpchain.contact import contact_damping, guide_stiffness, sprocket_stiffness
+from warpchain.drive import Drive, ImpactLaw
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels import structs
+from warpchain.kernels.impact import FORCES
 from warpchain.kernels.rollers import STATE_ROWS
+from warpchain.laws import LAWS
 
 INTEGRATORS = {"leapfrog": 0, "rk4": 1}
+FORMS = {force.key: form for form, force in enumerate(FORCES)}
 REAL = {"float64": wp.float64, "float32": wp.float32}
 ESCAPE_PITCHES = 10.0
 """A roller this many pitches outside the drive's bounding box has left it (the variant diverged)."""
@@ -55,6 +58,7 @@ class Packed:
     precision: str
     drives: NDArray[Any]
     chains: NDArray[Any]
+    lengths: NDArray[np.floating]
     sprockets: NDArray[Any]
     motions: NDArray[Any]
     guides: NDArray[Any]
@@ -101,6 +105,7 @@ class Packed:
             self,
             precision=precision,
             chains=self.chains.astype(kinds.Chain.numpy_dtype()),
+            lengths=self.lengths.astype(precision),
             sprockets=self.sprockets.astype(kinds.Sprocket.numpy_dtype()),
             guides=self.guides.astype(kinds.Guide.numpy_dtype()),
             rollers=rollers,
@@ -143,10 +148,11 @@ def _zeros(struct: Any, count: int) -> NDArray[Any]:
     return np.zeros(max(count, 1), dtype=struct.numpy_dtype())
 
 
-def _fill_law(row: Any, contact: Any, stiffness: float) -> None:
+def _fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
+    row["form"] = FORMS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
-    row["hysteresis"] = 0.75 * (1.0 - contact.restitution**2)
+    row["hysteresis"] = contact_damping(contact, stiffness, mass)
     row["speed_floor"] = contact.impact_speed_floor
 
 
@@ -156,18 +162,20 @@ def _fill_sprocket(row: Any, drive: Drive, s: int, seats: _Table) -> None:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
         seats.known[teeth], _ = seats.add(np.stack([np.cos(angle), np.sin(angle)], axis=1))
     radius, half_pitch = drive.pitch_radius(s), 0.5 * drive.chain.pitch
-    half_seat = 0.5 * drive.seat_angle(s)
+    tooth = drive.tooth(s)
+    half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
     row["near_square"] = (radius - half_pitch) ** 2
     row["far_square"] = (radius + half_pitch) ** 2
     row["half_pitch_tangent"] = np.tan(np.pi / teeth)
-    row["clearance"] = drive.contact.sprocket.clearance
+    row["clearance"] = tooth.seat_radius - roller_radius
     row["cos_half_seat"] = np.cos(half_seat)
     row["sin_half_seat"] = np.sin(half_seat)
-    row["tip_reach"] = drive.tip_radius(s) + drive.chain.roller_radius
-    _fill_law(row["law"], drive.contact.sprocket, sprocket_stiffness(drive, s))
+    row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
+    row["tip_reach"] = tooth.tip_radius + roller_radius
+    _fill_law(row["law"], drive.contact.sprocket, sprocket_stiffness(drive, s), drive.chain.mass)
 
 
 def _fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: _Table) -> None:
@@ -200,7 +208,7 @@ def _fill_guide(row: Any, drive: Drive, g: int) -> None:
     row["length"] = length
     row["end_radius"] = guide.end_radius
     row["roller_radius"] = drive.chain.roller_radius
-    _fill_law(row["law"], drive.guide_contact(g), guide_stiffness(drive, g))
+    _fill_law(row["law"], drive.guide_contact(g), guide_stiffness(drive, g), drive.chain.mass)
 
 
 def _fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
@@ -241,6 +249,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         precision="float64",
         drives=_zeros(structs.Drive, count),
         chains=_zeros(kinds.Chain, count),
+        lengths=np.concatenate([drive.chain.link_lengths for drive in drives]),
         sprockets=_zeros(kinds.Sprocket, int(wheels.sum())),
         motions=_zeros(structs.Motion, int(wheels.sum())),
         guides=_zeros(kinds.Guide, int(bars.sum())),
@@ -290,7 +299,6 @@ def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], pre
 
 
 def _fill_chain(row: Any, drive: Drive) -> None:
-    row["pitch"] = drive.chain.pitch
     row["stiffness"] = drive.chain.stiffness
     row["damping"] = drive.chain.link_damping
     row["mass"] = drive.chain.mass

@@ -38,8 +38,8 @@ class ChainPath:
     Strand k leaves sprocket k and reaches sprocket k + 1 (mod S).
 
     Attributes:
-        pitch: the chain's pitch [m].
-        pitch_radius: (S,) pitch radii [m].
+        pitch: mean unloaded length of the chain's links [m].
+        radius: (S,) radii at which the rollers ride [m]: the pitch radii, or more where wear has lengthened the chain.
         wrap_angle: (S,) wrapped angles [rad], each in (0, 2 pi).
         arrival_angle: (S,) polar angle about the sprocket's center at which the path arrives on it [rad].
         turning: angle by which the path turns in one round [rad], counter-clockwise positive: +-2 pi for a loop that
@@ -53,7 +53,7 @@ class ChainPath:
     """
 
     pitch: float
-    pitch_radius: NDArray[np.float64]
+    radius: NDArray[np.float64]
     wrap_angle: NDArray[np.float64]
     arrival_angle: NDArray[np.float64]
     turning: float
@@ -88,9 +88,10 @@ def chain_path(drive: Drive) -> ChainPath:
     """
     sprockets = drive.sprockets
     center = np.array([sprocket.center for sprocket in sprockets], dtype=float)
-    radius = np.array([drive.pitch_radius(s) for s in range(len(sprockets))])
+    radius = np.array([drive.riding_radius(s) for s in range(len(sprockets))])
     sign = np.array([sprocket.sign for sprocket in sprockets], dtype=float)
     teeth = np.array([sprocket.teeth for sprocket in sprockets], dtype=float)
+    _check_tips(drive, radius)
     _check_apart(drive, center, radius)
 
     span = _next(center) - center
@@ -109,10 +110,10 @@ def chain_path(drive: Drive) -> ChainPath:
     _check_clear(drive, center, radius, start, direction, length)
 
     wrapped = float(np.sum(wrap * teeth)) / (2.0 * math.pi)
-    pitch = float(drive.chain.pitch)
+    pitch = float(drive.chain.link_lengths.mean())
     return ChainPath(
         pitch=pitch,
-        pitch_radius=radius,
+        radius=radius,
         wrap_angle=wrap,
         arrival_angle=arriving - sign * (0.5 * math.pi),
         turning=2.0 * math.pi * round(float(np.sum(sign * wrap)) / (2.0 * math.pi)),
@@ -170,6 +171,17 @@ def _next(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _left(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
+
+
+def _check_tips(drive: Drive, radius: NDArray[np.float64]) -> None:
+    for s, sprocket in enumerate(drive.sprockets):
+        tip = drive.tip_radius(s)
+        if radius[s] > tip:
+            limit = 2.0 * tip * math.sin(math.pi / sprocket.teeth)
+            raise DriveError(
+                f'sprocket "{sprocket.name}": links of {drive.chain.worn_pitch:.6g} m would ride over its tips, at '
+                f"{radius[s]:.6g} m against {tip:.6g} m; allowed are links of at most {limit:.6g} m"
+            )
 
 
 def _check_apart(drive: Drive, center: NDArray[np.float64], radius: NDArray[np.float64]) -> None:

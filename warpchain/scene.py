@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.geometry import chain_path
 from warpchain.record import Trajectory
+from warpchain.teeth import half_gap_outline
 
 Array = NDArray[np.float64]
 
@@ -19,23 +20,10 @@ def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
 
     The surface itself, not the offset curve of the rollers' centers (eq. (5)-(8)).
     """
-    teeth, radius, tip = drive.sprockets[s].teeth, drive.pitch_radius(s), drive.tip_radius(s)
-    half_seat, half_pitch = 0.5 * drive.seat_angle(s), math.pi / teeth
-    seat_radius = drive.chain.roller_radius + (drive.contact.sprocket.clearance or 0.0)
-    angle = np.linspace(0.0, half_seat, arc_points)
-    arc = np.stack([radius - seat_radius * np.cos(angle), seat_radius * np.sin(angle)], axis=1)
-    along = np.array([math.sin(half_seat), math.cos(half_seat)])
-    start = arc[-1]
-    middle = float(start @ along)
-    to_tip = -middle + math.sqrt(max(middle * middle + tip * tip - float(start @ start), 0.0))
-    slope = math.tan(half_pitch)
-    to_half = (slope * start[0] - start[1]) / max(along[1] - slope * along[0], 1e-12)
-    end = start + min(to_tip, max(to_half, 0.0)) * along
-    half = np.vstack([arc, end])
-    if to_tip <= to_half or to_half < 0.0:
-        half = np.vstack([half, tip * np.array([math.cos(half_pitch), math.sin(half_pitch)])])
+    teeth = drive.sprockets[s].teeth
+    half = half_gap_outline(drive.tooth(s), teeth, drive.pitch_radius(s), arc_points)
     gap = np.vstack([half[::-1] * [1.0, -1.0], half[1:]])
-    turn = 2.0 * half_pitch * np.arange(teeth)
+    turn = 2.0 * math.pi / teeth * np.arange(teeth)
     cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
     points = np.stack([gap[:, 0] * cosine - gap[:, 1] * sine, gap[:, 0] * sine + gap[:, 1] * cosine], axis=-1)
     outline = points.reshape(-1, 2)
@@ -68,11 +56,16 @@ def sprocket_normals(trajectory: Trajectory, s: int) -> Array:
     e = np.stack([np.cos(seat), np.sin(seat)], axis=-1)
     tau = np.stack([-e[..., 1], e[..., 0]], axis=-1)
     xi, eta = (r * e).sum(axis=-1) - drive.pitch_radius(s), (r * tau).sum(axis=-1)
-    half = 0.5 * drive.seat_angle(s)
+    tooth = drive.tooth(s)
+    half, curvature = 0.5 * tooth.seat_angle, 1.0 / (tooth.flank_radius + drive.chain.roller_radius)
+    clearance = tooth.seat_radius - drive.chain.roller_radius
+    across = 1.0 - curvature * (np.abs(eta) * math.sin(half) - xi * math.cos(half) - clearance)
+    along = curvature * (np.abs(eta) * math.cos(half) + xi * math.sin(half))
+    flank = np.hypot(across, along)
     size = np.maximum(np.hypot(xi, eta), 1e-15)
     on_arc = np.abs(eta) * math.cos(half) <= -xi * math.sin(half)
-    radial = np.where(on_arc, -xi / size, math.cos(half))
-    lateral = np.where(on_arc, -eta / size, -np.sign(eta) * math.sin(half))
+    radial = np.where(on_arc, -xi / size, (across * math.cos(half) + along * math.sin(half)) / flank)
+    lateral = np.where(on_arc, -eta / size, np.sign(eta) * (along * math.cos(half) - across * math.sin(half)) / flank)
     return radial[..., None] * e + lateral[..., None] * tau
 
 

@@ -4,16 +4,17 @@ Sprocket s holds m_s >= 1 rollers on consecutive seats, the first at polar angle
 b_s = a_s + w_s (m_s - 1) alpha_s; strand k has n_k >= 1 links. The whole numbers satisfy sum (m_s - 1) + sum n_k = N.
 The closing conditions, one a strand,
 
-    |first seat of sprocket k+1 (a_{k+1}) - last seat of sprocket k (b_k)| = n_k p (1 + strain),       (a)
+    |first seat of sprocket k+1 (a_{k+1}) - last seat of sprocket k (b_k)| = l_k (1 + strain),         (a)
 
-determine the strain and all a_s but the driver's, which is the angle where the path arrives on it. They are solved by
-Newton's method from the path. In a slack chain (strain < 0) a strand of one link cannot sag: it keeps the length p.
+with l_k the sum of the unloaded lengths of its n_k links, determine the strain and all a_s but the driver's, which is
+the angle where the path arrives on it. They are solved by Newton's method from the path. In a slack chain (strain < 0)
+a strand of one link cannot sag: it keeps its length.
 
 The whole numbers come from the path measured in pitches from the driver's arrival: on an arc the angle over the pitch
-angle, in a strand the length over p (1 + nominal strain). Roller i stands at i pitches, and it is seated where it
-comes within half a pitch of the arc. That is also where the choice does not matter: a last seat half a pitch angle
-before the tangent point sends the next roller of a straight strand exactly to the next seat. So where the solved
-angles have left that range a seat is added or given back, and the conditions are solved again.
+angle, in a strand the length over p (1 + nominal strain), p the links' mean length. Roller i stands at i pitches, and
+it is seated where it comes within half a pitch of the arc. That is also where the choice does not matter: a last seat
+half a pitch angle before the tangent point sends the next roller of a straight strand exactly to the next seat. So
+where the solved angles have left that range a seat is added or given back, and the conditions are solved again.
 """
 
 from __future__ import annotations
@@ -82,8 +83,9 @@ class _Loop:
         self.teeth = [sprocket.teeth for sprocket in drive.sprockets]
         self.pitch_angle = [2.0 * math.pi / teeth for teeth in self.teeth]
         self.step = [sprocket.sign * angle for sprocket, angle in zip(drive.sprockets, self.pitch_angle, strict=True)]
-        self.radius = [float(radius) for radius in path.pitch_radius]
+        self.radius = [float(radius) for radius in path.radius]
         self.pitch = path.pitch
+        self.reach = np.concatenate([[0.0], np.cumsum(np.tile(drive.chain.link_lengths, 2))])
 
     def count(self, drive: Drive, path: ChainPath) -> Seating:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""
@@ -142,17 +144,27 @@ class _Loop:
             x * cos_arrive + y * sin_arrive,
         )
 
+    def natural(self, seating: Seating) -> list[float]:
+        """Unloaded lengths of the strands: the sums of their own links'."""
+        lengths, roller = [], 0
+        for seats, links in zip(seating.seats, seating.links, strict=True):
+            roller += seats - 1
+            lengths.append(float(self.reach[roller + links] - self.reach[roller]))
+            roller += links
+        return lengths
+
     def close(self, seating: Seating) -> None:
         """Solves the closing conditions (a) for the whole numbers as they stand."""
-        self._newton(seating, seating.links)
+        lengths = self.natural(seating)
+        self._newton(seating, lengths, lengths)
         if seating.strain < 0.0 and 1 in seating.links:
-            sagging = [links if links > 1 else 0 for links in seating.links]
+            sagging = [length if links > 1 else 0.0 for links, length in zip(seating.links, lengths, strict=True)]
             if not any(sagging):
                 raise DriveError("chain.links: the chain is slack, but no strand has a second link with which to sag")
-            self._newton(seating, sagging)
+            self._newton(seating, lengths, sagging)
 
-    def _newton(self, seating: Seating, elastic: list[int]) -> None:
-        """Newton's method; `elastic` is the number of links of each strand that take the strain.
+    def _newton(self, seating: Seating, lengths: list[float], elastic: list[float]) -> None:
+        """Newton's method; `elastic` is the part of each strand's unloaded length that takes the strain.
 
         Column `driver` of the Jacobian belongs to the strain, the others to the sprockets' angles.
         """
@@ -164,14 +176,14 @@ class _Loop:
             for k in range(size):
                 following = (k + 1) % size
                 x, y, length, _, _ = self.chord(seating, k)
-                residual[k] = length - pitch * (seating.links[k] + elastic[k] * seating.strain)
+                residual[k] = length - lengths[k] - elastic[k] * seating.strain
                 leave, arrive = (
                     self.last_angle(seating, k),
                     seating.first_angle[following],
                 )
                 jacobian[k, following] = self.radius[following] * (y * math.cos(arrive) - x * math.sin(arrive))
                 jacobian[k, k] = -self.radius[k] * (y * math.cos(leave) - x * math.sin(leave))
-                jacobian[k, self.driver] = -pitch * elastic[k]
+                jacobian[k, self.driver] = -elastic[k]
             before, worst = worst, float(np.abs(residual).max())
             if 0.5 * before <= worst <= _CLOSED * pitch:  # round-off is reached
                 return

@@ -1,0 +1,116 @@
+r"""The table of contact laws: what a restitution means to each, and the rebound that each gives.
+
+A mass m hits a contact of stiffness K with the speed v0 and leaves it with r v0; nothing else acts. The hysteretic
+laws, F = K pen^n (1 + d v / v0), differ in what d they make of e (Lankarani and Nikravesh 1990; Flores et al. 2011;
+Hunt and Crossley 1975 as used with a memory of v0), and all rebound, whatever K, n, m and v0, with the r of
+
+    d - ln(1 + d) = -d r - ln(1 - d r).                                                                    (a)
+
+Kelvin-Voigt, F = K pen + c v with c = 2 zeta sqrt(K m), takes zeta = -ln e / sqrt(pi^2 + ln^2 e): half a period of the
+damped oscillation would return e. But contacts do not pull: the mass leaves as soon as the force is zero, with
+
+    r = exp(-2 zeta arccos(zeta) / sqrt(1 - zeta^2)),                                                      (b)
+
+beyond zeta = 1 with arccosh and sqrt(zeta^2 - 1) (Schwager and Poeschel 2007).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+Means = Literal["parameter", "rebound"]
+
+
+def hysteretic_rebound(d: float) -> float:
+    """Speed after an impact over the speed before [-] for the hysteresis factor d, from (a).
+
+    With x = d r and y = -ln(1 - x) it reads y - 1 + exp(-y) = d - ln(1 + d); the left side is convex, so Newton's
+    method descends to the root.
+    """
+    if d < 1e-4:  # both sides nearly cancel: the series of r in d
+        return 1.0 - 2.0 * d / 3.0 + 4.0 * d * d / 9.0
+    target = d - math.log1p(d)
+    y = target + math.sqrt(2.0 * target)
+    for _ in range(100):
+        change = (y + math.expm1(-y) - target) / -math.expm1(-y)
+        y -= change
+        if abs(change) <= 1e-15 * y:
+            break
+    return -math.expm1(-y) / d
+
+
+def kelvin_voigt_rebound(zeta: float) -> float:
+    """Speed after an impact over the speed before [-] for the damping ratio zeta, (b)."""
+    root = math.sqrt(abs(1.0 - zeta * zeta))
+    if root < 1e-6:
+        return math.exp(-2.0 * zeta)
+    half = math.acos(zeta) if zeta < 1.0 else math.acosh(zeta)
+    return math.exp(-2.0 * zeta * half / root)
+
+
+def _kelvin_voigt_zeta(restitution: float) -> float:
+    logarithm = math.log(restitution)
+    return -logarithm / math.hypot(math.pi, logarithm)
+
+
+@dataclass(frozen=True)
+class Law:
+    """A contact law as the drive file names it.
+
+    Attributes:
+        force: name of its function in `kernels/impact.py`.
+        factor: of the restitution e, the law's own dimensionless factor (d or zeta), 0 for e = 1.
+        rebound: of that factor, the speed after an impact over the speed before; falls from 1 towards 0.
+        unit: of stiffness K [N/m^n] and mass m [kg], what the factor is multiplied by for the kernels.
+        viscous: True for a damper of constant c beside a linear spring: n must be 1, and c shortens the longest step.
+    """
+
+    force: str
+    factor: Callable[[float], float]
+    rebound: Callable[[float], float]
+    unit: Callable[[float, float], float] = lambda stiffness, mass: 1.0
+    viscous: bool = False
+
+
+LAWS = {
+    "lankarani-nikravesh": Law(
+        "hysteretic",
+        lambda e: 0.75 * (1.0 - e * e),
+        hysteretic_rebound,
+    ),
+    "flores": Law("hysteretic", lambda e: 1.6 * (1.0 - e) / e, hysteretic_rebound),
+    "hunt-crossley": Law("hysteretic", lambda e: 1.5 * (1.0 - e), hysteretic_rebound),
+    "kelvin-voigt": Law(
+        "kelvin_voigt",
+        _kelvin_voigt_zeta,
+        kelvin_voigt_rebound,
+        unit=lambda stiffness, mass: 2.0 * math.sqrt(stiffness * mass),
+        viscous=True,
+    ),
+}
+"""The laws by name; a new one is a function in `kernels/impact.py` and a row here."""
+
+
+def law_factor(name: str, restitution: float, means: Means = "parameter") -> float:
+    """A law's dimensionless factor for a restitution [-].
+
+    Args:
+        name: of the law.
+        restitution: e, above 0, at most 1.
+        means: "parameter" puts it into the law's own formula; "rebound" finds the factor with which a free mass
+            rebounds by just that.
+    """
+    law = LAWS[name]
+    if means == "parameter" or restitution == 1.0:
+        return law.factor(restitution)
+    low, high = 0.0, 1.0
+    while law.rebound(high) > restitution:
+        low, high = high, 2.0 * high
+    while True:  # the rebound falls with the factor: bisection to the last digit
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            return high
+        low, high = (middle, high) if law.rebound(middle) > restitution else (low, middle)
