@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | run | view | plot | export`.
+"""The command line: `warpchain check | chains | run | view | plot | export`.
 
 Exit status 0: done. 1: a variant diverged, or the run was interrupted. 2: a mistake of the user's or a refusal of the
 machine's, told in one line each.
@@ -80,6 +80,8 @@ def parser() -> argparse.ArgumentParser:
     check.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
     check.add_argument("--json", action="store_true", help="as JSON, in SI units")
 
+    _add(commands, "chains", _chains, "list the chains of ISO 606 that size = names", "warpchain chains")
+
     run = _add(
         commands,
         "run",
@@ -159,6 +161,13 @@ def _check(arguments: argparse.Namespace) -> int:
         print(json.dumps(values, indent=2))
     else:
         print(report(values))
+    return DONE
+
+
+def _chains(_: argparse.Namespace) -> int:
+    from warpchain.catalogue import listing
+
+    print(listing())
     return DONE
 
 
