@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 from drive_helpers import MARINE
-from layouts import PITCH, Wheel, drive_of
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from layouts import PITCH, Wheel, drive_of, loops
 
 from warpchain import Record, cli, load_drive, simulate
 from warpchain.assembly import assemble
@@ -13,6 +15,7 @@ from warpchain.check import derive
 from warpchain.errors import DriveError
 from warpchain.fit import fit_links, fit_position, strand_sag
 from warpchain.fit_file import edited
+from warpchain.geometry import chain_path
 
 TEETH, SPAN = 20, 30
 
@@ -64,6 +67,25 @@ def test_moves_back_to_where_it_was():
     off = marine.with_values({"sprockets.tightener.center.0": 1.5})
     back = fit_position(off, "tightener", (1.0, 0.0), preload=preload)
     assert back.sprockets[1].center == pytest.approx(marine.sprockets[1].center, abs=1e-9)
+
+
+@settings(max_examples=15)
+@given(loops(), st.integers(0, 5), st.floats(0.0, 2 * math.pi), st.sampled_from([0.0, 1e-3, -2e-3]))
+def test_any_sprocket_of_any_loop(wheels, which, angle, strain):
+    """What is found has the strain asked for, to the rounding of centers; what is refused lies outside the range."""
+    try:
+        fitting = chain_path(drive_of(wheels, 100)).fitting_links()
+    except DriveError:
+        assume(False)
+    assume(len(fitting) > 0)
+    drive = drive_of(wheels, fitting[len(fitting) // 2])
+    try:
+        fitted = fit_position(drive, f"s{which % len(wheels)}", (math.cos(angle), math.sin(angle)), strain=strain)
+    except DriveError as error:
+        low, high = str(error).split("it can have ")[1].split(", moved")[0].split(" to ")
+        assert not float(low) <= strain <= float(high)
+    else:
+        assert assemble(fitted).strain == pytest.approx(strain, abs=1e-8)
 
 
 def settled_sag(drive):
