@@ -42,7 +42,7 @@ RULES = [
     ("chain/roller_mass", -1.0, f"chain.roller_mass = -1.0: {POSITIVE}"),
     ("chain/roller_mass", None, f"chain.roller_mass: missing; {POSITIVE}, or give mass_per_length instead"),
     ("chain/mass_per_length", 60.8, "chain.mass_per_length = 60.8: not together with roller_mass; give one of the two"),
-    ("chain/stiffness", 0, f"chain.stiffness = 0: {POSITIVE}"),
+    ("chain/stiffness", 0, f'chain.stiffness = 0: {POSITIVE}, or "estimate" together with a size'),
     ("chain/damping", -1e-9, f"chain.damping = -1e-09: {NOT_NEGATIVE}"),
     ("chain/damping", None, f"chain.damping: missing; {NOT_NEGATIVE}, or give damping_ratio instead"),
     ("chain/damping_ratio", 0.1, "chain.damping_ratio = 0.1: not together with damping; give one of the two"),
@@ -299,7 +299,6 @@ LATER = [
         "sprockets.tightener.balance_wheel.mass = 3.0: ",
         "use 0 and add mass * radius^2 to the inertia",
     ),
-    ("chain/size", "72B", 'chain.size = "72B": ', "give pitch, roller_radius and roller_mass or mass_per_length"),
 ]
 
 
@@ -308,13 +307,6 @@ def test_what_is_not_supported_yet_says_what_to_use(values, path, value, start, 
     put(values, path, value)
     assert errors_of(values) == (f"{start}not supported in this version; {instead} instead",)
     assert [problem.path[0] for problem in unsupported(values)] == [path.split("/")[0]]
-
-
-def test_size_stands_for_the_keys_that_it_fills(values):
-    for key in ("pitch", "roller_radius", "roller_mass"):
-        del values["chain"][key]
-    values["chain"]["size"] = "72B"
-    assert [line[:20] for line in errors_of(values)] == ['chain.size = "72B": ']
 
 
 def test_iso606_profile_needs_a_gap_and_nothing_else(values):

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from warpchain.assembly import assemble
+from warpchain.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.contact import contact_rebound, guide_stiffness, sprocket_stiffness
 from warpchain.drive import Drive
 from warpchain.timestep import automatic_step, resolve_step, step_limit
@@ -66,6 +67,10 @@ def derive(drive: Drive) -> dict[str, Any]:
         "pitch": drive.chain.pitch,
         "elongation": path.pitch / drive.chain.pitch - 1.0,
         "roller_mass": drive.chain.mass,
+        "size": drive.chain.size,
+        "breaking_load": drive.chain.breaking_load,
+        "stiffness": drive.chain.stiffness,
+        "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
         "chain_speed": speed * drive.pitch_radius(drive.driver),
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
@@ -123,6 +128,21 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
     ]
 
 
+def _size_lines(values: dict[str, Any]) -> list[str]:
+    """What the catalogue says of a chain that names its size."""
+    if values["size"] is None:
+        return []
+    largest = max(strand["working_tension"] for strand in values["strands"])
+    share = f", {100.0 * largest / values['breaking_load']:.2g} % of it at work"
+    lines = [f"size: {values['size']} (ISO 606), breaking load {1e-3 * values['breaking_load']:.4g} kN{share}"]
+    if values["stiffness_is_estimate"]:
+        lines.append(
+            f"stiffness: {values['stiffness']:.4g} N/m, an ESTIMATE good to a factor of three: "
+            f"{100.0 * ELONGATION_AT_BREAKING_LOAD:g} % elongation at the breaking load"
+        )
+    return lines
+
+
 def report(values: dict[str, Any]) -> str:
     """The derived quantities as text for a terminal."""
     state = "taut" if values["strain"] >= 0.0 else "slack"
@@ -130,6 +150,7 @@ def report(values: dict[str, Any]) -> str:
     lines = [
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
         f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
+        *_size_lines(values),
         f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N",
         "",
     ]

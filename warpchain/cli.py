@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | run | view | plot | export`.
+"""The command line: `warpchain check | chains | fit | run | view | plot | export`.
 
 Exit status 0: done. 1: a variant diverged, or the run was interrupted. 2: a mistake of the user's or a refusal of the
 machine's, told in one line each.
@@ -80,6 +80,26 @@ def parser() -> argparse.ArgumentParser:
     check.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
     check.add_argument("--json", action="store_true", help="as JSON, in SI units")
 
+    _add(commands, "chains", _chains, "list the chains of ISO 606 that size = names", "warpchain chains")
+
+    fit = _add(
+        commands,
+        "fit",
+        _fit,
+        "move a sprocket or pick the links for a wanted strain, preload or sag, in the drive file",
+        "warpchain fit drive.toml --sprocket tightener --along 1,0 --preload 5000",
+    )
+    fit.add_argument("drive", metavar="DRIVE", help=drive_help)
+    fit.add_argument("--links", action="store_true", help="first pick the even number of links that fits best")
+    fit.add_argument("--odd", action="store_true", help="with --links: an odd number will do, too")
+    fit.add_argument("--sprocket", metavar="NAME", help="the sprocket to move")
+    fit.add_argument("--along", metavar="DX,DY", help="the line it moves along, either way, as in --along=-1,0")
+    fit.add_argument("--strain", type=_float, metavar="X", help="wanted strain of the strands")
+    fit.add_argument("--preload", type=_float, metavar="N", help="wanted tension at assembly [N]")
+    fit.add_argument("--sag", type=_float, metavar="METRES", help="wanted sag of a strand at rest [m]")
+    fit.add_argument("--strand", metavar="FROM->TO", help="which strand's sag; default the longest")
+    fit.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write there; default DRIVE itself")
+
     run = _add(
         commands,
         "run",
@@ -159,6 +179,21 @@ def _check(arguments: argparse.Namespace) -> int:
         print(json.dumps(values, indent=2))
     else:
         print(report(values))
+    return DONE
+
+
+def _chains(_: argparse.Namespace) -> int:
+    from warpchain.catalogue import listing
+
+    print(listing())
+    return DONE
+
+
+def _fit(arguments: argparse.Namespace) -> int:
+    from warpchain.fit_file import fit_file
+
+    for line in fit_file(arguments):
+        print(line)
     return DONE
 
 

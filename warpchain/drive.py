@@ -244,13 +244,21 @@ def load_drive(path: str | os.PathLike[str]) -> Drive:
     Raises:
         DriveError: if it cannot be read, in one line, or with one line for each of its errors.
     """
+    return loads_drive(read_drive_text(path), str(path))
+
+
+def read_drive_text(path: str | os.PathLike[str]) -> str:
+    """A drive file's text, unchecked.
+
+    Raises:
+        DriveError: if it cannot be read or is not UTF-8.
+    """
     try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
+        return Path(path).read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise drive_error([f"cannot be read: {_reason(error)}"], str(path)) from None
     except UnicodeDecodeError as error:
         raise drive_error([f"not TOML: byte {error.start} is not UTF-8"], str(path)) from None
-    return loads_drive(text, str(path))
 
 
 def _reason(error: OSError) -> str:
@@ -275,11 +283,20 @@ def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
     Raises:
         DriveError: if it cannot be written.
     """
+    write_drive_text(dumps_drive(drive), path)
+
+
+def write_drive_text(text: str, path: str | os.PathLike[str]) -> None:
+    """Writes a drive file's text as it stands; one of that name is replaced, at once and whole.
+
+    Raises:
+        DriveError: if it cannot be written.
+    """
     target = Path(path)
     temporary = target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}")
     try:
         with open(temporary, "x", encoding="utf-8", newline="\n") as file:
-            file.write(dumps_drive(drive))
+            file.write(text)
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, target)

@@ -221,6 +221,11 @@ class Part(BaseModel):
         return cls.__name__
 
     @classmethod
+    def _completed(cls, values: Any) -> Any:
+        """The values, with those that others of them stand for."""
+        return values
+
+    @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Errors that concern several values; `node` is the part, or a mapping if single values are wrong."""
         return ()
@@ -235,6 +240,7 @@ class Part(BaseModel):
     def _check(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         if isinstance(values, cls):
             return values
+        values = cls._completed(values)
         problems: list[Problem] = []
         part = None
         try:

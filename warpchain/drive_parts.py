@@ -6,8 +6,9 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from warpchain.catalogue import CHAINS
 from warpchain.drive_base import (
     BARE,
     Allowed,
@@ -18,7 +19,6 @@ from warpchain.drive_base import (
     Positive,
     Problem,
     Switch,
-    Text,
     Value,
     allowed,
     at_most,
@@ -48,7 +48,22 @@ Step = Annotated[
 MOST = 1_000_000
 """Largest number of links, and of teeth: beyond it a file is surely mistaken."""
 
-NO_SIZE = "not supported in this version; give pitch, roller_radius and roller_mass or mass_per_length instead"
+ESTIMATE = "estimate"
+"""The stiffness that stands for the catalogue's estimate."""
+
+
+def _check_size(value: str) -> str:
+    if value not in CHAINS:
+        raise ValueError("not in the catalogue")
+    return value
+
+
+SIZE_TEXT = "must be a size of ISO 606: " + ", ".join(CHAINS)
+Size = Annotated[Annotated[str, Field(strict=True), AfterValidator(_check_size)], Value(SIZE_TEXT)]
+Stiffness = Annotated[
+    Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)],
+    Value('must be a positive number, or "estimate" together with a size'),
+]
 
 
 class WornLink(Part):
@@ -67,12 +82,12 @@ class Chain(Part):
     """The chain: links between rollers that are point masses (eq. (1)-(3)), equal but for wear.
 
     Attributes:
-        size: ISO 606 size; reserved, not supported yet.
+        size: ISO 606 size, which fills pitch, roller_radius and mass where they are not given.
         pitch: unloaded length of a link [m].
         links: number of links and of rollers, >= 3; even unless an offset link is meant.
         roller_mass: mass of one pitch of chain [kg]; or
         mass_per_length: [kg/m].
-        stiffness: of one link [N/m].
+        stiffness: of one link [N/m]; given as "estimate", the catalogue's for the size.
         damping: of one link [N s/m], >= 0; or
         damping_ratio: zeta [-], >= 0: the damping is 2 zeta sqrt(stiffness mass).
         roller_radius: [m], below half the pitch.
@@ -80,12 +95,12 @@ class Chain(Part):
         worn_links: links with an elongation of their own.
     """
 
-    size: Text | None = None
+    size: Size | None = None
     pitch: Positive
     links: Links
     roller_mass: Positive | None = None
     mass_per_length: Positive | None = None
-    stiffness: Positive
+    stiffness: Stiffness
     damping: NonNegative | None = None
     damping_ratio: NonNegative | None = None
     roller_radius: Positive
@@ -93,6 +108,7 @@ class Chain(Part):
     worn_links: Annotated[tuple[WornLink, ...], Allowed("must be a list of tables { link, elongation }")] = ()
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
         "roller_mass": ("mass_per_length",),
         "mass_per_length": ("roller_mass",),
         "damping": ("damping_ratio",),
@@ -130,10 +146,32 @@ class Chain(Part):
             lengths[worn.link] = self.pitch * (1.0 + worn.elongation)
         return lengths
 
+    @property
+    def breaking_load(self) -> float | None:
+        """Least tensile strength of a chain of its size [N]; None without a size."""
+        return None if self.size is None else CHAINS[self.size].breaking_load
+
+    @property
+    def stiffness_is_estimate(self) -> bool:
+        """True if the stiffness is the catalogue's estimate for the size."""
+        return self.size is not None and self.stiffness == CHAINS[self.size].estimated_stiffness
+
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        size = get(values, "size")
+        if not isinstance(values, Mapping) or not isinstance(size, str) or size not in CHAINS:
+            return values
+        chain = CHAINS[size]
+        filled = {"pitch": chain.pitch, "roller_radius": chain.roller_radius}
+        if values.get("roller_mass") is None:
+            filled["mass_per_length"] = chain.mass_per_length
+        whole = dict(values) | {key: value for key, value in filled.items() if values.get(key) is None}
+        return whole | {"stiffness": chain.estimated_stiffness} if values.get("stiffness") == ESTIMATE else whole
+
     @classmethod
     def _missing(cls, key: str, node: Any) -> Problem:
         if get(node, "size") is not None and key in ("pitch", "roller_radius"):
-            return Problem(("size",), get(node, "size"), NO_SIZE)
+            return Problem(("size",), get(node, "size"), SIZE_TEXT)
         return super()._missing(key, node)
 
     @classmethod

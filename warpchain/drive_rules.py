@@ -13,7 +13,7 @@ from typing import Any
 from warpchain.contact import largest_load
 from warpchain.drive_base import BARE, Problem, elements, get, numbers, valid
 from warpchain.drive_contact import MATERIALS, GuideContact, ImpactLaw, SprocketContact, contact_rules, merged
-from warpchain.drive_parts import NO_SIZE, Chain
+from warpchain.drive_parts import Chain
 from warpchain.teeth import iso606_tooth
 
 
@@ -87,8 +87,6 @@ def _load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str 
 
 def unsupported(drive: Any) -> Iterator[Problem]:
     """What a drive file may ask for but this version cannot simulate: the one place that knows."""
-    if get(get(drive, "chain"), "size") is not None:
-        yield Problem(("chain", "size"), get(get(drive, "chain"), "size"), NO_SIZE)
     for i, sprocket in enumerate(elements(drive, "sprockets")):
         kind = get(get(sprocket, "mount"), "kind")
         if kind in ("prescribed", "elastic", "slider"):

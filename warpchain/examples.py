@@ -29,3 +29,8 @@ def drive_path(word: str) -> Path:
     near = difflib.get_close_matches(word, example_names(), 1)
     hint = f'; did you mean "{near[0]}"?' if near else ""
     raise DriveError(f"{word}: neither a drive file nor an example drive ({', '.join(example_names())}){hint}")
+
+
+def is_example(path: Path) -> bool:
+    """True for a file among the example drives that come with the package."""
+    return path.parent.resolve() == FOLDER.resolve()

@@ -1,0 +1,57 @@
+"""The pictures of the example drives in docs/images: the drive and the forces on its chain at one instant of a run.
+
+    python scripts/example_pictures.py [NAME ...]
+
+Prints a table of what each run came to, as docs/examples.md has it.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from warpchain import Record, Run, load_drive, simulate
+from warpchain.examples import drive_path, example_names
+from warpchain.plots import drive_figure
+
+FOLDER = Path(__file__).parent.parent / "docs" / "images"
+
+
+def picture(run: Run) -> Figure:
+    """The drive's figure with room for its arrows, the legend outside."""
+    figure = drive_figure(run[0])
+    axis = figure.axes[0]
+    span = max(np.diff(axis.get_xlim())[0], np.diff(axis.get_ylim())[0])
+    for limits, place in ((axis.get_xlim(), axis.set_xlim), (axis.get_ylim(), axis.set_ylim)):
+        place(limits[0] - 0.08 * span, limits[1] + 0.08 * span)
+    wide = np.diff(axis.get_xlim())[0] > np.diff(axis.get_ylim())[0]
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2 if wide else -0.08), ncols=3, fontsize=8, frameon=False)
+    return figure
+
+
+def table(name: str, run: Run) -> str:
+    """One row: rollers, simulated and wall time, extremes and mean of the tension, its largest strand mean."""
+    row = run.metrics.to_pylist()[0]
+    drive = run[0].drive
+    strands = [row[f"{strand}.tension_mean"] for strand in drive.strand_names]
+    return (
+        f"| {name} | {drive.chain.links} | {drive.run.duration:g} | {run.info.wall_time:.1f} | {min(strands):.0f} "
+        f"| {max(strands):.0f} | {row['tension_min']:.0f} | {row['tension_max']:.0f} |"
+    )
+
+
+def main() -> None:
+    """Runs the examples and draws them."""
+    channels = ("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center")
+    head = "drive | links | simulated [s] | took [s] | slackest strand [N] | tightest strand [N] | least [N] | most [N]"
+    print(f"| {head} |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name in sys.argv[1:] or example_names():
+        run = simulate(load_drive(drive_path(name)), record=Record(channels=channels))
+        picture(run).savefig(FOLDER / f"{name.replace('_', '-')}-drive.png", dpi=90)
+        print(table(name, run))
+
+
+if __name__ == "__main__":
+    main()
