@@ -12,7 +12,8 @@ from test_drive_physics import two_sprockets
 
 from warpchain import Record, simulate, write_archive
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.playback import FRAMES, shown_frames, view
+from warpchain.playback import FRAMES, view
+from warpchain.playback_drive import shown_frames
 from warpchain.plots import plot_figures
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -72,9 +73,9 @@ def test_recording_is_whole_and_alone(run, tmp_path):
 
 def test_long_recordings_are_drawn_within_the_frame_budget(run):
     assert len(run[0].time) == 1001
-    frames = shown_frames(run[0])
-    assert len(frames) == FRAMES
-    assert (frames[0], frames[-1]) == (0, len(run[0].time) - 1)
+    shown = shown_frames(run[0], FRAMES)
+    assert len(shown.time) == FRAMES
+    assert (shown.time[0], shown.time[-1]) == (0.0, run[0].time[-1])
 
 
 def headless():

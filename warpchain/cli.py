@@ -105,6 +105,17 @@ def parser() -> argparse.ArgumentParser:
         "--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening the viewer"
     )
     view.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    view.add_argument(
+        "--compare",
+        metavar="OTHER",
+        nargs="+",
+        default=[],
+        help="variants to lay beside and over it: numbers, other archives, or ARCHIVE:NUMBER",
+    )
+    view.add_argument("--frames", type=int, metavar="N", help="frames to draw at most, peaks kept (default 1000)")
+    view.add_argument("--tab", metavar="NAME", help="the tab to open first, such as spectrum")
+    view.add_argument("--web", action="store_true", help="serve the web viewer until Ctrl-C")
+    view.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
 
     plot = _add(commands, "plot", _plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
     plot.add_argument("archive", metavar="OUT.mcap", type=Path)
@@ -233,9 +244,18 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
 
 
 def _view(arguments: argparse.Namespace) -> int:
-    from warpchain.playback import view
+    from warpchain.playback import FRAMES, view
 
-    view(arguments.archive, variant=arguments.variant, save=arguments.save)
+    view(
+        arguments.archive,
+        variant=arguments.variant,
+        save=arguments.save,
+        compare=arguments.compare,
+        frames=FRAMES if arguments.frames is None else arguments.frames,
+        web=arguments.web,
+        bind=arguments.bind,
+        tab=arguments.tab,
+    )
     return DONE
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.archive_schema import tension_color
-from warpchain.errors import ArchiveError, SimulationError
+from warpchain.errors import ArchiveError
 from warpchain.record import Run, Trajectory
+from warpchain.recorded import recorded
 from warpchain.scene import (
     contact_arrows,
     guide_outline,
@@ -21,38 +22,6 @@ from warpchain.scene import (
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-NEEDED = (
-    "position",
-    "tension",
-    "sprocket_force",
-    "guide_force",
-    "sprocket_angle",
-    "sprocket_center",
-)
-"""Channels that the figures are drawn from."""
-
-
-def chosen_variant(source: Run | str | Path, variant: int | None, needed: tuple[str, ...]) -> tuple[int, Trajectory]:
-    """The variant to show, the first recorded one if not told, with its index.
-
-    Raises:
-        SimulationError: nothing recorded, a variant that was not, or a channel that is missing.
-    """
-    from warpchain.archive import read_archive
-
-    run = source if isinstance(source, Run) else read_archive(source)
-    recorded = list(run)
-    if not recorded:
-        raise SimulationError("no variant was recorded: nothing to draw")
-    index = recorded[0] if variant is None else variant
-    trajectory = run[index]
-    missing = [name for name in needed if getattr(trajectory, name) is None]
-    if missing:
-        raise SimulationError(f"variant {index} was recorded without {', '.join(missing)}, which this needs")
-    if len(trajectory.time) < 2:
-        raise SimulationError(f"variant {index} has {len(trajectory.time)} frames, at least 2 are needed")
-    return index, trajectory
 
 
 def plot_figures(
@@ -76,7 +45,7 @@ def plot_figures(
     import matplotlib
 
     matplotlib.use("Agg")
-    _, trajectory = chosen_variant(source, variant, NEEDED)
+    trajectory = recorded(source, variant).trajectory
     roller = telling_roller(trajectory)
     figures = {
         "drive": drive_figure(trajectory),

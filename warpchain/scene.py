@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,20 @@ from warpchain.geometry import chain_path
 from warpchain.record import Trajectory
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+class Arrows(NamedTuple):
+    """Forces on K rollers, in order of frames.
+
+    Attributes:
+        frame, roller: (K,) when and where.
+        force: (K, 2) the forces [N].
+    """
+
+    frame: Index
+    roller: Index
+    force: Array
 
 
 def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
@@ -55,84 +70,131 @@ def guide_outline(drive: Drive, g: int, points: int = 12) -> Array:
     return np.vstack([before[::-1], after])
 
 
-def sprocket_normals(trajectory: Trajectory, s: int) -> Array:
-    """Direction of the contact force of sprocket s on each roller (F, N, 2), as eq. (8) and the flank give it."""
+def pressing(trajectory: Trajectory, least: float = 0.0) -> tuple[Arrows, Arrows]:
+    """Contact forces on the rollers that are above `least` [N]: those of sprockets (eq. (8) and the flank's normal),
+    those of guide-bars."""
+    assert trajectory.position is not None
+    assert trajectory.sprocket_force is not None
+    assert trajectory.guide_force is not None
+    frame, roller = np.nonzero(trajectory.sprocket_force > least)
+    normals = _sprocket_normals(trajectory, frame, roller)
+    sprockets = Arrows(frame, roller, normals * np.asarray(trajectory.sprocket_force, float)[frame, roller, None])
+    frame, roller = np.nonzero(trajectory.guide_force > least)
+    normals = _guide_normals(trajectory.drive, np.asarray(trajectory.position, dtype=float)[frame, roller])
+    guides = Arrows(frame, roller, normals * np.asarray(trajectory.guide_force, float)[frame, roller, None])
+    return sprockets, guides
+
+
+def _nearest(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
+    """The sprocket whose pitch circle each of K rollers is nearest to (K,), and how far it is from that circle [m]."""
+    assert trajectory.position is not None
+    assert trajectory.sprocket_center is not None
+    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    near, apart = np.zeros(len(frame), dtype=np.intp), np.full(len(frame), np.inf)
+    for s in range(len(trajectory.drive.sprockets)):
+        r = x - trajectory.sprocket_center[frame, s]
+        off = np.abs(np.sqrt(r[:, 0] ** 2 + r[:, 1] ** 2) - trajectory.drive.pitch_radius(s))
+        closer = off < apart
+        near[closer], apart[closer] = s, off[closer]
+    return near, apart
+
+
+def _sprocket_normals(trajectory: Trajectory, frame: Index, roller: Index) -> Array:
+    """Direction of the nearest sprocket's contact force on each of K rollers (K, 2)."""
     drive = trajectory.drive
     assert trajectory.position is not None
     assert trajectory.sprocket_center is not None
     assert trajectory.sprocket_angle is not None
-    r = np.asarray(trajectory.position - trajectory.sprocket_center[:, None, s], dtype=float)
-    turned = np.asarray(trajectory.sprocket_angle[:, s, None], dtype=float)
-    pitch_angle = 2.0 * math.pi / drive.sprockets[s].teeth
-    seat = np.rint((np.arctan2(r[..., 1], r[..., 0]) - turned) / pitch_angle) * pitch_angle + turned
-    e = np.stack([np.cos(seat), np.sin(seat)], axis=-1)
-    tau = np.stack([-e[..., 1], e[..., 0]], axis=-1)
-    xi, eta = (r * e).sum(axis=-1) - drive.pitch_radius(s), (r * tau).sum(axis=-1)
-    half = 0.5 * drive.seat_angle(s)
-    size = np.maximum(np.hypot(xi, eta), 1e-15)
-    on_arc = np.abs(eta) * math.cos(half) <= -xi * math.sin(half)
-    radial = np.where(on_arc, -xi / size, math.cos(half))
-    lateral = np.where(on_arc, -eta / size, -np.sign(eta) * math.sin(half))
-    return radial[..., None] * e + lateral[..., None] * tau
+    s, _ = _nearest(trajectory, frame, roller)
+    wheels = range(len(drive.sprockets))
+    pitch_angle = np.array([2.0 * math.pi / sprocket.teeth for sprocket in drive.sprockets])[s]
+    radius, half = np.array([(drive.pitch_radius(k), 0.5 * drive.seat_angle(k)) for k in wheels])[s].T
+    r = np.asarray(trajectory.position, dtype=float)[frame, roller] - trajectory.sprocket_center[frame, s]
+    turned = np.asarray(trajectory.sprocket_angle, dtype=float)[frame, s]
+    seat = np.rint((np.arctan2(r[:, 1], r[:, 0]) - turned) / pitch_angle) * pitch_angle + turned
+    c, d = np.cos(seat), np.sin(seat)
+    xi, eta = r[:, 0] * c + r[:, 1] * d - radius, r[:, 1] * c - r[:, 0] * d
+    cosine, sine = np.cos(half), np.sin(half)
+    size = np.maximum(np.sqrt(xi * xi + eta * eta), 1e-15)
+    on_arc = np.abs(eta) * cosine <= -xi * sine
+    radial = np.where(on_arc, -xi / size, cosine)
+    lateral = np.where(on_arc, -eta / size, -np.sign(eta) * sine)
+    return np.stack([radial * c - lateral * d, radial * d + lateral * c], axis=1)
 
 
-def nearest_sprocket(trajectory: Trajectory) -> NDArray[np.intp]:
-    """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond half a pitch from all."""
-    drive = trajectory.drive
-    assert trajectory.position is not None
-    assert trajectory.sprocket_center is not None
-    apart = np.stack(
-        [
-            np.abs(
-                np.hypot(*np.moveaxis(trajectory.position - trajectory.sprocket_center[:, None, s], -1, 0))
-                - drive.pitch_radius(s)
-            )
-            for s in range(len(drive.sprockets))
-        ]
-    )
-    return np.where(apart.min(axis=0) < 0.5 * drive.chain.pitch, apart.argmin(axis=0), -1)
-
-
-def contact_arrows(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Contact forces on the rollers as vectors (F, N, 2) [N]: those of sprockets, those of guide-bars."""
-    drive = trajectory.drive
-    assert trajectory.position is not None
-    assert trajectory.sprocket_force is not None
-    assert trajectory.guide_force is not None
-    sprockets = np.zeros_like(trajectory.position, dtype=float)
-    nearest = nearest_sprocket(trajectory)
-    for s in range(len(drive.sprockets)):
-        mine = (nearest == s)[..., None]
-        sprockets += np.where(mine, sprocket_normals(trajectory, s) * trajectory.sprocket_force[..., None], 0.0)
-    guides = np.zeros_like(sprockets)
+def _guide_normals(drive: Drive, x: Array) -> Array:
+    """Direction of the guide-bars' contact force on rollers at `x` (K, 2): the faces' normal."""
+    normals = np.zeros_like(x)
     for guide in drive.guides:
         t = np.subtract(guide.end, guide.start)
         length = float(np.hypot(*t))
         t = t / length
-        along = (trajectory.position - np.asarray(guide.start)) @ t
+        along = (x - np.asarray(guide.start)) @ t
         reach = guide.end_radius + drive.chain.roller_radius
         near = (along > -reach) & (along < length + reach)
-        normal = np.array([-t[1], t[0]])
-        guides += np.where(near[..., None], trajectory.guide_force[..., None] * normal, 0.0)
-    return sprockets, guides
+        normals += near[:, None] * np.array([-t[1], t[0]])
+    return normals
 
 
-def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
-    """Transverse displacement of the chain where it passes the middle of a strand (F,) [m], left of travel positive.
+def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> Index:
+    """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond half a pitch from all.
 
-    The paper's Figures 9 and 10: distance from the straight common tangent.
+    Args:
+        rollers: only these, (N,); all if None.
+    """
+    drive = trajectory.drive
+    assert trajectory.position is not None
+    which = np.arange(drive.chain.links) if rollers is None else rollers
+    frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
+    near, apart = _nearest(trajectory, frame.ravel(), roller.ravel())
+    return np.where(apart < 0.5 * drive.chain.pitch, near, -1).reshape(frame.shape)
+
+
+def contact_arrows(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Contact forces on the rollers as vectors (F, N, 2) [N]: those of sprockets, those of guide-bars."""
+    assert trajectory.position is not None
+    both = []
+    for arrows in pressing(trajectory):
+        vectors = np.zeros(trajectory.position.shape)
+        vectors[arrows.frame, arrows.roller] = arrows.force
+        both.append(vectors)
+    return both[0], both[1]
+
+
+def passing_link(trajectory: Trajectory, strand: int) -> tuple[NDArray[np.intp], Array, Array]:
+    """The link that passes the middle of a strand.
+
+    Returns:
+        (F,) its number, -1 where no link does; (F,) the part of the link that is past the middle's near side, in
+        [0, 1]; (F, N) distance of the rollers from the straight common tangent [m], left of travel positive.
     """
     assert trajectory.position is not None
     path = chain_path(trajectory.drive)
     start, end = path.strand_start[strand], path.strand_end[strand]
     length = float(np.hypot(*(end - start)))
-    t = (end - start) / length
-    q = np.asarray(trajectory.position, dtype=float) - start
-    along, across = q @ t, q @ np.array([-t[1], t[0]])
-    following, beside = np.roll(along, -1, axis=1), np.roll(across, -1, axis=1)
-    crosses = (along <= 0.5 * length) & (following > 0.5 * length)
-    link = np.where(crosses, np.abs(across) + np.abs(beside), np.inf).argmin(axis=1)
-    frame = np.arange(len(along))
-    a, b = along[frame, link], following[frame, link]
-    part = (0.5 * length - a) / (b - a)
-    return across[frame, link] * (1.0 - part) + beside[frame, link] * part
+    tx, ty = (end - start) / length
+    x, y = trajectory.position[..., 0], trajectory.position[..., 1]
+    along = np.asarray(tx * x + ty * y, dtype=float) - float(start @ (tx, ty)) - 0.5 * length
+    across = np.asarray(tx * y - ty * x, dtype=float) - float(tx * start[1] - ty * start[0])
+    beyond = along > 0.0
+    frame, link = np.nonzero(~beyond & np.roll(beyond, -1, axis=1))
+    following = (link + 1) % along.shape[1]
+    order = np.lexsort((np.abs(across[frame, link]) + np.abs(across[frame, following]), frame))
+    found, first = np.unique(frame[order], return_index=True)
+    chosen = order[first]
+    number, part = np.full(len(along), -1, dtype=np.intp), np.zeros(len(along))
+    number[found] = link[chosen]
+    near, far = along[found, link[chosen]], along[found, following[chosen]]
+    part[found] = -near / (far - near)
+    return number, part, across
+
+
+def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
+    """Transverse displacement of the chain where it passes the middle of a strand (F,) [m], left of travel positive.
+
+    The paper's Figures 9 and 10: distance from the straight common tangent. NaN where no link passes the middle.
+    """
+    link, part, across = passing_link(trajectory, strand)
+    frame = np.arange(len(link))
+    near, far = across[frame, link], across[frame, (link + 1) % across.shape[1]]
+    return np.where(link >= 0, near * (1.0 - part) + far * part, np.nan)

@@ -1,0 +1,154 @@
+"""Charts with axes of their own in Rerun's 2D views, for what does not run over time: images, spectra, scatters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.playback_columns import Column, entity, rows, send, strips
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+INK, FAINT = (200, 200, 200), (60, 60, 60)
+MARGIN = 0.14
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One direction of a chart.
+
+    Attributes:
+        label: quantity and unit.
+        low, high: ends, low < high; above 0 where logarithmic.
+        logarithmic: whether equal lengths are equal ratios.
+    """
+
+    label: str
+    low: float
+    high: float
+    logarithmic: bool = False
+
+    def place(self, values: Any) -> NDArray[np.float64]:
+        """Values as parts of the axis, 0 at its low end and 1 at its high end."""
+        scale: Callable[[Any], Any] = np.log10 if self.logarithmic else np.asarray
+        low, high = scale(self.low), scale(self.high)
+        held = np.maximum(values, self.low) if self.logarithmic else values
+        return np.asarray((scale(held) - low) / (high - low), dtype=float)
+
+    def ticks(self) -> NDArray[np.float64]:
+        """Round values between the ends."""
+        from matplotlib.ticker import LogLocator, MaxNLocator
+
+        locator = LogLocator(numticks=8) if self.logarithmic else MaxNLocator(6)
+        values = np.asarray(locator.tick_values(self.low, self.high))
+        slack = 1e-9 * (self.high - self.low)
+        return values[(values >= self.low - slack) & (values <= self.high + slack)]
+
+
+def around(values: Any, label: str) -> Axis:
+    """A linear axis that holds all finite values with a little room."""
+    finite = np.asarray(values, dtype=float)
+    finite = finite[np.isfinite(finite)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
+    room = 0.05 * (high - low) or 0.05 * abs(high) or 0.5
+    return Axis(label, low - room, high + room)
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A rectangle of width `width` and height 1 with ticks and labels, below one entity."""
+
+    stream: rr.RecordingStream
+    path: tuple[str, ...]
+    x: Axis
+    y: Axis
+    width: float = 1.8
+
+    def _points(self, x: Any, y: Any) -> NDArray[np.float32]:
+        return np.stack(np.broadcast_arrays(self.width * self.x.place(x), 1.0 - self.y.place(y)), -1).astype(np.float32)
+
+    def frame(self) -> None:
+        """Draws border, grid, ticks and labels."""
+        import rerun as rr
+
+        across, up = self.x.ticks(), self.y.ticks()
+        grid = [self._points([v, v], [self.y.low, self.y.high]) for v in across]
+        grid += [self._points([self.x.low, self.x.high], [v, v]) for v in up]
+        w = self.width
+        lines = rr.LineStrips2D(
+            [*grid, np.array([[0, 0], [w, 0], [w, 1], [0, 1], [0, 0]])],
+            colors=[FAINT] * len(grid) + [INK],
+            radii=rr.Radius.ui_points(0.5),
+        )
+        self.stream.log(entity(*self.path, "frame"), lines, rr.LineStrips2D.from_fields(draw_order=-1.0), static=True)
+        below = self._points(across, self.y.low) + np.array([0.0, 0.05])
+        beside = self._points(self.x.low, up) - np.array([0.06, 0.0])
+        titles = np.array([[0.5 * w, 1.11], [0.0, -0.05]], dtype=np.float32)
+        words = [f"{v:g}" for v in across] + [f"{v:g}" for v in up] + [self.x.label, self.y.label]
+        self._words("words", np.vstack([below, beside, titles]), words, INK)
+
+    def _words(self, name: str, at: Any, words: Sequence[str], color: tuple[int, int, int]) -> None:
+        import rerun as rr
+
+        dots = rr.Points2D(at, labels=words, colors=[color], radii=rr.Radius.ui_points(0.0), show_labels=True)
+        self.stream.log(entity(*self.path, name), dots, static=True)
+
+    def line(self, name: str, x: Any, y: Any, color: tuple[int, int, int]) -> None:
+        """A curve."""
+        import rerun as rr
+
+        curve = rr.LineStrips2D([self._points(x, y)], colors=[color], radii=rr.Radius.ui_points(0.8))
+        self.stream.log(entity(*self.path, name), curve, static=True)
+
+    def verticals(self, name: str, x: Any, words: Sequence[str], color: tuple[int, int, int]) -> None:
+        """Upright lines with words at their tops."""
+        import rerun as rr
+
+        lines = [self._points([v, v], [self.y.low, self.y.high]) for v in x]
+        upright = rr.LineStrips2D(lines, colors=[color], radii=rr.Radius.ui_points(0.6))
+        self.stream.log(entity(*self.path, name), upright, static=True)
+        self._words(f"{name} names", self._points(x, self.y.high) + np.array([0.0, 0.04]), words, color)
+
+    def key(self, row: int, words: str, color: tuple[int, int, int]) -> None:
+        """Words in a curve's color, in rows from the upper right corner."""
+        at = np.array([[0.88 * self.width, 0.1 + 0.055 * row]], dtype=np.float32)
+        self._words(f"key {row}", at, [words], color)
+
+    def dots(self, name: str, x: Any, y: Any, words: Sequence[str], color: tuple[int, int, int], size: float) -> None:
+        """Points whose words show when they are selected."""
+        import rerun as rr
+
+        at = self._points(x, y)
+        points = rr.Points2D(at, labels=words, colors=[color], radii=rr.Radius.ui_points(size), show_labels=False)
+        self.stream.log(entity(*self.path, name), points, static=True)
+
+    def image(self, name: str, pixels: NDArray[np.uint8]) -> None:
+        """An image (rows, columns, 3) over the whole rectangle, its first row at the top."""
+        import rerun as rr
+
+        path = entity(*self.path, name)
+        scale = rr.Transform3D(scale=[self.width / pixels.shape[1], 1.0 / pixels.shape[0], 1.0])
+        self.stream.log(path, scale, rr.Image(pixels, draw_order=-10.0), static=True)
+
+    def cursor(self, name: str, time: NDArray[np.floating]) -> None:
+        """An upright line that runs along an axis of time with the playback."""
+        import rerun as rr
+
+        line = self._points(np.asarray(time)[:, None], np.array([self.y.low, self.y.high]))
+        path = entity(*self.path, name)
+        look = rr.LineStrips2D.from_fields(colors=[(255, 255, 255)], radii=rr.Radius.ui_points(1.0))
+        self.stream.log(path, look, static=True)
+        send(self.stream, path, time, [Column(rr.LineStrips2D.descriptor_strips(), rows(strips(line), 1, len(time)))])
+
+    def view(self, name: str) -> rrb.Spatial2DView:
+        """The view that shows it all."""
+        import rerun.blueprint as rrb
+
+        bounds = rrb.VisualBounds2D(x_range=[-MARGIN, self.width + 0.5 * MARGIN], y_range=[-0.1, 1.0 + MARGIN])
+        return rrb.Spatial2DView(origin=entity(*self.path), name=name, visual_bounds=bounds)
