@@ -88,16 +88,16 @@ def log_recording(
     for k, one in enumerate(shown):
         color = COLORS[k % len(COLORS)]
         images.append(log_variant(stream, one, frames, top, color if several else None))
-        prefix, colors = (f"{one.label}: ", [color]) if several else ("", COLORS)
-        for title, found in spectra(one.trajectory, colors, prefix).items():
-            lines.setdefault(title, []).extend(found)
+        for title, found in spectra(one.trajectory, _shades(color) if several else COLORS).items():
+            named = [line._replace(name=f"{one.label}: {line.name}") if several else line for line in found]
+            lines.setdefault(title, []).extend(named)
         if several:
             outline = shown_frames(one.trajectory, frames)
-            log_outline(stream, entity("overlaid", one.label), outline, color, one.label)
+            log_outline(stream, entity("overlaid", one.label), outline, color)
     teeth = [one.trajectory.drive.sprockets[one.trajectory.drive.driver].teeth for one in shown]
     run = shown[0].run
     scatters = log_ensemble(stream, run, [one.index for one in shown if one.run is run])
-    return blueprint(shown, images, log_spectra(stream, lines, teeth), scatters, tab)
+    return blueprint(shown, images, log_spectra(stream, lines, teeth), scatters, top, tab)
 
 
 def log_variant(
@@ -112,14 +112,14 @@ def log_variant(
     """
     drawn = shown_frames(one.trajectory, frames)
     log_drive(stream, one.label, drawn, top)
-    colors = COLORS if color is None else [_dimmed(color, 0.7**k) for k in range(len(COLORS))]
-    log_curves(stream, one.label, one.trajectory, frames, colors, color is not None)
+    log_curves(stream, one.label, one.trajectory, frames, _shades(color) if color else COLORS, color is not None)
     return log_tension_image(stream, one.label, one.trajectory, drawn, frames, top)
 
 
-def _dimmed(color: Color, share: float) -> Color:
-    red, green, blue = (int(share * part) for part in color)
-    return red, green, blue
+def _shades(color: Color) -> list[Color]:
+    """A variant's color, and darker ones for further curves of it."""
+    red, green, blue = color
+    return [(int(share * red), int(share * green), int(share * blue)) for share in (1.0, 0.72, 0.52, 0.4)]
 
 
 def _stream() -> rr.RecordingStream:

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 INK, FAINT = (200, 200, 200), (60, 60, 60)
-MARGIN = 0.14
+WIDE = 3.6
+"""Width of charts that have a tab's whole width, over their height."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,11 @@ class Axis:
         held = np.maximum(values, self.low) if self.logarithmic else values
         return np.asarray((scale(held) - low) / (high - low), dtype=float)
 
-    def ticks(self) -> NDArray[np.float64]:
-        """Round values between the ends."""
+    def ticks(self, most: int) -> NDArray[np.float64]:
+        """Round values between the ends, about `most` of them."""
         from matplotlib.ticker import LogLocator, MaxNLocator
 
-        locator = LogLocator(numticks=8) if self.logarithmic else MaxNLocator(6)
+        locator = LogLocator(numticks=8) if self.logarithmic else MaxNLocator(most)
         values = np.asarray(locator.tick_values(self.low, self.high))
         slack = 1e-9 * (self.high - self.low)
         return values[(values >= self.low - slack) & (values <= self.high + slack)]
@@ -62,36 +63,45 @@ def around(values: Any, label: str) -> Axis:
 
 @dataclass(frozen=True)
 class Chart:
-    """A rectangle of width `width` and height 1 with ticks and labels, below one entity."""
+    """A rectangle of width `width` and height 1 with ticks and labels, below one entity.
+
+    Attributes:
+        beside: room for a key on its right.
+        few: whether there is room for a few ticks only.
+    """
 
     stream: rr.RecordingStream
     path: tuple[str, ...]
     x: Axis
     y: Axis
     width: float = 1.8
+    beside: float = 0.1
+    few: bool = False
 
     def _points(self, x: Any, y: Any) -> NDArray[np.float32]:
         return np.stack(np.broadcast_arrays(self.width * self.x.place(x), 1.0 - self.y.place(y)), -1).astype(np.float32)
 
-    def frame(self) -> None:
-        """Draws border, grid, ticks and labels."""
+    def frame(self, grid: bool = True) -> None:
+        """Draws border, ticks, labels, and lines from tick to tick if told."""
         import rerun as rr
 
-        across, up = self.x.ticks(), self.y.ticks()
-        grid = [self._points([v, v], [self.y.low, self.y.high]) for v in across]
-        grid += [self._points([self.x.low, self.x.high], [v, v]) for v in up]
+        across, up = self.x.ticks(3 if self.few else 8), self.y.ticks(4)
+        rules = [self._points([v, v], [self.y.low, self.y.high]) for v in across if grid]
+        rules += [self._points([self.x.low, self.x.high], [v, v]) for v in up if grid]
         w = self.width
         lines = rr.LineStrips2D(
-            [*grid, np.array([[0, 0], [w, 0], [w, 1], [0, 1], [0, 0]])],
-            colors=[FAINT] * len(grid) + [INK],
+            [*rules, np.array([[0, 0], [w, 0], [w, 1], [0, 1], [0, 0]])],
+            colors=[FAINT] * len(rules) + [INK],
             radii=rr.Radius.ui_points(0.5),
         )
         self.stream.log(entity(*self.path, "frame"), lines, rr.LineStrips2D.from_fields(draw_order=-1.0), static=True)
         below = self._points(across, self.y.low) + np.array([0.0, 0.05])
-        beside = self._points(self.x.low, up) - np.array([0.06, 0.0])
-        titles = np.array([[0.5 * w, 1.11], [0.0, -0.05]], dtype=np.float32)
-        words = [f"{v:g}" for v in across] + [f"{v:g}" for v in up] + [self.x.label, self.y.label]
-        self._words("words", np.vstack([below, beside, titles]), words, INK)
+        beside = self._points(self.x.low, up) - np.array([0.06, 0.035])
+        titles = np.array([[0.5 * w, 1.13], [0.0, -0.06]], dtype=np.float32)
+        words = [f"{v:g}" for v in across] + [f"{v:g}" for v in up]
+        self._words("ticks", np.vstack([below, beside]), words, INK)
+        named = [(at, label) for at, label in zip(titles, (self.x.label, self.y.label), strict=True) if label]
+        self._words("labels", np.array([at for at, _ in named]), [label for _, label in named], INK)
 
     def _words(self, name: str, at: Any, words: Sequence[str], color: tuple[int, int, int]) -> None:
         import rerun as rr
@@ -116,8 +126,8 @@ class Chart:
         self._words(f"{name} names", self._points(x, self.y.high) + np.array([0.0, 0.04]), words, color)
 
     def key(self, row: int, words: str, color: tuple[int, int, int]) -> None:
-        """Words in a curve's color, in rows from the upper right corner."""
-        at = np.array([[0.88 * self.width, 0.1 + 0.055 * row]], dtype=np.float32)
+        """Words in a curve's color, in rows on the right."""
+        at = np.array([[self.width + 0.5 * self.beside, 0.05 + 0.07 * row]], dtype=np.float32)
         self._words(f"key {row}", at, [words], color)
 
     def dots(self, name: str, x: Any, y: Any, words: Sequence[str], color: tuple[int, int, int], size: float) -> None:
@@ -150,5 +160,5 @@ class Chart:
         """The view that shows it all."""
         import rerun.blueprint as rrb
 
-        bounds = rrb.VisualBounds2D(x_range=[-MARGIN, self.width + 0.5 * MARGIN], y_range=[-0.1, 1.0 + MARGIN])
+        bounds = rrb.VisualBounds2D(x_range=[-0.2, self.width + self.beside], y_range=[-0.1, 1.2])
         return rrb.Spatial2DView(origin=entity(*self.path), name=name, visual_bounds=bounds)

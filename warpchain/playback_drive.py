@@ -57,10 +57,8 @@ def log_drive(stream: rr.RecordingStream, root: str, shown: Trajectory, top: flo
     _log_arrows(stream, root, shown, x)
 
 
-def log_outline(
-    stream: rr.RecordingStream, path: str, shown: Trajectory, color: tuple[int, int, int], label: str
-) -> None:
-    """Logs the chain as one line of one color, to be laid over others."""
+def log_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color: tuple[int, int, int]) -> None:
+    """Logs the chain as one thin line of one color, to be laid over others."""
     import rerun as rr
 
     assert shown.position is not None
@@ -69,8 +67,8 @@ def log_outline(
     closed = np.concatenate([x, x[:, :1]], axis=1)
     line = Column(rr.LineStrips2D.descriptor_strips(), rows(strips(closed), 1, frames))
     send(stream, path, shown.time, [line])
-    look = rr.LineStrips2D.from_fields(colors=[color], radii=[0.25 * shown.drive.chain.roller_radius], labels=[label])
-    stream.log(path, look, rr.LineStrips2D.from_fields(show_labels=False), static=True)
+    look = rr.LineStrips2D.from_fields(colors=[color], radii=rr.Radius.ui_points(0.7))
+    stream.log(path, look, static=True)
 
 
 def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32], top: float) -> None:

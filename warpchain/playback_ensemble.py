@@ -45,7 +45,7 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
         shown: variants that the recording plays; their dots stand out.
 
     Returns:
-        The charts, row by row: a metric each; and the number of columns: inputs. None and 0 where nothing varies.
+        The charts, row by row, an input each; and the number of columns: metrics. None and 0 where nothing varies.
     """
     inputs = varied_inputs(run)
     metrics = _varied_metrics(run)
@@ -60,15 +60,11 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
         ("shown variants", SHOWN, set(shown), 5.0),
     ]
     charts = []
-    for metric, y in metrics.items():
-        for name in chosen:
-            x = inputs[name]
-            unit = unit_of(metric)
+    for name in chosen:
+        for metric, y in metrics.items():
+            x, unit = inputs[name], unit_of(metric)
             chart = Chart(
-                stream,
-                ("ensemble", f"{metric} over {name}"),
-                around(x, name),
-                around(y, f"{metric} [{unit}]"),
+                stream, ("ensemble", name, f"{metric} [{unit}]"), around(x, name), around(y, ""), 1.1, few=True
             )
             chart.frame()
             for kind, color, members, size in kinds:
@@ -77,7 +73,7 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
                     words = [f"variant {v}: {name} = {x[v]:.6g}, {metric} = {y[v]:.6g} {unit}" for v in rows]
                     chart.dots(kind, x[rows], y[rows], words, color, size)
             charts.append(chart)
-    return charts, len(chosen)
+    return charts, len(metrics)
 
 
 def _varied_metrics(run: Run) -> Values:

@@ -22,6 +22,7 @@ def blueprint(
     images: Sequence[Chart],
     spectra: Sequence[Chart],
     ensemble: tuple[Sequence[Chart], int],
+    top: float,
     tab: str | None = None,
 ) -> rrb.Blueprint:
     """Tabs for the drive, the tension along the chain, contact, speeds, spectrum and the ensemble.
@@ -31,6 +32,7 @@ def blueprint(
     Args:
         images: each variant's tension along the chain.
         ensemble: scatters row by row, and the number of columns.
+        top: tension at which the color scale ends [N].
         tab: which tab is open at first, by its name or how it begins; None is the first.
 
     Raises:
@@ -39,6 +41,7 @@ def blueprint(
     import rerun.blueprint as rrb
 
     roots = [one.label for one in shown]
+    scale = f"from blue (0 N) to red ({top:,.0f} N)".replace(",", " ")
 
     def curves(*groups: str) -> list[rrb.TimeSeriesView]:
         return [
@@ -52,7 +55,7 @@ def blueprint(
 
     bounds = _bounds(shown)
     drives = [
-        rrb.Spatial2DView(origin=entity(root, "drive"), name="drive" if len(roots) == 1 else root, visual_bounds=bounds)
+        rrb.Spatial2DView(origin=entity(root, "drive"), name=f"{root}: link tension {scale}", visual_bounds=bounds)
         for root in roots
     ]
     beside = rrb.Vertical(*curves("tension", "contact", "displacement"))
@@ -61,12 +64,14 @@ def blueprint(
         tabs.append(rrb.Horizontal(drives[0], beside, column_shares=[2, 3], name="drive"))
     else:
         tabs.append(rrb.Horizontal(*drives, name="side by side"))
-        overlay = rrb.Spatial2DView(origin="/overlaid", name="chains overlaid", visual_bounds=bounds)
+        overlay = rrb.Spatial2DView(
+            origin="/",
+            contents=["+ /overlaid/**", f"+ {entity(roots[0], 'drive', 'sprockets')}/**"],
+            name="chains overlaid (zoom in to tell them apart)",
+            visual_bounds=bounds,
+        )
         tabs.append(rrb.Horizontal(overlay, beside, column_shares=[2, 3], name="overlaid"))
-    pictures = [
-        chart.view(f"{root}: link tension, 0 N blue to red at the scale's end")
-        for chart, root in zip(images, roots, strict=True)
-    ]
+    pictures = [chart.view(f"{root}: link tension {scale}") for chart, root in zip(images, roots, strict=True)]
     tabs.append(rrb.Vertical(*pictures, *curves("strand tension"), name="tension along the chain"))
     tabs.append(rrb.Vertical(*curves("contact", "moment"), name="contact forces"))
     tabs.append(rrb.Vertical(*curves("ratio", "error", "speed"), name="speed ratio and transmission error"))

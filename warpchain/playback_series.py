@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.playback_chart import Axis, Chart
+from warpchain.playback_chart import WIDE, Axis, Chart
 from warpchain.playback_columns import Column, entity, packed_colors, rows, send, tension_steps
 from warpchain.record import Trajectory
 from warpchain.scene import strand_displacement
@@ -111,9 +111,9 @@ def log_tension_image(
     packed = packed_colors(tension_steps(np.ascontiguousarray(peaks.T[::-1]), top))
     pixels = np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])
     axes = Axis("time [s]", 0.0, float(trajectory.time[-1])), Axis("link", 0.0, float(trajectory.drive.chain.links))
-    chart = Chart(stream, (root, "tension image"), *axes)
+    chart = Chart(stream, (root, "tension image"), *axes, width=WIDE)
     chart.image("image", pixels)
-    chart.frame()
+    chart.frame(grid=False)
     chart.cursor("cursor", shown.time)
     return chart
 
@@ -127,7 +127,7 @@ class Spectrum(NamedTuple):
     amplitude: NDArray[np.float64]
 
 
-def spectra(trajectory: Trajectory, colors: Sequence[Color], prefix: str = "") -> dict[str, list[Spectrum]]:
+def spectra(trajectory: Trajectory, colors: Sequence[Color]) -> dict[str, list[Spectrum]]:
     """Order spectra of strand tensions and transmission errors by the title of their chart; {} where none can be."""
     drive = trajectory.drive
     signals: list[tuple[str, str, Any]] = [
@@ -146,7 +146,7 @@ def spectra(trajectory: Trajectory, colors: Sequence[Color], prefix: str = "") -
             orders, amplitude = (part[1 : int(np.searchsorted(spectrum[0], last)) + 1] for part in spectrum)
             kept = peak_frames(amplitude, LINES // 2)
             lines = found.setdefault(title, [])
-            lines.append(Spectrum(prefix + name, colors[len(lines) % len(colors)], orders[kept], amplitude[kept]))
+            lines.append(Spectrum(name, colors[len(lines) % len(colors)], orders[kept], amplitude[kept]))
     return found
 
 
@@ -158,7 +158,8 @@ def log_spectra(stream: rr.RecordingStream, found: dict[str, list[Spectrum]], te
         if peak <= 0.0:
             continue
         x = Axis("order of the driver's revolution", 0.0, max(float(line.orders[-1]) for line in lines))
-        chart = Chart(stream, ("spectrum", title), x, Axis(f"amplitude of {title}", FLOOR * peak, 2.0 * peak, True))
+        y = Axis(f"amplitude of {title}", FLOOR * peak, 2.0 * peak, True)
+        chart = Chart(stream, ("spectrum", title), x, y, WIDE, beside=0.6)
         chart.frame()
         passing = [k * z for z in sorted(set(teeth)) for k in range(1, TOOTH_PASSINGS + 1) if k * z <= x.high]
         chart.verticals("tooth passing", passing, [f"tooth passing {order}" for order in passing], (120, 120, 60))

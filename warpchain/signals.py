@@ -10,6 +10,9 @@ from warpchain.scene import passing_link
 
 Array = NDArray[np.float64]
 
+FEWEST_TEETH = 16
+"""Teeth that must pass for an order spectrum to tell the tooth-passing orders apart."""
+
 
 def latter_half(trajectory: Trajectory) -> slice:
     """Frames of the second half of the recording, which the start's transients have left."""
@@ -78,14 +81,16 @@ def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array]
     the tooth-passing orders of the whole chain are the multiples of the driver's number of teeth.
 
     Returns:
-        orders and amplitudes; None where the driver does not turn forward, or by less than a revolution, or where
-        values are not finite.
+        orders and amplitudes; None where the driver stops or turns back, where fewer than `FEWEST_TEETH` of its teeth
+        pass, or where values are not finite.
     """
     assert trajectory.sprocket_angle is not None
     drive, part = trajectory.drive, latter_half(trajectory)
     angle = np.asarray(trajectory.sprocket_angle[part, drive.driver], dtype=float) * drive.sprockets[drive.driver].sign
     turns = angle / (2.0 * np.pi)
-    if len(turns) < 8 or not np.all(np.diff(turns) > 0.0) or turns[-1] - turns[0] < 1.0:
+    if len(turns) < 8 or not np.all(np.diff(turns) > 0.0):
+        return None
+    if (turns[-1] - turns[0]) * drive.sprockets[drive.driver].teeth < FEWEST_TEETH:
         return None
     if not np.isfinite(values[part]).all():
         return None
