@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 ARROW = 0.12
 """Length of the longest contact-force arrow, as a part of the drive's size."""
-STEEL, RUBBER = (150, 155, 165), (190, 120, 60)
+STEEL, RUBBER, PLATES = (150, 155, 165), (190, 120, 60), (105, 105, 110)
+DRAWN_FIRST = 5.0
+"""Draw order of what lies below the rollers, whose own is higher (Rerun's default for points is 30, for lines 20)."""
 
 
 def shown_frames(trajectory: Trajectory, budget: int) -> Trajectory:
@@ -64,33 +66,32 @@ def log_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color:
     assert shown.position is not None
     x = flipped(shown.position)
     frames = len(x)
-    closed = np.concatenate([x, x[:, :1]], axis=1)
-    line = Column(rr.LineStrips2D.descriptor_strips(), rows(strips(closed), 1, frames))
+    line = Column(rr.LineStrips2D.descriptor_strips(), rows(strips(_closed(x)), 1, frames))
     send(stream, path, shown.time, [line])
     look = rr.LineStrips2D.from_fields(colors=[color], radii=rr.Radius.ui_points(0.7))
     stream.log(path, look, static=True)
 
 
 def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32], top: float) -> None:
+    """Rollers, each in the color of the link from it to the next, on a line that joins them."""
     import pyarrow as pa
     import rerun as rr
 
     assert shown.tension is not None
     frames, links = shown.tension.shape
-    colors = rows(pa.array(packed_colors(tension_steps(shown.tension, top)).ravel()), links, frames)
-    ends = np.empty((frames, links, 2, 2), dtype=np.float32)
-    ends[:, :, 0], ends[:, :-1, 1], ends[:, -1, 1] = x, x[:, 1:], x[:, 0]
     line, points = rr.LineStrips2D, rr.Points2D
     chain, rollers = entity(root, "drive", "chain"), entity(root, "drive", "rollers")
-    stream.log(chain, line.from_fields(radii=[0.12 * shown.drive.chain.pitch]), static=True)
+    look = line.from_fields(radii=[0.08 * shown.drive.chain.pitch], colors=[PLATES], draw_order=DRAWN_FIRST)
+    stream.log(chain, look, static=True)
     stream.log(rollers, points.from_fields(radii=[shown.drive.chain.roller_radius]), static=True)
-    drawn = [
-        Column(line.descriptor_strips(), rows(strips(ends), links, frames)),
-        Column(line.descriptor_colors(), colors),
-    ]
-    send(stream, chain, shown.time, drawn)
-    drawn = [Column(points.descriptor_positions(), rows(vectors(x), links, frames))]
-    send(stream, rollers, shown.time, [*drawn, Column(points.descriptor_colors(), colors)])
+    send(stream, chain, shown.time, [Column(line.descriptor_strips(), rows(strips(_closed(x)), 1, frames))])
+    colors = pa.array(packed_colors(tension_steps(shown.tension, top)).ravel())
+    drawn = [(points.descriptor_positions(), vectors(x)), (points.descriptor_colors(), colors)]
+    send(stream, rollers, shown.time, [Column(what, rows(values, links, frames)) for what, values in drawn])
+
+
+def _closed(x: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.concatenate([x, x[:, :1]], axis=1)
 
 
 def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
@@ -131,7 +132,7 @@ def _log_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDA
 
     assert shown.sprocket_force is not None
     assert shown.guide_force is not None
-    sample = np.concatenate([f[:: max(len(f) // 100, 1)].ravel() for f in (shown.sprocket_force, shown.guide_force)])
+    sample = np.concatenate([f[:: max(len(f) // 20, 1)].ravel() for f in (shown.sprocket_force, shown.guide_force)])
     pressed = sample[sample > 0.0]
     if not len(pressed):
         return

@@ -161,13 +161,22 @@ def contact_arrows(trajectory: Trajectory) -> tuple[Array, Array]:
     return both[0], both[1]
 
 
-def passing_link(trajectory: Trajectory, strand: int) -> tuple[NDArray[np.intp], Array, Array]:
-    """The link that passes the middle of a strand.
+class Passing(NamedTuple):
+    """Which link passes the middle of a strand, and how.
 
-    Returns:
-        (F,) its number, -1 where no link does; (F,) the part of the link that is past the middle's near side, in
-        [0, 1]; (F, N) distance of the rollers from the straight common tangent [m], left of travel positive.
+    Attributes:
+        link: (F,) its number, -1 where no link does.
+        part: (F,) the part of the link that is before the middle.
+        across: (F, N) distance of all rollers from the straight common tangent [m], left of travel positive.
     """
+
+    link: Index
+    part: Array
+    across: Array
+
+
+def passing_link(trajectory: Trajectory, strand: int) -> Passing:
+    """The link that passes the middle of a strand, at every frame."""
     assert trajectory.position is not None
     path = chain_path(trajectory.drive)
     start, end = path.strand_start[strand], path.strand_end[strand]
@@ -186,15 +195,18 @@ def passing_link(trajectory: Trajectory, strand: int) -> tuple[NDArray[np.intp],
     number[found] = link[chosen]
     near, far = along[found, link[chosen]], along[found, following[chosen]]
     part[found] = -near / (far - near)
-    return number, part, across
+    return Passing(number, part, across)
 
 
-def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
+def strand_displacement(trajectory: Trajectory, strand: int, passing: Passing | None = None) -> Array:
     """Transverse displacement of the chain where it passes the middle of a strand (F,) [m], left of travel positive.
 
     The paper's Figures 9 and 10: distance from the straight common tangent. NaN where no link passes the middle.
+
+    Args:
+        passing: which link passes the middle, if known.
     """
-    link, part, across = passing_link(trajectory, strand)
+    link, part, across = passing or passing_link(trajectory, strand)
     frame = np.arange(len(link))
     near, far = across[frame, link], across[frame, (link + 1) % across.shape[1]]
     return np.where(link >= 0, near * (1.0 - part) + far * part, np.nan)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.record import Trajectory
-from warpchain.scene import passing_link
+from warpchain.scene import Passing, passing_link
 
 Array = NDArray[np.float64]
 
@@ -19,10 +19,14 @@ def latter_half(trajectory: Trajectory) -> slice:
     return slice(int(np.searchsorted(trajectory.time, 0.5 * trajectory.time[-1])), None)
 
 
-def strand_tension(trajectory: Trajectory, strand: int) -> Array:
-    """Tension of the link that passes the middle of a strand (F,) [N]."""
+def strand_tension(trajectory: Trajectory, strand: int, passing: Passing | None = None) -> Array:
+    """Tension of the link that passes the middle of a strand (F,) [N].
+
+    Args:
+        passing: which link that is, if known.
+    """
     assert trajectory.tension is not None
-    link, _, _ = passing_link(trajectory, strand)
+    link = (passing or passing_link(trajectory, strand)).link
     values = np.asarray(trajectory.tension, dtype=float)[np.arange(len(link)), np.maximum(link, 0)]
     return np.where(link >= 0, values, np.nan)
 
