@@ -1,10 +1,5 @@
 """Figures and playback: they are drawn, they show the chain, and they refuse in one line."""
 
-import importlib.util
-import shutil
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -15,8 +10,6 @@ from warpchain.errors import ArchiveError, SimulationError
 from warpchain.playback import FRAMES, view
 from warpchain.playback_drive import shown_frames
 from warpchain.plots import plot_figures
-
-ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.fixture(scope="module")
@@ -76,30 +69,3 @@ def test_long_recordings_are_drawn_within_the_frame_budget(run):
     shown = shown_frames(run[0], FRAMES)
     assert len(shown.time) == FRAMES
     assert (shown.time[0], shown.time[-1]) == (0.0, run[0].time[-1])
-
-
-def headless():
-    """Why the headless viewer cannot run here, or None."""
-    if not (shutil.which("rerun") or Path(sys.executable).with_name("rerun").exists()):
-        return "no rerun viewer"
-    if not list(Path("/usr/share/vulkan/icd.d").glob("*.json")):
-        return "no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)"
-    return None
-
-
-@pytest.mark.viewer
-@pytest.mark.skipif(headless() is not None, reason=str(headless()))
-def test_the_viewer_shows_the_chain_along_its_path(run, tmp_path):
-    spec = importlib.util.spec_from_file_location("render_picture", ROOT / "scripts" / "render_picture.py")
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    view(run, save=tmp_path / "a.rrd")
-    script.screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0.02)
-    pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
-    left = pixels[40:-60, : int(0.39 * pixels.shape[1])]  # the drive view
-    rows, columns = np.nonzero(np.ptp(left, axis=2) > 60)
-    assert len(rows) > 2000
-    # two horizontal strands: colored pixels fill a wide band of columns, in rows well apart
-    assert np.ptp(columns) > 0.7 * left.shape[1]
-    middle = np.abs(columns - columns.mean()) < 0.1 * left.shape[1]
-    assert np.ptp(rows[middle]) > 0.1 * left.shape[1]

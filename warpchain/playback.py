@@ -69,11 +69,12 @@ def view(
     elif spawn:
         from warpchain.playback_viewer import Viewer
 
-        with Viewer(bind, web) as viewer:
+        with Viewer(bind, "web" if web else "native") as viewer:
             stream = _stream()
             viewer.connect(stream)
             stream.send_blueprint(log_recording(stream, shown, frames, tab))
             stream.flush()
+            stream.disconnect()
     else:
         log_recording(_stream(), shown, frames, tab)
 

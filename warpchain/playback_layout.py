@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.errors import SimulationError
-from warpchain.playback_chart import Chart
+from warpchain.playback_chart import BACKGROUND, Chart
 from warpchain.playback_columns import entity
 from warpchain.playback_series import GROUPS
 from warpchain.recorded import Recorded
@@ -55,7 +55,12 @@ def blueprint(
 
     bounds = _bounds(shown)
     drives = [
-        rrb.Spatial2DView(origin=entity(root, "drive"), name=f"{root}: link tension {scale}", visual_bounds=bounds)
+        rrb.Spatial2DView(
+            origin=entity(root, "drive"),
+            name=f"{root}: link tension {scale}",
+            visual_bounds=bounds,
+            background=BACKGROUND,
+        )
         for root in roots
     ]
     beside = rrb.Vertical(*curves("tension", "contact", "displacement"))

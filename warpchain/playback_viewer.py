@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self
 from urllib.parse import quote
 
 from warpchain.errors import SimulationError
@@ -57,80 +59,80 @@ def _family(address: str) -> socket.AddressFamily:
 
 
 class Viewer:
-    """A viewer that outlives a `with` block: native ones stay open; the web viewer is served until interrupted.
+    """A viewer in a session of its own. At the end of a `with` block a native one stays open, the web viewer is served
+    until interrupted, and a headless one ends.
 
     Args:
         address: IP address to listen at, such as "127.0.0.1".
-        web: serve the web viewer instead of opening the native one.
+        kind: "native", "web" or "headless" (without a screen, for pictures).
+
+    Attributes:
+        data: URL that recordings are sent to.
+        page: URL of the web viewer with the recording.
 
     Raises:
         SimulationError: no viewer, an address that cannot be listened at, or a viewer that ends at once.
     """
 
-    def __init__(self, address: str = "127.0.0.1", web: bool = False) -> None:
-        self.web, self.address = web, address
-        self.port = free_port(address, DATA_PORT)
-        host = f"[{address}]" if ":" in address else address
-        self.reached = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}.get(host, host)
-        command = [executable(), "--bind", address, "--port", str(self.port)]
-        if web:
-            self.page_port = free_port(address, PAGE_PORT)
-            command += ["--serve-web", "--web-viewer-port", str(self.page_port)]
-        else:
-            command += ["--expect-data-soon", "--hide-welcome-screen"]
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE if not web else subprocess.DEVNULL,
-            start_new_session=not web, env=os.environ | {"RUST_LOG": "error"},
-        )  # fmt: skip
-        self._wait_for(self.port)
-        if web:
-            self._wait_for(self.page_port)
+    def __init__(self, address: str = "127.0.0.1", kind: Literal["native", "web", "headless"] = "native") -> None:
+        self.kind = kind
+        port, page_port = free_port(address, DATA_PORT), free_port(address, PAGE_PORT)
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(address, address)
+        shown = f"[{host}]" if ":" in host else host
+        self.data = f"rerun+http://{shown}:{port}/proxy"
+        self.page = f"http://{shown}:{page_port}/?url={quote(self.data, safe='')}"
+        options = {
+            "native": ["--expect-data-soon", "--hide-welcome-screen"],
+            "web": ["--serve-web", "--web-viewer-port", str(page_port)],
+            "headless": ["--headless", "--hide-welcome-screen"],
+        }
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (read when the viewer has ended)
+        self._process = subprocess.Popen(
+            [executable(), "--bind", address, "--port", str(port), *options[kind]],
+            stdin=subprocess.DEVNULL,
+            stdout=self._said,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={"RUST_LOG": "error", **os.environ},
+        )
+        for needed in (port, page_port) if kind == "web" else (port,):
+            self._wait_for(host, needed)
 
-    @property
-    def data(self) -> str:
-        """URL that recordings are sent to."""
-        return f"rerun+http://{self.reached}:{self.port}/proxy"
-
-    @property
-    def page(self) -> str:
-        """URL of the web viewer with the recording."""
-        return f"http://{self.reached}:{self.page_port}/?url={quote(self.data, safe='')}"
-
-    def _wait_for(self, port: int) -> None:
-        host, end = self.reached.strip("[]"), time.monotonic() + PATIENCE
-        while time.monotonic() < end:
-            if self.process.poll() is not None:
-                break
+    def _wait_for(self, host: str, port: int) -> None:
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end and self._process.poll() is None:
             try:
                 socket.create_connection((host, port), timeout=1.0).close()
                 return
             except OSError:
                 time.sleep(0.05)
-        said = ""
-        if self.process.poll() is None:
-            self.process.kill()
-        elif self.process.stderr is not None:
-            lines = [line for line in self.process.stderr.read().decode(errors="replace").splitlines() if line.strip()]
-            said = f" ({lines[-1].strip()})" if lines else ""
-        self.process.wait()
-        raise SimulationError(f"the Rerun viewer does not open{said}; use --save OUT.rrd")
+        self.close()
+        self._said.seek(0)
+        lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
+        reason = f" ({lines[0]})" if lines else ""
+        raise SimulationError(f"the Rerun viewer does not open{reason}; use --save OUT.rrd")
 
     def connect(self, stream: rr.RecordingStream) -> None:
         """Sends a recording to the viewer."""
         stream.connect_grpc(self.data)
 
+    def wait(self) -> None:
+        """Waits until the viewer ends or the user interrupts."""
+        with contextlib.suppress(KeyboardInterrupt):
+            self._process.wait()
+
+    def close(self) -> None:
+        """Ends the viewer: the program named `rerun` starts another, which goes with it."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGTERM)
+        self._process.wait()
+
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: BaseException | TracebackType | None) -> None:
-        if not self.web:
-            return
-        try:
-            if kind is None:
-                print(f"{self.page}\nserved until Ctrl-C", flush=True)
-                self.process.wait()
-        except KeyboardInterrupt:
-            pass
-        finally:
-            self.process.terminate()
-            self.process.wait()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self.kind == "web" and kind is None:
+            print(f"{self.page}\nserved until Ctrl-C", flush=True)
+            self.wait()
+        if self.kind != "native" or kind is not None:
+            self.close()
