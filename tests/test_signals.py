@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 from test_drive_physics import two_sprockets
 
-from warpchain import Trajectory
-from warpchain.signals import amplitude_spectrum, order_spectrum, speed_ratio, transmission_error
+from warpchain import Trajectory, load_drive, simulate
+from warpchain.examples import drive_path
+from warpchain.scene import passing_link
+from warpchain.signals import (
+    amplitude_spectrum,
+    contact_angles,
+    guide_forces,
+    latter_half,
+    order_spectrum,
+    speed_ratio,
+    strand_tension,
+    transmission_error,
+)
 
 
 def turning(driver, driven=None, time=None, teeth=20):
@@ -59,3 +70,34 @@ def test_ratio_and_error_of_a_driven_sprocket_that_hunts():
     # derivative 0.03 cos(30 t) over 8; the recorded speed here is a difference quotient, off by (30 * 5e-4)^2 / 6
     np.testing.assert_allclose(speed_ratio(trajectory, 1)[1:-1], 1.0 + 0.00375 * np.cos(30.0 * time[1:-1]), atol=1e-6)
     np.testing.assert_allclose(speed_ratio(trajectory, 0), 1.0)
+
+
+def test_forces_on_guide_bars_and_sprockets_are_all_accounted_for():
+    drive = load_drive(drive_path("marine")).with_values({"run.duration": 0.35, "run.sample_rate": 1000.0})
+    trajectory = simulate(drive)[0]
+    ((force, rollers),) = guide_forces(trajectory)
+    np.testing.assert_allclose(force, trajectory.guide_force.sum(axis=1), rtol=1e-12)
+    np.testing.assert_array_equal(rollers, (trajectory.guide_force > 0.0).sum(axis=1))
+    assert rollers.max() >= 1  # the bar is touched at 0.25 s
+    found = [contact_angles(trajectory, s) for s in range(3)]
+    total = trajectory.sprocket_force[latter_half(trajectory)].sum()
+    assert sum(angles.force.sum() for angles in found) == pytest.approx(total, rel=1e-12)
+    for angles in found:
+        pressed = angles.angle[angles.force > 0.0]
+        # rollers are pressed on the wrapped arc and up to a pitch angle before and after it, where flanks reach
+        assert pressed.min() > -angles.pitch
+        assert pressed.max() < angles.wrap + angles.pitch
+
+
+def test_the_link_at_mid_strand_is_the_one_there():
+    drive = two_sprockets(duration=0.02, step=1e-5)
+    trajectory = simulate(drive)[0]
+    middle = np.array([0.5, -drive.pitch_radius(0)])  # turning counter-clockwise, the driver lets go below
+    link, part, _ = passing_link(trajectory, 0)
+    frame = np.arange(len(link))
+    a, b = trajectory.position[frame, link], trajectory.position[frame, (link + 1) % 60]
+    at = a + part[:, None] * (b - a)
+    assert np.abs(at[:, 0] - middle[0]).max() < 1e-9
+    # the strand sags and swings by less than a tenth of a pitch
+    assert np.abs(at[:, 1] - middle[1]).max() < 0.1 * drive.chain.pitch
+    np.testing.assert_array_equal(strand_tension(trajectory, 0), trajectory.tension[frame, link])

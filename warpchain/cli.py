@@ -121,6 +121,16 @@ def parser() -> argparse.ArgumentParser:
     plot.add_argument("archive", metavar="OUT.mcap", type=Path)
     plot.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the figures")
     plot.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    plot.add_argument("--format", nargs="+", default=["png"], choices=["png", "svg"], help="default png")
+    plot.add_argument("--only", nargs="+", metavar="NAME", default=[], help="figures to draw, such as order-spectrum")
+    plot.add_argument("--roller", type=int, metavar="I", help="whose forces to draw; default the one pressed hardest")
+    plot.add_argument(
+        "--sweep",
+        nargs="*",
+        metavar="OTHER.mcap",
+        type=Path,
+        help="draw Campbell diagrams instead, over all recorded variants of this archive and others",
+    )
 
     export = _add(
         commands,
@@ -260,9 +270,14 @@ def _view(arguments: argparse.Namespace) -> int:
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    from warpchain.plots import plot_figures
+    from warpchain.plots import plot_figures, plot_sweep
 
-    for path in plot_figures(arguments.archive, arguments.output, variant=arguments.variant):
+    if arguments.sweep is not None:
+        paths = plot_sweep([arguments.archive, *arguments.sweep], arguments.output, arguments.format)
+    else:
+        chosen = {"variant": arguments.variant, "only": arguments.only, "roller": arguments.roller}
+        paths = plot_figures(arguments.archive, arguments.output, kind=arguments.format, **chosen)
+    for path in paths:
         print(path)
     return DONE
 

@@ -136,6 +136,16 @@ def _guide_normals(drive: Drive, x: Array) -> Array:
     return normals
 
 
+def nearest_guide(drive: Drive, x: Array) -> Index:
+    """The guide-bar whose face each of the points `x` (K, 2) is nearest to (K,)."""
+    apart = []
+    for guide in drive.guides:
+        start, t = np.asarray(guide.start, dtype=float), np.subtract(guide.end, guide.start)
+        share = np.clip((x - start) @ t / float(t @ t), 0.0, 1.0)
+        apart.append(np.hypot(*(x - start - share[:, None] * t).T))
+    return np.argmin(apart, axis=0) if apart else np.zeros(len(x), dtype=np.intp)
+
+
 def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> Index:
     """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond half a pitch from all.
 

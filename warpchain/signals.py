@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.geometry import chain_path
 from warpchain.record import Trajectory
-from warpchain.scene import Passing, passing_link
+from warpchain.scene import Passing, nearest_guide, passing_link
 
 Array = NDArray[np.float64]
 
@@ -59,6 +62,66 @@ def transmission_error(trajectory: Trajectory, s: int) -> Array:
     gear = drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
     ahead = turned[0] - gear * turned[1]
     return ahead - ahead.mean()
+
+
+def transverse_frequency(trajectory: Trajectory, strand: int) -> float:
+    """First transverse frequency of a strand at its mean tension over the latter half, the chain at rest [Hz]."""
+    from warpchain.check import strand_frequency
+
+    path = chain_path(trajectory.drive)
+    links = int(np.rint(path.strand_length[strand] / path.pitch))
+    tension = float(np.nanmean(strand_tension(trajectory, strand)[latter_half(trajectory)]))
+    return strand_frequency(trajectory.drive, links, tension)
+
+
+def guide_forces(trajectory: Trajectory) -> list[tuple[Array, Array]]:
+    """Each guide-bar's force on the chain (F,) [N], and how many rollers it presses (F,)."""
+    assert trajectory.position is not None
+    assert trajectory.guide_force is not None
+    frame, roller = np.nonzero(trajectory.guide_force > 0.0)
+    force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
+    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    nearest = nearest_guide(trajectory.drive, x)
+    found: list[tuple[Array, Array]] = []
+    for g in range(len(trajectory.drive.guides)):
+        mine, count = nearest == g, len(trajectory.time)
+        total = np.bincount(frame[mine], force[mine], minlength=count)
+        found.append((np.asarray(total, float), np.asarray(np.bincount(frame[mine], minlength=count), float)))
+    return found
+
+
+class ContactAngles(NamedTuple):
+    """Contact of all rollers with one sprocket.
+
+    Attributes:
+        angle: (K,) angle of the roller past the point where the chain reaches the sprocket, in the direction of travel
+            [rad].
+        force: (K,) contact force [N].
+        wrap: wrapped angle [rad].
+        pitch: pitch angle of the teeth [rad].
+    """
+
+    angle: Array
+    force: Array
+    wrap: float
+    pitch: float
+
+
+def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
+    """Contact force against angle on sprocket s, of the frames of the latter half; of unpressed rollers, too."""
+    assert trajectory.position is not None
+    assert trajectory.sprocket_center is not None
+    assert trajectory.sprocket_force is not None
+    drive, part, path = trajectory.drive, latter_half(trajectory), chain_path(trajectory.drive)
+    step = 2.0 * np.pi / drive.sprockets[s].teeth
+    r = np.asarray(trajectory.position[part], dtype=float) - trajectory.sprocket_center[part, None, s]
+    apart = np.abs(np.hypot(r[..., 0], r[..., 1]) - drive.pitch_radius(s))
+    polar = drive.sprockets[s].sign * (np.arctan2(r[..., 1], r[..., 0]) - path.arrival_angle[s])
+    wrap = float(path.wrap_angle[s])
+    spare = 0.5 * (2.0 * np.pi - wrap)
+    angle = np.mod(polar + spare, 2.0 * np.pi) - spare
+    on = (apart < 0.5 * drive.chain.pitch) & (angle > -2.0 * step) & (angle < wrap + 2.0 * step)
+    return ContactAngles(angle[on], np.asarray(trajectory.sprocket_force[part], dtype=float)[on], wrap, step)
 
 
 def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
