@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from warpchain.playback_chart import WIDE, Axis, Chart
 from warpchain.playback_columns import Column, entity, packed_colors, rows, send, tension_steps
 from warpchain.record import Trajectory
-from warpchain.scene import passing_link, strand_displacement
+from warpchain.scene import passing_link
 from warpchain.signals import (
     order_spectrum,
     peak_frames,
@@ -60,7 +60,7 @@ def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floati
     for k, name in enumerate(drive.strand_names):
         passing = passing_link(trajectory, k)
         yield "strand tension", name, strand_tension(trajectory, k, passing)
-        yield "displacement", name, 1e3 * strand_displacement(trajectory, k, passing)
+        yield "displacement", name, 1e3 * passing.displacement
     for s, sprocket in enumerate(drive.sprockets):
         if trajectory.sprocket_moment is not None:
             yield "moment", sprocket.name, trajectory.sprocket_moment[:, s]

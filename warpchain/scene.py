@@ -15,6 +15,9 @@ from warpchain.record import Trajectory
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+BLOCK = 4096
+"""Frames that are looked at together, so that long recordings need little memory beside themselves."""
+
 
 class Arrows(NamedTuple):
     """Forces on K rollers, in order of frames.
@@ -172,17 +175,16 @@ def contact_arrows(trajectory: Trajectory) -> tuple[Array, Array]:
 
 
 class Passing(NamedTuple):
-    """Which link passes the middle of a strand, and how.
+    """Which link passes the middle of a strand, and where.
 
     Attributes:
         link: (F,) its number, -1 where no link does.
-        part: (F,) the part of the link that is before the middle.
-        across: (F, N) distance of all rollers from the straight common tangent [m], left of travel positive.
+        displacement: (F,) distance of the chain from the straight common tangent there [m], left of travel positive;
+            NaN where no link passes.
     """
 
     link: Index
-    part: Array
-    across: Array
+    displacement: Array
 
 
 def passing_link(trajectory: Trajectory, strand: int) -> Passing:
@@ -190,33 +192,36 @@ def passing_link(trajectory: Trajectory, strand: int) -> Passing:
     assert trajectory.position is not None
     path = chain_path(trajectory.drive)
     start, end = path.strand_start[strand], path.strand_end[strand]
+    count = len(trajectory.time)
+    link, displacement = np.full(count, -1, dtype=np.intp), np.full(count, np.nan)
+    for first in range(0, count, BLOCK):
+        block = slice(first, first + BLOCK)
+        _pass(trajectory.position[block], start, end, link[block], displacement[block])
+    return Passing(link, displacement)
+
+
+def _pass(position: NDArray[np.floating], start: Array, end: Array, link: Index, displacement: Array) -> None:
+    """Fills in link and displacement of a block of frames, where a link passes."""
     length = float(np.hypot(*(end - start)))
     tx, ty = (end - start) / length
-    x, y = trajectory.position[..., 0], trajectory.position[..., 1]
+    x, y = position[..., 0], position[..., 1]
     along = np.asarray(tx * x + ty * y, dtype=float) - float(start @ (tx, ty)) - 0.5 * length
     across = np.asarray(tx * y - ty * x, dtype=float) - float(tx * start[1] - ty * start[0])
     beyond = along > 0.0
-    frame, link = np.nonzero(~beyond & np.roll(beyond, -1, axis=1))
-    following = (link + 1) % along.shape[1]
-    order = np.lexsort((np.abs(across[frame, link]) + np.abs(across[frame, following]), frame))
-    found, first = np.unique(frame[order], return_index=True)
-    chosen = order[first]
-    number, part = np.full(len(along), -1, dtype=np.intp), np.zeros(len(along))
-    number[found] = link[chosen]
-    near, far = along[found, link[chosen]], along[found, following[chosen]]
-    part[found] = -near / (far - near)
-    return Passing(number, part, across)
+    frame, near = np.nonzero(~beyond & np.roll(beyond, -1, axis=1))
+    far = (near + 1) % along.shape[1]
+    # other strands cross the middle too: the nearest is the one
+    order = np.lexsort((np.abs(across[frame, near]) + np.abs(across[frame, far]), frame))
+    frame, first = np.unique(frame[order], return_index=True)
+    near, far = near[order][first], far[order][first]
+    part = -along[frame, near] / (along[frame, far] - along[frame, near])
+    link[frame] = near
+    displacement[frame] = across[frame, near] * (1.0 - part) + across[frame, far] * part
 
 
-def strand_displacement(trajectory: Trajectory, strand: int, passing: Passing | None = None) -> Array:
+def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
     """Transverse displacement of the chain where it passes the middle of a strand (F,) [m], left of travel positive.
 
     The paper's Figures 9 and 10: distance from the straight common tangent. NaN where no link passes the middle.
-
-    Args:
-        passing: which link passes the middle, if known.
     """
-    link, part, across = passing or passing_link(trajectory, strand)
-    frame = np.arange(len(link))
-    near, far = across[frame, link], across[frame, (link + 1) % across.shape[1]]
-    return np.where(link >= 0, near * (1.0 - part) + far * part, np.nan)
+    return passing_link(trajectory, strand).displacement
