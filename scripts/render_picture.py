@@ -141,6 +141,8 @@ def web_screenshot(url: str, picture: Path, shows: Callable[[Path], bool], patie
 
 def main() -> None:
     """Runs the marine drive and takes its picture."""
+    from PIL import Image
+
     from warpchain import load_drive, simulate
     from warpchain.examples import drive_path
     from warpchain.playback import view
@@ -153,6 +155,7 @@ def main() -> None:
         recording = Path(folder) / "marine.rrd"
         view(simulate(load_drive(drive_path("marine"))), save=recording, tab=words[2] if len(words) > 2 else None)
         screenshot(recording, picture, seconds)
+    Image.open(picture).convert("RGB").quantize(160).save(picture, optimize=True)  # a third of the size
     print(picture)
 
 

@@ -41,6 +41,8 @@ TOOTH_PASSINGS = 4
 """Spectra reach half an order beyond this multiple of the tooth-passing order."""
 FLOOR = 1e-4
 """Lower end of a spectrum's axis, as a part of its peak."""
+WIDEST = 4096
+"""Most columns of an image: a texture's least guaranteed limit is 8192."""
 LINES = 4000
 """Most lines of a spectrum that are drawn."""
 
@@ -108,7 +110,7 @@ def log_tension_image(
     Each column is the largest tension of each link over its spell, so that no peak is lost.
     """
     assert trajectory.tension is not None
-    _, peaks = peaks_over_time(trajectory.tension, budget)
+    _, peaks = peaks_over_time(trajectory.tension, min(budget, WIDEST))
     packed = packed_colors(tension_steps(np.ascontiguousarray(peaks.T[::-1]), top))
     pixels = np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])
     axes = Axis("time [s]", 0.0, float(trajectory.time[-1])), Axis("link", 0.0, float(trajectory.drive.chain.links))
