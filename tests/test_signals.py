@@ -11,6 +11,7 @@ from warpchain.signals import (
     amplitude_spectrum,
     contact_angles,
     guide_forces,
+    last_round,
     latter_half,
     order_spectrum,
     speed_ratio,
@@ -87,6 +88,13 @@ def test_forces_on_guide_bars_and_sprockets_are_all_accounted_for():
         # rollers are pressed on the wrapped arc and up to a pitch angle before and after it, where flanks reach
         assert pressed.min() > -angles.pitch
         assert pressed.max() < angles.wrap + angles.pitch
+
+
+def test_the_last_round_is_as_many_teeth_as_links():
+    time = np.linspace(0.0, 10.0, 20001)
+    trajectory = turning(8.0 * time)  # 20 teeth, 60 links: three revolutions in 2.356 s, to half a millisecond
+    assert time[last_round(trajectory)][0] == pytest.approx(10.0 - 6.0 * np.pi / 8.0, abs=5.01e-4)
+    assert last_round(turning(0.8 * time)) == slice(0, None)
 
 
 def test_the_link_at_mid_strand_is_the_one_there():

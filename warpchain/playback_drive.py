@@ -19,6 +19,7 @@ from warpchain.playback_columns import (
     vectors,
 )
 from warpchain.record import Trajectory
+from warpchain.recorded import part_of
 from warpchain.scene import guide_outline, pressing, tooth_outline
 
 if TYPE_CHECKING:
@@ -37,8 +38,7 @@ def shown_frames(trajectory: Trajectory, budget: int) -> Trajectory:
     if count <= budget:
         return trajectory
     frames = np.unique(np.linspace(0, count - 1, budget).round().astype(np.intp))
-    held = {name: values[frames] for name, values in trajectory.channels().items()}
-    return Trajectory(trajectory.drive, trajectory.time[frames], **held)
+    return part_of(trajectory, frames)
 
 
 def tension_top(trajectory: Trajectory) -> float:

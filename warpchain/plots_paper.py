@@ -9,19 +9,21 @@ import numpy as np
 
 from warpchain.plots_style import PARTS, about, arrowed, curve, panels, tension_colors
 from warpchain.record import Trajectory
+from warpchain.recorded import part_of
 from warpchain.scene import contact_arrows, guide_outline, nearest_sprocket, strand_displacement, tooth_outline
-from warpchain.signals import guide_forces
+from warpchain.signals import guide_forces, last_round
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def telling_roller(trajectory: Trajectory) -> int:
-    """The roller that guide-bars press hardest, or else sprockets."""
+    """The roller that guide-bars, or else sprockets, press hardest in the chain's last round."""
     assert trajectory.sprocket_force is not None
     assert trajectory.guide_force is not None
-    by_guides = trajectory.guide_force.max(axis=0)
-    return int(np.argmax(by_guides if by_guides.max() > 0.0 else trajectory.sprocket_force.max(axis=0)))
+    part = last_round(trajectory)
+    by_guides = trajectory.guide_force[part].max(axis=0)
+    return int(np.argmax(by_guides if by_guides.max() > 0.0 else trajectory.sprocket_force[part].max(axis=0)))
 
 
 def displacement_figure(trajectory: Trajectory) -> Figure:
@@ -60,9 +62,10 @@ def guide_figure(trajectory: Trajectory) -> Figure:
 
 
 def tension_figure(trajectory: Trajectory, link: int) -> Figure:
-    """Tension of one link over time, with the spells on each sprocket shaded (Figure 11)."""
+    """Tension of one link over the chain's last round, with the spells on each sprocket shaded (Figure 11)."""
+    trajectory = part_of(trajectory, last_round(trajectory))
     assert trajectory.tension is not None
-    figure, (axis,) = panels(1, 4.4, f"Tension of link {link}, on strands and sprockets", trajectory.drive)
+    figure, (axis,) = panels(1, 4.4, f"Tension of link {link} over the chain's last round", trajectory.drive)
     curve(axis, trajectory.time, 1e-3 * trajectory.tension[:, link], color="tab:blue")
     axis.axhline(0.0, color="black", lw=0.6)
     _shade(axis, trajectory, link)
@@ -73,10 +76,13 @@ def tension_figure(trajectory: Trajectory, link: int) -> Figure:
 
 
 def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
-    """Contact forces on one roller: of sprockets above, of guide-bars below (Figure 12)."""
+    """Contact forces on one roller over the chain's last round: of sprockets above, of guide-bars below (Figure 12)."""
+    trajectory = part_of(trajectory, last_round(trajectory))
     assert trajectory.sprocket_force is not None
     assert trajectory.guide_force is not None
-    figure, (above, below) = panels(2, 5.8, f"Contact forces on roller {roller}", trajectory.drive)
+    figure, (above, below) = panels(
+        2, 5.8, f"Contact forces on roller {roller} over the chain's last round", trajectory.drive
+    )
     curve(above, trajectory.time, 1e-3 * trajectory.sprocket_force[:, roller], color="tab:blue")
     above.set_ylabel("contact with sprockets [kN]")
     _shade(above, trajectory, roller)
@@ -123,9 +129,7 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None) -> Figure:
     chain.set_array(1e-3 * trajectory.tension[f])
     axis.add_collection(chain)
     figure.colorbar(chain, ax=axis, label="link tension [kN]", shrink=0.6)
-    one = slice(f, f + 1)
-    still = Trajectory(drive, trajectory.time[one], **{n: v[one] for n, v in trajectory.channels().items()})
-    arrows = contact_arrows(still)
+    arrows = contact_arrows(part_of(trajectory, slice(f, f + 1)))
     largest = max(float(np.hypot(*np.moveaxis(a[0], -1, 0)).max()) for a in arrows)
     reach = 0.12 * float(span.max()) / largest if largest > 0.0 else 1.0
     kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 from warpchain.record import Run, Trajectory
@@ -62,6 +63,12 @@ def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED
     if len(trajectory.time) < 2:
         raise SimulationError(f"variant {index} has {len(trajectory.time)} frames, at least 2 are needed")
     return Recorded(run, index, trajectory, f"variant {index}")
+
+
+def part_of(trajectory: Trajectory, frames: slice | NDArray[np.intp]) -> Trajectory:
+    """The trajectory at some of its frames."""
+    held = {name: values[frames] for name, values in trajectory.channels().items()}
+    return Trajectory(trajectory.drive, trajectory.time[frames], **held)
 
 
 def to_compare(

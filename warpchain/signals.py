@@ -22,6 +22,16 @@ def latter_half(trajectory: Trajectory) -> slice:
     return slice(int(np.searchsorted(trajectory.time, 0.5 * trajectory.time[-1])), None)
 
 
+def last_round(trajectory: Trajectory) -> slice:
+    """Frames of the chain's last round: while as many teeth of the driver pass as the chain has links; else all."""
+    assert trajectory.sprocket_angle is not None
+    drive = trajectory.drive
+    angle = np.asarray(trajectory.sprocket_angle[:, drive.driver], dtype=float) * drive.sprockets[drive.driver].sign
+    passed = (angle[-1] - angle) * drive.sprockets[drive.driver].teeth / (2.0 * np.pi)
+    earlier = np.flatnonzero(passed >= drive.chain.links)
+    return slice(int(earlier[-1]) if len(earlier) else 0, None)
+
+
 def strand_tension(trajectory: Trajectory, strand: int, passing: Passing | None = None) -> Array:
     """Tension of the link that passes the middle of a strand (F,) [N].
 
