@@ -96,7 +96,15 @@ def angle_figure(trajectory: Trajectory) -> Figure:
         found = contact_angles(trajectory, s)
         angle, force = np.degrees(found.angle), 1e-3 * found.force
         thin = slice(None, None, max(len(angle) // DOTS, 1))
-        axis.plot(angle[thin], force[thin], ".", ms=1.5, color="0.7", rasterized=True, label="each roller, each frame")
+        axis.plot(
+            angle[thin],
+            force[thin],
+            ".",
+            ms=1.5,
+            color="0.7",
+            rasterized=True,
+            label="rollers at single frames, thinned out",
+        )
         low, high = -1.5 * np.degrees(found.pitch), np.degrees(found.wrap + 1.5 * found.pitch)
         edges = np.arange(low, high + BIN, BIN)
         at = np.digitize(angle, edges) - 1

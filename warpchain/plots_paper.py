@@ -71,7 +71,6 @@ def tension_figure(trajectory: Trajectory, link: int) -> Figure:
     _shade(axis, trajectory, link)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("link tension [kN]")
-    axis.legend(loc="upper right", fontsize=8)
     return figure
 
 
@@ -86,7 +85,6 @@ def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
     curve(above, trajectory.time, 1e-3 * trajectory.sprocket_force[:, roller], color="tab:blue")
     above.set_ylabel("contact with sprockets [kN]")
     _shade(above, trajectory, roller)
-    above.legend(loc="upper right", fontsize=8)
     curve(below, trajectory.time, 1e-3 * trajectory.guide_force[:, roller], color="tab:red")
     below.set_ylabel("contact with guide-bars [kN]")
     below.set_xlabel("time [s]")
@@ -94,7 +92,7 @@ def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
 
 
 def _shade(axis: Any, trajectory: Trajectory, roller: int) -> None:
-    """Shades the spells that a roller is on each sprocket."""
+    """Shades the spells that a roller is on each sprocket, with a legend."""
     on = nearest_sprocket(trajectory, np.array([roller]))[:, 0]
     named: set[int] = set()
     frame = 0
@@ -107,6 +105,8 @@ def _shade(axis: Any, trajectory: Trajectory, roller: int) -> None:
             span = trajectory.time[frame], trajectory.time[last]
             axis.axvspan(*span, color=PARTS[s % len(PARTS)], alpha=0.15, lw=0, label=label)
         frame += length
+    if named:
+        axis.legend(loc="upper right", fontsize=8)
 
 
 def drive_figure(trajectory: Trajectory, frame: int | None = None) -> Figure:
