@@ -1,47 +1,161 @@
-"""The README's picture: the marine drive in the headless Rerun viewer, without a screen.
+"""Pictures of recordings without a screen. The README's is the marine drive in the headless Rerun viewer:
 
-    python scripts/render_picture.py docs/images/marine.png [SECONDS]
+    python scripts/render_picture.py docs/images/marine.png [SECONDS] [TAB]
 
-Needs a Vulkan driver; in software, Debian's mesa-vulkan-drivers and libvulkan1.
+Needs a Vulkan driver; in software, Debian's mesa-vulkan-drivers and libvulkan1. The web viewer needs chromium.
 """
 
+import base64
+import contextlib
+import fcntl
+import json
 import os
+import shutil
+import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
-SOFTWARE = Path("/usr/share/vulkan/icd.d/lvp_icd.x86_64.json")
+DRIVERS = Path("/usr/share/vulkan/icd.d")
+SOFTWARE = DRIVERS / "lvp_icd.x86_64.json"
+SIZE = (1920, 1080)
 
 
-def screenshot(recording: Path, picture: Path, seconds: float, port: int = 9899) -> None:
+def no_vulkan() -> str | None:
+    """Why the headless viewer cannot run here, or None."""
+    return None if list(DRIVERS.glob("*.json")) else "no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)"
+
+
+def no_browser() -> str | None:
+    """Why the web viewer cannot be looked at here, or None."""
+    return None if shutil.which("chromium") else "no browser (Debian: chromium)"
+
+
+def screenshot(recording: Path, picture: Path, seconds: float) -> None:
     """Opens a recording in the headless viewer, goes to a simulated time and saves what it shows."""
-    if "VK_ICD_FILENAMES" not in os.environ and SOFTWARE.exists():
-        os.environ["VK_ICD_FILENAMES"] = str(SOFTWARE)
-    os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    if SOFTWARE.exists():
+        os.environ.setdefault("VK_ICD_FILENAMES", str(SOFTWARE))
     from rerun.experimental import ViewerClient
 
-    viewer = ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True, detach_process=False)
-    viewer.open(str(recording))
-    time.sleep(2.0)
-    viewer.set_time("sim_time", duration=seconds, play_state="paused")
-    time.sleep(2.5)
-    viewer.save_screenshot(str(picture))
+    from warpchain.playback_viewer import Viewer
+
+    with Viewer(kind="headless") as viewer:
+        client = ViewerClient.connect(viewer.data)
+        client.open(str(recording))
+        time.sleep(2.0)
+        client.set_time("sim_time", duration=seconds, play_state="paused")
+        time.sleep(2.5)
+        client.save_screenshot(str(picture))
+
+
+class Browser:
+    """Headless Chromium, driven by its DevTools protocol over the pipes that it has at 3 and 4."""
+
+    def __init__(self, profile: Path) -> None:
+        to_browser, self._out = os.pipe()
+        self._in, from_browser = os.pipe()
+        ends = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (to_browser, from_browser)]
+        command = [
+            *("chromium", "--headless=new", "--no-sandbox", "--remote-debugging-pipe", f"--user-data-dir={profile}"),
+            *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"),
+            *("--disable-dev-shm-usage", "--no-first-run", "--hide-scrollbars"),
+            *(f"--window-size={SIZE[0]},{SIZE[1]}", "about:blank"),
+        ]
+        self._process = subprocess.Popen(
+            command,
+            preexec_fn=lambda: [os.dup2(end, number) for end, number in zip(ends, (3, 4), strict=True)],
+            close_fds=False,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        for end in (to_browser, from_browser, *ends):
+            os.close(end)
+        self._pending, self._number = b"", 0
+        page = next(t for t in self.call("Target.getTargets")["targetInfos"] if t["type"] == "page")
+        self._session = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)["sessionId"]
+
+    def call(self, method: str, session: str | None = None, **values: object) -> dict:
+        """Calls a method of the protocol and waits for its answer."""
+        self._number += 1
+        request = {"id": self._number, "method": method, "params": values}
+        text = json.dumps(request | ({"sessionId": session} if session else {}))
+        os.write(self._out, text.encode() + b"\0")
+        while True:
+            while b"\0" not in self._pending:
+                data = os.read(self._in, 1 << 20)
+                if not data:
+                    raise RuntimeError("the browser has ended")
+                self._pending += data
+            answer, _, self._pending = self._pending.partition(b"\0")
+            message = json.loads(answer)
+            if message.get("id") == self._number:
+                if "error" in message:
+                    raise RuntimeError(f"{method}: {message['error']['message']}")
+                return message["result"]
+
+    def open(self, url: str) -> None:
+        """Goes to a page."""
+        self.call("Page.navigate", self._session, url=url)
+
+    def capture(self, picture: Path) -> None:
+        """Saves what the page shows."""
+        picture.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", self._session)["data"]))
+
+    def close(self) -> None:
+        """Ends the browser."""
+        with contextlib.suppress(RuntimeError, OSError):
+            self.call("Browser.close")
+        self._process.wait()
+        os.close(self._out)
+        os.close(self._in)
+
+
+@contextlib.contextmanager
+def browser() -> Iterator[Browser]:
+    """A browser with a profile of its own."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        opened = Browser(Path(folder))
+        try:
+            yield opened
+        finally:
+            opened.close()
+
+
+def web_screenshot(url: str, picture: Path, shows: Callable[[Path], bool], patience: float = 120.0) -> None:
+    """Opens a page of the web viewer and saves what it shows as soon as `shows` says that it is all there.
+
+    After `patience` seconds it saves what is there.
+    """
+    with browser() as page:
+        page.open(f"{url}&renderer=webgl&hide_welcome_screen=1")
+        end = time.monotonic() + patience
+        while time.monotonic() < end:
+            time.sleep(2.0)
+            page.capture(picture)
+            if shows(picture):
+                return
 
 
 def main() -> None:
     """Runs the marine drive and takes its picture."""
+    from PIL import Image
+
     from warpchain import load_drive, simulate
     from warpchain.examples import drive_path
     from warpchain.playback import view
 
-    picture = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images/marine.png")
-    seconds = float(sys.argv[2]) if len(sys.argv) > 2 else 1.5
+    words = sys.argv[1:]
+    picture = Path(words[0] if words else "docs/images/marine.png")
+    seconds = float(words[1]) if len(words) > 1 else 1.5
     picture.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "marine.rrd"
-        view(simulate(load_drive(drive_path("marine"))), save=recording)
+        view(simulate(load_drive(drive_path("marine"))), save=recording, tab=words[2] if len(words) > 2 else None)
         screenshot(recording, picture, seconds)
+    Image.open(picture).convert("RGB").quantize(160).save(picture, optimize=True)  # a third of the size
     print(picture)
 
 

@@ -125,11 +125,32 @@ def parser() -> argparse.ArgumentParser:
         "--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening the viewer"
     )
     view.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    view.add_argument(
+        "--compare",
+        metavar="OTHER",
+        nargs="+",
+        default=[],
+        help="variants to lay beside and over it: numbers, other archives, or ARCHIVE:NUMBER",
+    )
+    view.add_argument("--frames", type=int, metavar="N", help="frames to draw at most, peaks kept (default 1000)")
+    view.add_argument("--tab", metavar="NAME", help="the tab to open first, such as spectrum")
+    view.add_argument("--web", action="store_true", help="serve the web viewer until Ctrl-C")
+    view.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
 
     plot = _add(commands, "plot", _plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
     plot.add_argument("archive", metavar="OUT.mcap", type=Path)
     plot.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the figures")
     plot.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    plot.add_argument("--format", nargs="+", default=["png"], choices=["png", "svg"], help="default png")
+    plot.add_argument("--only", nargs="+", metavar="NAME", default=[], help="figures to draw, such as order-spectrum")
+    plot.add_argument("--roller", type=int, metavar="I", help="whose forces to draw; default the one pressed hardest")
+    plot.add_argument(
+        "--sweep",
+        nargs="*",
+        metavar="OTHER.mcap",
+        type=Path,
+        help="draw Campbell diagrams instead, over all recorded variants of this archive and others",
+    )
 
     export = _add(
         commands,
@@ -268,16 +289,30 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
 
 
 def _view(arguments: argparse.Namespace) -> int:
-    from warpchain.playback import view
+    from warpchain.playback import FRAMES, view
 
-    view(arguments.archive, variant=arguments.variant, save=arguments.save)
+    view(
+        arguments.archive,
+        variant=arguments.variant,
+        save=arguments.save,
+        compare=arguments.compare,
+        frames=FRAMES if arguments.frames is None else arguments.frames,
+        web=arguments.web,
+        bind=arguments.bind,
+        tab=arguments.tab,
+    )
     return DONE
 
 
 def _plot(arguments: argparse.Namespace) -> int:
-    from warpchain.plots import plot_figures
+    from warpchain.plots import plot_figures, plot_sweep
 
-    for path in plot_figures(arguments.archive, arguments.output, variant=arguments.variant):
+    if arguments.sweep is not None:
+        paths = plot_sweep([arguments.archive, *arguments.sweep], arguments.output, arguments.format)
+    else:
+        chosen = {"variant": arguments.variant, "only": arguments.only, "roller": arguments.roller}
+        paths = plot_figures(arguments.archive, arguments.output, kind=arguments.format, **chosen)
+    for path in paths:
         print(path)
     return DONE
 

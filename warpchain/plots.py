@@ -1,62 +1,52 @@
-"""Figures of one variant, after the paper's Figures 8 to 12: forces, strand displacement, tension, contact."""
+"""Figures of a run as files: one variant's after the paper and beyond, and sweeps over speed of several."""
 
 from __future__ import annotations
 
-import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from warpchain.archive_schema import tension_color
-from warpchain.errors import ArchiveError, SimulationError
-from warpchain.record import Run, Trajectory
-from warpchain.scene import (
-    contact_arrows,
-    guide_outline,
-    nearest_sprocket,
-    strand_displacement,
-    tooth_outline,
+from warpchain.errors import SimulationError
+from warpchain.plots_chain import angle_figure, spectrum_figure, waterfall_figure
+from warpchain.plots_paper import (
+    contact_figure,
+    displacement_figure,
+    drive_figure,
+    guide_figure,
+    telling_roller,
+    tension_figure,
 )
+from warpchain.plots_style import save_figures
+from warpchain.plots_sweep import SIGNALS, campbell_figure, sweeps
+from warpchain.record import Run, Trajectory
+from warpchain.recorded import recorded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NEEDED = (
-    "position",
-    "tension",
-    "sprocket_force",
-    "guide_force",
-    "sprocket_angle",
-    "sprocket_center",
-)
-"""Channels that the figures are drawn from."""
+FIGURES: dict[str, Callable[[Trajectory, int], Figure | None]] = {
+    "drive": lambda t, _: drive_figure(t),
+    "strand-displacement": lambda t, _: displacement_figure(t),
+    "link-tension": tension_figure,
+    "contact-forces": contact_figure,
+    "guide-force": lambda t, _: guide_figure(t) if t.drive.guides else None,
+    "tension-waterfall": lambda t, _: waterfall_figure(t),
+    "order-spectrum": lambda t, _: spectrum_figure(t),
+    "contact-angle": lambda t, _: angle_figure(t),
+}
+"""Figures of a variant by name; None where there is nothing to draw: no guide-bar, or too short a run for orders."""
 
-
-def chosen_variant(source: Run | str | Path, variant: int | None, needed: tuple[str, ...]) -> tuple[int, Trajectory]:
-    """The variant to show, the first recorded one if not told, with its index.
-
-    Raises:
-        SimulationError: nothing recorded, a variant that was not, or a channel that is missing.
-    """
-    from warpchain.archive import read_archive
-
-    run = source if isinstance(source, Run) else read_archive(source)
-    recorded = list(run)
-    if not recorded:
-        raise SimulationError("no variant was recorded: nothing to draw")
-    index = recorded[0] if variant is None else variant
-    trajectory = run[index]
-    missing = [name for name in needed if getattr(trajectory, name) is None]
-    if missing:
-        raise SimulationError(f"variant {index} was recorded without {', '.join(missing)}, which this needs")
-    if len(trajectory.time) < 2:
-        raise SimulationError(f"variant {index} has {len(trajectory.time)} frames, at least 2 are needed")
-    return index, trajectory
+RESONANCES = 8.0
+"""Multiple of the highest first transverse frequency up to which resonances are shown."""
 
 
 def plot_figures(
-    source: Run | str | Path, folder: str | Path, variant: int | None = None, kind: str = "png"
+    source: Run | str | Path,
+    folder: str | Path,
+    variant: int | None = None,
+    kind: str | Sequence[str] = "png",
+    only: Sequence[str] = (),
+    roller: int | None = None,
 ) -> list[Path]:
     """Draws the figures of one variant.
 
@@ -64,182 +54,45 @@ def plot_figures(
         source: a run, or an archive's path.
         folder: where they go; made if need be.
         variant: which variant; None is the first recorded.
-        kind: file ending, "png" or "svg".
+        kind: file ending, "png" or "svg", or both.
+        only: names of `FIGURES` to draw; () is all.
+        roller: whose contact forces and link's tension are drawn; None takes the one that guide-bars press hardest, or
+            else sprockets.
 
     Returns:
-        The files: drive, strand displacement, link tension, contact forces.
+        The files.
 
     Raises:
         ArchiveError: an archive that cannot be read, or a folder that cannot be written.
-        SimulationError: a variant or channel that was not recorded.
+        SimulationError: a variant or channel that was not recorded, an unknown figure, format or roller.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    _, trajectory = chosen_variant(source, variant, NEEDED)
-    roller = telling_roller(trajectory)
-    figures = {
-        "drive": drive_figure(trajectory),
-        "strand-displacement": displacement_figure(trajectory),
-        "link-tension": tension_figure(trajectory, roller),
-        "contact-forces": contact_figure(trajectory, roller),
-    }
-    target = Path(folder)
-    paths = []
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        for name, figure in figures.items():
-            path = target / f"{name}.{kind}"
-            partial = target / f".{name}.{os.getpid()}.{kind}"
-            figure.savefig(partial, dpi=130)
-            partial.replace(path)
-            paths.append(path)
-    except OSError as error:
-        raise ArchiveError(f"{target}: cannot be written ({error.strerror})") from None
-    return paths
+    for name in only:
+        if name not in FIGURES:
+            raise SimulationError(f"figure {name!r}: allowed are {', '.join(FIGURES)}")
+    trajectory = recorded(source, variant).trajectory
+    if roller is None:
+        roller = telling_roller(trajectory)
+    if not 0 <= roller < trajectory.drive.chain.links:
+        raise SimulationError(f"roller {roller}: allowed are 0 to {trajectory.drive.chain.links - 1}")
+    drawn = {name: FIGURES[name](trajectory, roller) for name in only or FIGURES}
+    return save_figures({name: figure for name, figure in drawn.items() if figure is not None}, folder, kind)
 
 
-def telling_roller(trajectory: Trajectory) -> int:
-    """The roller that guide-bars press hardest, or else sprockets."""
-    assert trajectory.sprocket_force is not None
-    assert trajectory.guide_force is not None
-    by_guides = trajectory.guide_force.max(axis=0)
-    return int(np.argmax(by_guides if by_guides.max() > 0.0 else trajectory.sprocket_force.max(axis=0)))
+def plot_sweep(
+    sources: Sequence[Run | str | Path], folder: str | Path, kind: str | Sequence[str] = "png"
+) -> list[Path]:
+    """Draws Campbell diagrams over all recorded variants of runs or archives: strand displacement, once more up to
+    `RESONANCES` times the first transverse frequency, and strand tension.
 
-
-def _figure(rows: int, height: float, title: str) -> tuple[Figure, Any]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.0, height), layout="constrained")
-    axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
-    figure.suptitle(title, fontsize=13)
-    for axis in axes:
-        axis.grid(alpha=0.3)
-    return figure, axes
-
-
-def displacement_figure(trajectory: Trajectory) -> Figure:
-    """Mid-span transverse displacement of every strand over time (the paper's Figures 9 and 10)."""
-    names = trajectory.drive.strand_names
-    title = "Transverse displacement of each strand at mid-span"
-    figure, axes = _figure(len(names), 2.2 * len(names) + 0.8, title)
-    for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
-        values = 1e3 * strand_displacement(trajectory, k)
-        axis.plot(trajectory.time, values, lw=0.8, color="tab:blue")
-        axis.axhline(values.mean(), color="black", lw=0.8, ls="--", label=f"mean {values.mean():+.2f} mm")
-        axis.set_ylabel("displacement [mm]\n(left of travel +)")
-        axis.set_title(name.replace("->", " \N{RIGHTWARDS ARROW} "), loc="left", fontsize=10)
-        axis.legend(loc="upper right", fontsize=8)
-    axes[-1].set_xlabel("time [s]")
-    return figure
-
-
-def tension_figure(trajectory: Trajectory, link: int) -> Figure:
-    """Tension of one link over time, with the spells on each sprocket shaded (Figure 11)."""
-    assert trajectory.tension is not None
-    figure, (axis,) = _figure(1, 4.2, f"Tension of link {link}")
-    axis.plot(trajectory.time, 1e-3 * trajectory.tension[:, link], lw=0.7, color="tab:blue")
-    axis.axhline(0.0, color="black", lw=0.6)
-    _shade(axis, trajectory, link)
-    axis.set_xlabel("time [s]")
-    axis.set_ylabel("link tension [kN]")
-    axis.legend(loc="upper right", fontsize=8)
-    return figure
-
-
-def _shade(axis: Any, trajectory: Trajectory, roller: int) -> None:
-    """Shades the spells that a roller is on each sprocket."""
-    from itertools import groupby
-
-    on = nearest_sprocket(trajectory)[:, roller]
-    colors = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
-    named: set[int] = set()
-    frame = 0
-    for s, spell in groupby(on.tolist()):
-        length = len(list(spell))
-        if s >= 0:
-            label = None if s in named else f"on {trajectory.drive.sprockets[s].name}"
-            named.add(s)
-            last = min(frame + length, len(trajectory.time) - 1)
-            axis.axvspan(
-                trajectory.time[frame], trajectory.time[last], color=colors[s % 6], alpha=0.15, lw=0, label=label
-            )
-        frame += length
-
-
-def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
-    """Contact forces on one roller: of sprockets above, of guide-bars below (Figure 12)."""
-    assert trajectory.sprocket_force is not None
-    assert trajectory.guide_force is not None
-    figure, (above, below) = _figure(2, 5.6, f"Contact forces on roller {roller}")
-    above.plot(trajectory.time, 1e-3 * trajectory.sprocket_force[:, roller], lw=0.7, color="tab:blue")
-    above.set_ylabel("sprocket contact [kN]")
-    _shade(above, trajectory, roller)
-    above.legend(loc="upper right", fontsize=8)
-    below.plot(trajectory.time, 1e-3 * trajectory.guide_force[:, roller], lw=0.7, color="tab:red")
-    below.set_ylabel("guide-bar contact [kN]")
-    below.set_xlabel("time [s]")
-    return figure
-
-
-def drive_figure(trajectory: Trajectory, frame: int | None = None) -> Figure:
-    """The drive at one instant, the chain colored by tension, with the contact forces on it (Figure 8)."""
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import ListedColormap, Normalize
-    from matplotlib.figure import Figure
-
-    assert trajectory.position is not None
-    assert trajectory.tension is not None
-    assert trajectory.sprocket_angle is not None
-    assert trajectory.sprocket_center is not None
-    drive, f = trajectory.drive, len(trajectory.time) * 3 // 4 if frame is None else frame
-    one = slice(f, f + 1)
-    still = Trajectory(drive, trajectory.time[one], **{n: v[one] for n, v in trajectory.channels().items()})
-    x = trajectory.position[f]
-    span = np.ptp(x, axis=0)
-    wide = span[0] >= span[1]
-    figure = Figure(figsize=(11.0, 5.5) if wide else (6.5, 10.0), layout="constrained")
-    axis = figure.subplots()
-    for s, sprocket in enumerate(drive.sprockets):
-        c, d = np.cos(trajectory.sprocket_angle[f, s]), np.sin(trajectory.sprocket_angle[f, s])
-        outline = tooth_outline(drive, s) @ np.array([[c, d], [-d, c]]) + trajectory.sprocket_center[f, s]
-        axis.fill(*outline.T, color="0.88", zorder=0)
-        axis.plot(*outline.T, color="0.45", lw=0.7, zorder=1)
-        axis.annotate(sprocket.name, trajectory.sprocket_center[f, s], ha="center", va="center", fontsize=9)
-    for g, guide in enumerate(drive.guides):
-        outline = guide_outline(drive, g)
-        axis.plot(*outline.T, color="tab:brown", lw=3, zorder=1)
-        axis.annotate(
-            guide.name,
-            outline.mean(axis=0),
-            fontsize=8,
-            color="tab:brown",
-            ha="right",
-            xytext=(-12, 0),
-            textcoords="offset points",
-        )
-    top = max(float(np.percentile(trajectory.tension, 99.9)), 1.0)
-    scale = ListedColormap(tension_color(np.linspace(0.0, top, 256), top) / 255.0)
-    chain = LineCollection(
-        list(np.stack([x, np.roll(x, -1, axis=0)], axis=1)), cmap=scale, norm=Normalize(0.0, 1e-3 * top), lw=3, zorder=3
-    )
-    chain.set_array(1e-3 * trajectory.tension[f])
-    axis.add_collection(chain)
-    figure.colorbar(chain, ax=axis, label="link tension [kN]", shrink=0.6)
-    arrows = contact_arrows(still)
-    largest = max(float(np.hypot(*np.moveaxis(a[0], -1, 0)).max()) for a in arrows)
-    reach = 0.12 * float(span.max()) / largest if largest > 0.0 else 1.0
-    for force, color, label in zip(
-        arrows, ("black", "tab:red"), ("sprocket contact", "guide-bar contact"), strict=True
-    ):
-        tip = force[0] * reach
-        axis.quiver(
-            *x.T, *tip.T, angles="xy", scale_units="xy", scale=1.0, width=0.002, color=color, zorder=4, label=label
-        )
-    axis.plot([], [], " ", label=f"longest arrow {1e-3 * largest:.3g} kN")
-    axis.set_aspect("equal")
-    axis.legend(loc="upper right", fontsize=8)
-    axis.set_xlabel("x [m]")
-    axis.set_ylabel("y [m]")
-    axis.set_title(f"Forces on the chain at {trajectory.time[f]:.4g} s", fontsize=12)
-    return figure
+    Raises:
+        ArchiveError: an archive that cannot be read, or a folder that cannot be written.
+        SimulationError: fewer than two speeds, drives of unlike topology, or a channel that was not recorded.
+    """
+    figures = {}
+    for signal in SIGNALS:
+        found = sweeps(sources, signal)
+        figures[f"campbell-{signal}"] = campbell_figure(found)
+        natural = max(float(sweep.natural.max()) for sweep in found if sweep.natural is not None)
+        if signal == "displacement" and natural > 0.0:
+            figures["campbell-resonance"] = campbell_figure(found, RESONANCES * natural)
+    return save_figures(figures, folder, kind)

@@ -1,0 +1,138 @@
+"""Rerun's viewer as a process: native or in the browser, listening at a given address."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Self
+from urllib.parse import quote
+
+from warpchain.errors import SimulationError
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+DATA_PORT, PAGE_PORT = 9876, 9090
+"""Ports that are tried first: of the data, of the web page."""
+PATIENCE = 30.0
+"""Seconds that the viewer may take to listen."""
+
+
+def executable() -> str:
+    """The `rerun` program: the one beside this Python, or else of the search path.
+
+    Raises:
+        SimulationError: there is none.
+    """
+    beside = Path(sys.executable).with_name("rerun")
+    found = str(beside) if beside.exists() else shutil.which("rerun")
+    if found is None:
+        raise SimulationError("Rerun's viewer is not installed here; use --save OUT.rrd, or pip install rerun-sdk")
+    return found
+
+
+def free_port(address: str, wanted: int) -> int:
+    """`wanted`, or a free port where that is taken.
+
+    Raises:
+        SimulationError: an address that this machine does not have.
+    """
+    for port in (wanted, 0):
+        try:
+            with socket.create_server((address, port), family=_family(address)) as probe:
+                return int(probe.getsockname()[1])
+        except OSError as error:
+            reason = error
+    raise SimulationError(f"--bind {address}: this machine cannot listen there ({reason.strerror or reason})")
+
+
+def _family(address: str) -> socket.AddressFamily:
+    return socket.AF_INET6 if ":" in address else socket.AF_INET
+
+
+class Viewer:
+    """A viewer in a session of its own. At the end of a `with` block a native one stays open, the web viewer is served
+    until interrupted, and a headless one ends.
+
+    Args:
+        address: IP address to listen at, such as "127.0.0.1".
+        kind: "native", "web" or "headless" (without a screen, for pictures).
+
+    Attributes:
+        data: URL that recordings are sent to.
+        page: URL of the web viewer with the recording.
+
+    Raises:
+        SimulationError: no viewer, an address that cannot be listened at, or a viewer that ends at once.
+    """
+
+    def __init__(self, address: str = "127.0.0.1", kind: Literal["native", "web", "headless"] = "native") -> None:
+        self.kind = kind
+        port, page_port = free_port(address, DATA_PORT), free_port(address, PAGE_PORT)
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(address, address)
+        shown = f"[{host}]" if ":" in host else host
+        self.data = f"rerun+http://{shown}:{port}/proxy"
+        self.page = f"http://{shown}:{page_port}/?url={quote(self.data, safe='')}"
+        options = {
+            "native": ["--expect-data-soon", "--hide-welcome-screen"],
+            "web": ["--serve-web", "--web-viewer-port", str(page_port)],
+            "headless": ["--headless", "--hide-welcome-screen"],
+        }
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 (read when the viewer has ended)
+        self._process = subprocess.Popen(
+            [executable(), "--bind", address, "--port", str(port), *options[kind]],
+            stdin=subprocess.DEVNULL,
+            stdout=self._said,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env={"RUST_LOG": "error", **os.environ},
+        )
+        for needed in (port, page_port) if kind == "web" else (port,):
+            self._wait_for(host, needed)
+
+    def _wait_for(self, host: str, port: int) -> None:
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end and self._process.poll() is None:
+            try:
+                socket.create_connection((host, port), timeout=1.0).close()
+                return
+            except OSError:
+                time.sleep(0.05)
+        self.close()
+        self._said.seek(0)
+        lines = [line.strip() for line in self._said.read().decode(errors="replace").splitlines() if line.strip()]
+        reason = f" ({lines[0]})" if lines else ""
+        raise SimulationError(f"the Rerun viewer does not open{reason}; use --save OUT.rrd")
+
+    def connect(self, stream: rr.RecordingStream) -> None:
+        """Sends a recording to the viewer."""
+        stream.connect_grpc(self.data)
+
+    def wait(self) -> None:
+        """Waits until the viewer ends or the user interrupts."""
+        with contextlib.suppress(KeyboardInterrupt):
+            self._process.wait()
+
+    def close(self) -> None:
+        """Ends the viewer: the program named `rerun` starts another, which goes with it."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGTERM)
+        self._process.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self.kind == "web" and kind is None:
+            print(f"{self.page}\nserved until Ctrl-C", flush=True)
+            self.wait()
+        if self.kind != "native" or kind is not None:
+            self.close()
