@@ -20,7 +20,7 @@ from .structs import Drive, Sums, Tallies, Wheel, types, vec2d
 from .sums import STRAND_LOOK_EVERY
 from .trigonometry import sine_cosine
 
-HEADING_EVERY = wp.constant(1024)
+HEADING_EVERY = wp.constant(32)
 """Steps between two computations of a sprocket's cosine and sine from its angle; in between they are turned."""
 
 
@@ -52,6 +52,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
     shared_arrays, state_of_next, force_of_previous = talk.shared_arrays, talk.state_of_next, talk.force_of_previous
     link_of, contacts, store_mesh = part.link_of, part.contacts, part.store_mesh
     moment_on, move = part.moment_on, part.move
+    fetch, put_back, engaged = part.fetch, part.put_back, part.engaged
 
     @wp.struct
     class Now:
@@ -75,46 +76,12 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         return -1
 
     @wp.func
-    def fetch(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
-        """State of roller i, of the last one where there is none."""
-        drive = ensemble.drives[variant]
-        row = STATE_ROWS * drive.first_roller + wp.min(i, drive.rollers - 1)
-        own = State()
-        for k in range(wp.static(6)):
-            own[k] = state.rollers[row + k * drive.rollers]
-        return own
-
-    @wp.func
-    def put_back(ensemble: kinds.Ensemble, state: kinds.State, variant: int, own: State, i: int):
-        """State of roller i back into its rows."""
-        drive = ensemble.drives[variant]
-        row = STATE_ROWS * drive.first_roller + i
-        for k in range(wp.static(6)):
-            state.rollers[row + k * drive.rollers] = own[k]
-
-    @wp.func
     def publish(ensemble: kinds.Ensemble, state: kinds.State, variant: int, own: State, i: int):
         """Position of roller i into its rows, for other threads to read."""
         drive = ensemble.drives[variant]
         row = STATE_ROWS * drive.first_roller + i
         state.rollers[row] = own[0]
         state.rollers[row + drive.rollers] = own[1]
-
-    @wp.func
-    def engaged(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
-        """The sprockets that roller i is engaged with and the guide-bars it touches."""
-        drive = ensemble.drives[variant]
-        mesh = part.Mesh()
-        mesh.sprocket = -1
-        if i < drive.rollers:
-            memory = drive.first_contact + i
-            for s in range(wp.static(sprockets)):
-                if state.seat[memory + s * drive.rollers] >= 0:
-                    mesh.held = mesh.held | (1 << s)
-            for g in range(drive.guides):
-                if state.impact_speed[memory + (wp.static(sprockets) + g) * drive.rollers] != Real(0.0):
-                    mesh.guides = mesh.guides | (1 << g)
-        return mesh
 
     @wp.func
     def next_event(drive: Drive, step: int):

@@ -8,6 +8,7 @@ import warp as wp
 from .contact import closed_contact, gap_approach, guide_approach, in_gap, moved_seat
 from .exchange import any_lane, exchange, lanes, lowest_bit
 from .link import link_force
+from .rollers import STATE_ROWS
 from .structs import ContactSums, Drive, Tallies, types, vec2d
 from .tooth import nearest_seat, seat_step
 
@@ -277,6 +278,40 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
             own[1] = own[1] + dy
         return own
 
+    @wp.func
+    def fetch(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
+        """State of roller i, of the last one where there is none."""
+        drive = ensemble.drives[variant]
+        row = STATE_ROWS * drive.first_roller + wp.min(i, drive.rollers - 1)
+        own = State()
+        for k in range(wp.static(6)):
+            own[k] = state.rollers[row + k * drive.rollers]
+        return own
+
+    @wp.func
+    def put_back(ensemble: kinds.Ensemble, state: kinds.State, variant: int, own: State, i: int):
+        """State of roller i back into its rows."""
+        drive = ensemble.drives[variant]
+        row = STATE_ROWS * drive.first_roller + i
+        for k in range(wp.static(6)):
+            state.rollers[row + k * drive.rollers] = own[k]
+
+    @wp.func
+    def engaged(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
+        """The sprockets that roller i is engaged with and the guide-bars it touches."""
+        drive = ensemble.drives[variant]
+        mesh = Mesh()
+        mesh.sprocket = -1
+        if i < drive.rollers:
+            memory = drive.first_contact + i
+            for s in range(wp.static(sprockets)):
+                if state.seat[memory + s * drive.rollers] >= 0:
+                    mesh.held = mesh.held | (1 << s)
+            for g in range(drive.guides):
+                if state.impact_speed[memory + (wp.static(sprockets) + g) * drive.rollers] != Real(0.0):
+                    mesh.guides = mesh.guides | (1 << g)
+        return mesh
+
     return SimpleNamespace(
         State=State,
         Mesh=Mesh,
@@ -286,4 +321,7 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         store_mesh=store_mesh,
         moment_on=moment_on,
         move=move,
+        fetch=fetch,
+        put_back=put_back,
+        engaged=engaged,
     )

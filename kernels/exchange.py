@@ -73,6 +73,17 @@ def _previous_snippet(real: str, threads: int) -> str:
 """
 
 
+LARGEST = """
+#if defined(__CUDA_ARCH__)
+    #pragma unroll
+    for (int o = 16; o; o >>= 1) {
+        const auto other = __shfl_xor_sync(0xffffffffu, value, o);
+        if (other > value) value = other;
+    }
+#endif
+    return value;
+"""
+
 SUM = """
 #if defined(__CUDA_ARCH__)
     #pragma unroll
@@ -181,6 +192,11 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         """Sum of `value` over the threads of this warp."""
         ...
 
+    @wp.func_native(LARGEST)
+    def warp_max(value: Real) -> Real:
+        """Largest `value` of the threads of this warp."""
+        ...
+
     @wp.func_native(_shared_snippet("wheels", sprockets, sprockets))
     def wheels(like: kinds.Shared) -> wp.array(dtype=Wheel): ...
 
@@ -237,5 +253,6 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         state_of_next=state_of_next,
         force_of_previous=force_of_previous,
         warp_sum=warp_sum,
+        warp_max=warp_max,
         shared_arrays=shared_arrays,
     )

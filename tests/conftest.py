@@ -13,3 +13,25 @@ def quiet_warp():
 
     wp.config.log_level = wp.LOG_ERROR
     wp.init()
+
+
+def _gpus() -> bool:
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    wp.init()
+    return wp.is_cuda_available()
+
+
+def pytest_collection_modifyitems(items):
+    """Tests that need a GPU are skipped where there is none."""
+    marked = [item for item in items if item.get_closest_marker("gpu")]
+    if marked and not _gpus():
+        for item in marked:
+            item.add_marker(pytest.mark.skip(reason="no CUDA device here"))
+
+
+@pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
+def device(request):
+    """Each device that tests of whole runs are repeated on."""
+    return request.param

@@ -83,7 +83,7 @@ def test_spinning_ring_carries_centrifugal_tension():
     packed = chain(position, velocity, mass=MASS, pitch=PITCH, stiffness=STIFFNESS, step=1e-6, steps=steps,
                    window=(0, steps))  # fmt: skip
     engine, _ = run(packed)
-    sums = engine.sums.chain.numpy()[0]
+    sums = engine.sums()["chain"][0]
     expected = MASS * omega**2 * r / s  # = (m / l) v^2 with v = omega r and l = r s, the stretched pitch
     assert sums["tension"] / (steps + 1) / n == pytest.approx(expected, rel=1e-7)
     # leapfrog's own equilibrium is off by (omega h)^2 / 12 of the force; at h = 1e-6 s that is 1e-10
@@ -100,7 +100,7 @@ def test_chain_conserves_energy_and_momentum():
     for step, steps in ((8e-6, 5000), (4e-6, 10000), (2e-6, 20000)):
         packed = chain(vertices, velocity, mass=MASS, pitch=PITCH, stiffness=STIFFNESS, gravity=(0.0, -9.81),
                        step=step, steps=steps)  # fmt: skip
-        sums = run(packed)[0].sums.chain.numpy()[0]
+        sums = run(packed)[0].sums()["chain"][0]
         errors.append(abs(sums["energy_end"] - sums["energy_start"]))
     energy = 0.5 * MASS * (velocity**2).sum()
     assert errors[2] < 1e-3 * energy
@@ -118,7 +118,7 @@ def test_energy_does_not_drift_over_a_million_steps():
     for window in ((0, 200_000), (800_000, 1_000_000)):
         packed = chain(vertices, velocity, mass=MASS, pitch=PITCH, stiffness=STIFFNESS, step=2e-5, steps=1_000_000,
                        window=window)  # fmt: skip
-        sums = run(packed)[0].sums.chain.numpy()[0]
+        sums = run(packed)[0].sums()["chain"][0]
         extremes += [sums["energy_start"], sums["energy_end"]]
     # the error oscillates with (omega h)^2 / 24 (here 1e-3 of the energy); drift would add up
     assert np.ptp(extremes) < 4e-3 * extremes[0]
@@ -215,7 +215,7 @@ def test_order_seen_with_impacts_is_reported(record_property):
                        sprockets=[sprocket], step=duration / steps, steps=steps)  # fmt: skip
         engine, _ = run(packed)
         ends.append(state(engine)[:2])
-    assert engine.sums.contact.numpy()[0]["impacts"] > 5
+    assert engine.sums()["contact"][0]["impacts"] > 5
     errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
     order = np.log2(errors[0] / errors[2]) / 2
     record_property("order with impacts", order)

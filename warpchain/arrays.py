@@ -46,6 +46,10 @@ def upload_state(packed: Packed, device: str) -> Any:
     return state
 
 
+SUMS = ("chain", "strand", "sprocket", "contact")
+"""The fields of `kernels.structs.Sums`."""
+
+
 def empty_sums(packed: Packed, device: str) -> structs.Sums:
     """Sums to which nothing has been added: minima at +infinity, maxima at -infinity."""
     sums = structs.Sums()

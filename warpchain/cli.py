@@ -110,7 +110,9 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("drive", metavar="DRIVE", help=drive_help)
     run.add_argument("-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="the archive to write")
     run.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
-    run.add_argument("--device", help='where to run: "cpu"')
+    run.add_argument(
+        "--device", help='where to run: "cpu", "cuda" (all GPUs), "cuda:1" (one); default the best there is'
+    )
     run.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
     run.add_argument("--duration", type=_float, metavar="SECONDS", help="simulated time; default the drive's own")
     run.add_argument("--step", type=_float, metavar="SECONDS", help="time step; default the drive's own")

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.arrays import empty_sums, upload_ensemble, upload_state
+from warpchain.arrays import SUMS, empty_sums, upload_ensemble, upload_state
 from warpchain.ensemble import Packed
 from warpchain.kernels import relax, serial
 
@@ -42,7 +42,8 @@ class CpuEngine:
             self._scratch.put(wp.zeros(serial.SCRATCH_ROWS * self.capacity, dtype=packed.real, device="cpu"))
         self.ensemble = upload_ensemble(packed, "cpu")
         self.state = upload_state(packed, "cpu")
-        self.sums = empty_sums(packed, "cpu")
+        self.cpu_sums = empty_sums(packed, "cpu")
+        self._settling: wp.array = wp.empty(0, dtype=relax.Settling, device="cpu")
 
     def _kernel(self, name: str) -> Any:
         """The compiled kernel, loaded before any thread launches it."""
@@ -70,11 +71,19 @@ class CpuEngine:
 
     def advance(self, block: int, frames: wp.array) -> list[Future[None]]:
         """Starts `block` steps of every variant that has not ended; frames go to `frames`."""
-        return self._launch("advance", [self.ensemble, self.state, self.sums, frames], [block])
+        return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [block])
 
-    def settle(self, settling: wp.array, block: int) -> list[Future[None]]:
-        """Starts up to `block` steps of relaxation of every variant that has not settled (`kernels.relax.Settling`)."""
-        return self._launch("relax", [self.ensemble, self.state, settling], [block])
+    def start_settling(self, settling: NDArray[Any]) -> None:
+        """Takes the state of each variant's relaxation, (variants,) `kernels.relax.Settling`."""
+        self._settling = wp.array(settling, dtype=relax.Settling, device="cpu")
+
+    def settle(self, block: int) -> list[Future[None]]:
+        """Starts up to `block` steps of relaxation of every variant that has not settled."""
+        return self._launch("relax", [self.ensemble, self.state, self._settling], [block])
+
+    def settling(self) -> NDArray[Any]:
+        """The state of each variant's relaxation."""
+        return np.array(self._settling.numpy(), copy=True)
 
     def rollers(self) -> NDArray[np.floating]:
         """Copy of the rollers' rows, as in `Packed.rollers`."""
@@ -83,6 +92,10 @@ class CpuEngine:
     def progress(self) -> NDArray[Any]:
         """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""
         return np.array(self.state.progress.numpy(), copy=True)
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """The window's sums, by name as in `kernels.structs.Sums`."""
+        return {name: np.array(getattr(self.cpu_sums, name).numpy(), copy=True) for name in SUMS}
 
     def frame_buffer(self, values: int) -> wp.array:
         """A buffer for a block's frames."""

@@ -89,6 +89,37 @@ class Packed:
         first, n = self.first_value(v), int(self.drives["rollers"][v])
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
+    def part(self, a: int, b: int) -> Packed:
+        """Variants `a` to `b` - 1 as an ensemble of their own."""
+
+        def span(first: str, per: Any) -> slice:
+            """The values of these variants in an array that begins at `first` and has `per` values a variant."""
+            starts = self.drives[first].astype(np.int64)
+            return slice(int(starts[a]), int(starts[b - 1] + per[b - 1]))
+
+        rollers, wheels, bars = (self.drives[name].astype(np.int64) for name in ("rollers", "sprockets", "guides"))
+        chain = span("first_roller", rollers)
+        disks, rails = span("first_sprocket", wheels), span("first_guide", bars)
+        memories = span("first_contact", rollers * (wheels + bars))
+        drives = self.drives[a:b].copy()
+        for name in ("first_roller", "first_sprocket", "first_guide", "first_contact", "first_tally"):
+            drives[name] -= drives[name][0]
+        guides = self.guides[rails] if rails.stop > rails.start else self.guides[:1]
+        return replace(
+            self,
+            drives=drives,
+            chains=self.chains[a:b],
+            lengths=self.lengths[chain],
+            sprockets=self.sprockets[disks],
+            motions=self.motions[disks],
+            guides=guides,
+            rollers=self.rollers[STATE_ROWS * chain.start : STATE_ROWS * chain.stop],
+            bodies=self.bodies[disks],
+            strands=self.strands[disks],
+            seat=self.seat[memories],
+            assemblies=self.assemblies[a:b],
+        )
+
     def at_precision(self, precision: str) -> Packed:
         """This ensemble, which is in float64, at another precision; what positions lose goes to their low parts.
 

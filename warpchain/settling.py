@@ -11,10 +11,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.cpu import CpuEngine
+from warpchain.devices import engine_on
 from warpchain.drive import Drive
 from warpchain.ensemble import STATE_ROWS, Packed
 from warpchain.kernels import relax
@@ -55,7 +54,8 @@ def elastic(packed: Packed) -> Packed:
 def settle(
     packed: Packed,
     drives: Sequence[Drive],
-    workers: int,
+    devices: Sequence[str],
+    cores: int,
     block: int,
     run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
 ) -> NDArray[Any]:
@@ -63,7 +63,8 @@ def settle(
 
     Args:
         packed: the ensemble in float64.
-        workers: number of threads.
+        devices: where to settle, as from `devices.chosen_devices`.
+        cores: CPU threads.
         block: steps of one launch.
         run: waits for launches, given a function that tells (done, total) in roller-steps; False ends the settling.
 
@@ -77,20 +78,20 @@ def settle(
     state["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
     if not wanted.any():
         return state
-    settling: wp.array = wp.array(state, dtype=relax.Settling, device="cpu")
     rollers = packed.drives["rollers"].astype(float)
+    engine = engine_on(devices, elastic(packed), cores)
 
     def done() -> tuple[float, float]:
-        now = settling.numpy()
+        now = engine.settling()
         steps = np.where(now["settled"], now["limit"], now["steps"])
         return float((steps * rollers).sum()), float((now["limit"] * rollers).sum())
 
-    engine = CpuEngine(elastic(packed), workers)
     try:
+        engine.start_settling(state)
         going = True
         while going:
-            going = run(engine.settle(settling, block), done)
-            now = settling.numpy()
+            going = run(engine.settle(block), done)
+            now = engine.settling()
             going = going and bool(((now["settled"] == 0) & (now["steps"] < now["limit"])).any())
         moved = engine.rollers()
     finally:
@@ -98,4 +99,4 @@ def settle(
     for v in np.flatnonzero(wanted):
         first, rows = packed.first_value(int(v)), packed.rows(int(v))
         rows[0:2] = moved[first : first + rows.size].reshape(STATE_ROWS, -1)[0:2]
-    return np.array(settling.numpy(), copy=True)
+    return now

@@ -23,7 +23,7 @@ from warpchain.recorder import Recorder
 from warpchain.timestep import resolve_step
 
 if TYPE_CHECKING:
-    from warpchain.cpu import CpuEngine
+    from warpchain.devices import Engine
     from warpchain.ensemble import Packed, Schedule
 
 MEMORY = 2 * 2**30
@@ -55,7 +55,7 @@ def simulate(
 
     Args:
         drives: one drive or many.
-        device: "cpu", or None for the best there is.
+        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for the best there is.
         precision: "float64" or "float32".
         duration: simulated time [s]; None takes each drive's own.
         step: time step [s]; None takes each drive's own.
@@ -76,34 +76,34 @@ def simulate(
         SimulationError: an unknown device or precision, a bad window, or trajectories that exceed the memory budget.
     """
     from warpchain import __version__
-    from warpchain.cpu import CpuEngine
+    from warpchain.devices import chosen_devices, engine_on, launch_steps
     from warpchain.ensemble import pack
 
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
-    _check_device(device)
     record = record or Record()
     schedules = schedules_of(chosen, duration, step, record, window)
     cores = workers or available_cores()
     packed = pack(chosen, schedules)
     packed.at_precision(precision)  # an unknown precision ends here
+    devices = chosen_devices(device, packed)
     info = RunInfo(
         version=__version__,
-        device="cpu",
+        device=",".join(devices),
         precision=precision,
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     )
     begun = time.monotonic()
-    block = max(1, BLOCK_WORK // int(packed.drives["rollers"].max()))
+    block = launch_steps(devices, packed, max(1, BLOCK_WORK // int(packed.drives["rollers"].max())))
     recorder = Recorder(chosen, schedules, packed, precision, record, memory, archive, overwrite, info)
     engine = None
     try:
         with reporter(progress) as report, interruptible() as stop:
-            settled = _settle(packed, chosen, cores, block, report, stop)
-            block = recorder.block(block)
+            settled = _settle(packed, chosen, devices, cores, block, report, stop)
+            block = launch_steps(devices, packed, recorder.block(block))
             buffer_values = recorder.layout(block)
-            engine = CpuEngine(packed.at_precision(precision), cores)
+            engine = engine_on(devices, packed.at_precision(precision), cores)
             _march(engine, block, buffer_values, recorder, report, stop)
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
         metrics = table_of(_rows(engine, chosen, schedules, settled))
@@ -119,11 +119,6 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-def _check_device(device: str | None) -> None:
-    if device not in (None, "cpu"):
-        raise SimulationError(f'device = {device!r}: allowed is "cpu" in this version')
 
 
 def schedules_of(
@@ -179,7 +174,13 @@ def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) ->
 
 
 def _settle(
-    packed: Packed, drives: Sequence[Drive], cores: int, block: int, report: Report, stop: Stop
+    packed: Packed,
+    drives: Sequence[Drive],
+    devices: Sequence[str],
+    cores: int,
+    block: int,
+    report: Report,
+    stop: Stop,
 ) -> NDArray[Any]:
     """Brings the variants that ask for it to static equilibrium; returns how each one's settling ended."""
 
@@ -189,10 +190,10 @@ def _settle(
 
     from warpchain.settling import settle
 
-    return settle(packed, drives, cores, block, run)
+    return settle(packed, drives, devices, cores, block, run)
 
 
-def _march(engine: CpuEngine, block: int, buffer_values: int, recorder: Recorder, report: Report, stop: Stop) -> None:
+def _march(engine: Engine, block: int, buffer_values: int, recorder: Recorder, report: Report, stop: Stop) -> None:
     """Runs blocks of steps until every variant has ended; the frames of one are taken while the next runs."""
     drives = engine.packed.drives
     rollers = drives["rollers"].astype(float)
@@ -210,20 +211,20 @@ def _march(engine: CpuEngine, block: int, buffer_values: int, recorder: Recorder
     while ((before["step"] <= drives["steps"]) & (before["diverged"] == 0)).any() and not stop.asked:
         futures = engine.advance(block, buffers[turn])
         if taken is not None:
-            recorder.take(*taken)
+            recorder.take(taken[0].numpy(), *taken[1:])
         _await(futures, stop, tick)
         after = engine.progress()
-        taken = (buffers[turn].numpy(), before, after)
+        taken = (buffers[turn], before, after)
         before, turn = after, 1 - turn
     if taken is not None:
-        recorder.take(*taken)
+        recorder.take(taken[0].numpy(), *taken[1:])
 
 
 def _rows(
-    engine: CpuEngine, drives: Sequence[Drive], schedules: Sequence[Schedule], settled: NDArray[Any]
+    engine: Engine, drives: Sequence[Drive], schedules: Sequence[Schedule], settled: NDArray[Any]
 ) -> list[dict[str, Any]]:
     """The metrics of all variants."""
-    sums = {name: getattr(engine.sums, name).numpy() for name in ("chain", "strand", "sprocket", "contact")}
+    sums = engine.sums()
     state = engine.progress()
     rows = []
     for v, (drive, schedule) in enumerate(zip(drives, schedules, strict=True)):

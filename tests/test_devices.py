@@ -1,0 +1,155 @@
+"""Devices by name, and an ensemble cut into parts on several engines."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from test_drive_physics import two_sprockets
+
+from warpchain import Record, load_drive, simulate
+from warpchain.cpu import CpuEngine
+from warpchain.devices import SeveralEngines, _cuts, chosen_devices
+from warpchain.ensemble import Schedule, pack
+from warpchain.errors import SimulationError
+from warpchain.examples import drive_path
+from warpchain.gpu import THREADS, launch_steps, refusal, resident_blocks
+from warpchain.recorder import frame_width
+
+STEPS = 200
+
+
+def mixed():
+    """Three drives, unlike in links, sprockets and guide-bars."""
+    marine = load_drive(drive_path("marine"))
+    return [two_sprockets(), marine, two_sprockets(teeth=24, links=64), marine, two_sprockets()]
+
+
+def packed_with_frames(drives):
+    every = [10, 0, 20, 10, 0]
+    packed = pack(
+        drives, [Schedule(drive.run.step, STEPS, 50, STEPS, k) for drive, k in zip(drives, every, strict=True)]
+    )
+    first = 0
+    for v, (drive, k) in enumerate(zip(drives, every, strict=True)):
+        if k:
+            packed.drives["first_value"][v] = first
+            first += frame_width(drive) * (STEPS // k + 1)
+    return packed, first
+
+
+def run_to_the_end(engine, values):
+    frames = engine.frame_buffer(values)
+    for future in engine.advance(STEPS + 1, frames):
+        future.result()
+    try:
+        return engine.rollers(), engine.progress(), engine.sums(), np.array(frames.numpy()[:values], copy=True)
+    finally:
+        engine.close()
+
+
+@pytest.mark.parametrize("cuts", [(0, 2, 5), (0, 1, 4, 5)])
+def test_parts_of_an_ensemble_give_what_the_whole_gives(cuts):
+    drives = mixed()
+    packed, values = packed_with_frames(drives)
+    whole = run_to_the_end(CpuEngine(packed, 1), values)
+    packed, values = packed_with_frames(drives)
+    parts = [("cpu", a, b) for a, b in pairwise(cuts)]
+    several = SeveralEngines(packed, parts, lambda part, name: CpuFrames(part, 1))
+    cut = run_to_the_end(several, values)
+    np.testing.assert_array_equal(whole[0], cut[0])
+    np.testing.assert_array_equal(whole[1], cut[1])
+    for name in whole[2]:
+        np.testing.assert_array_equal(whole[2][name], cut[2][name], err_msg=name)
+    np.testing.assert_array_equal(whole[3], cut[3])
+
+
+class CpuFrames(CpuEngine):
+    """A CPU engine whose frame buffers know their length, as a GPU's do."""
+
+    def frame_buffer(self, values):
+        buffer = super().frame_buffer(values)
+        buffer.values = values
+        return buffer
+
+
+def test_cuts_share_the_work_evenly():
+    packed = pack([two_sprockets()] * 8, [Schedule(1e-5, 100, 0, 100, 0)] * 8)
+    assert _cuts(packed, 2) == [0, 4, 8]
+    assert _cuts(packed, 4) == [0, 2, 4, 6, 8]
+    assert _cuts(packed, 1) == [0, 8]
+    packed.drives["steps"][0] = 7 * 101 - 1  # as much as all others
+    assert _cuts(packed, 2) == [0, 1, 8]
+
+
+def test_launches_take_whole_units_of_steps_and_about_equal_time():
+    assert launch_steps(162.0, 10**9) == 131_072  # one marine drive: bounded by steps
+    assert launch_steps(1.62e6, 10**9) == 3072  # ten thousand: by work, 5e9 / 1.62e6 = 3086, down to whole units of 32
+    assert launch_steps(162.0, 50) == 32
+    assert launch_steps(162.0, 7) == 7  # a frame buffer this small
+
+
+def test_registers_of_a_block_fit_a_multiprocessor():
+    for precision in ("float64", "float32"):
+        for threads in THREADS:
+            registers = 65536 // (threads * resident_blocks(precision, threads))
+            assert registers >= 64, (precision, threads)
+
+
+def test_no_gpu_is_told_in_one_line(monkeypatch):
+    monkeypatch.setattr("warpchain.devices._gpus", dict)
+    packed = pack([two_sprockets()], [Schedule(1e-5, 100, 0, 100, 0)])
+    assert chosen_devices(None, packed) == ("cpu",)
+    assert chosen_devices("cpu", packed) == ("cpu",)
+    with pytest.raises(SimulationError, match=r"device = 'cuda': no NVIDIA GPU .*use device=\"cpu\""):
+        chosen_devices("cuda", packed)
+    with pytest.raises(SimulationError, match=r"device = 'gpu': allowed are \"cpu\", \"cuda\""):
+        chosen_devices("gpu", packed)
+
+
+def test_gpus_are_chosen_by_name_and_age(monkeypatch):
+    monkeypatch.setattr("warpchain.devices._gpus", lambda: {"cuda:0": 90, "cuda:1": 61, "cuda:2": 75})
+    packed = pack([two_sprockets()], [Schedule(1e-5, 100, 0, 100, 0)])
+    assert chosen_devices(None, packed) == ("cuda:0", "cuda:2")
+    assert chosen_devices("cuda:2", packed) == ("cuda:2",)
+    with pytest.raises(SimulationError, match=r"device cuda:1: compute capability 6.1 is too old"):
+        chosen_devices("cuda", packed)
+    with pytest.raises(SimulationError, match=r"there is no such GPU; there are cuda:0, cuda:1, cuda:2"):
+        chosen_devices("cuda:7", packed)
+
+
+def test_what_a_gpu_cannot_run_goes_to_the_cpu_or_is_told(monkeypatch):
+    monkeypatch.setattr("warpchain.devices._gpus", lambda: {"cuda:0": 90})
+    drives = [two_sprockets(), two_sprockets().with_values({"run.integrator": "rk4"})]
+    packed = pack(drives, [Schedule(1e-5, 100, 0, 100, 0)] * 2)
+    assert chosen_devices(None, packed) == ("cpu",)
+    with pytest.raises(SimulationError, match=r"variant 1: run.integrator = \"rk4\" runs on the CPU only"):
+        chosen_devices("cuda", packed)
+    packed.drives["integrator"] = 0
+    assert refusal(packed) is None
+    packed.drives["rollers"][0] = 5000
+    assert "chain.links = 5000" in str(refusal(packed))
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_gpu_runs_are_bitwise_repeatable_and_variants_independent(precision):
+    drives = mixed()
+    options = {"device": "cuda", "duration": 0.02, "precision": precision, "record": Record(rate=2000.0)}
+    crowd, again = simulate(drives, **options), simulate(drives, **options)
+    assert crowd.metrics.equals(again.metrics)
+    for v in (1, 2):
+        alone = simulate(drives[v], **options)
+        for name, values in alone[0].channels().items():
+            np.testing.assert_array_equal(values, getattr(crowd[v], name), err_msg=name)
+            np.testing.assert_array_equal(values, getattr(again[v], name), err_msg=name)
+
+
+@pytest.mark.gpu
+def test_gpu_gives_what_the_cpu_gives():
+    drives = mixed()
+    options = {"duration": 0.005, "record": Record(rate=2000.0)}
+    cpu, gpu = simulate(drives, device="cpu", **options), simulate(drives, device="cuda", **options)
+    for v in range(len(drives)):
+        # settling ends within its tolerance of equilibrium, not at one point: forces agree to that tolerance
+        np.testing.assert_allclose(gpu[v].position, cpu[v].position, atol=2e-6)
+        np.testing.assert_allclose(gpu[v].tension.mean(), cpu[v].tension.mean(), rtol=1e-2)
