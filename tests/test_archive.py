@@ -10,6 +10,7 @@ import pytest
 from test_drive_physics import two_sprockets
 
 from warpchain import Record, read_archive, simulate, write_archive
+from warpchain.archive import ArchiveOptions
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.record import CHANNELS
 
@@ -42,7 +43,7 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_float64_comes_back_bitwise(run, tmp_path, compression):
-    path = write_archive(run, tmp_path / "a.mcap", compression=compression)
+    path = write_archive(run, tmp_path / "a.mcap", options=ArchiveOptions(compression=compression))
     back = read_archive(path)
     assert_same(run, back)
     assert back.info == run.info
@@ -124,7 +125,7 @@ def test_existing_file_is_kept_unless_told_otherwise(run, tmp_path):
 
 def test_refusals_of_the_writer(run, tmp_path):
     with pytest.raises(ArchiveError, match="compression = 'gzip'"):
-        write_archive(run, tmp_path / "a.mcap", compression="gzip")
+        ArchiveOptions(compression="gzip")
     with pytest.raises(ArchiveError, match="cannot be written"):
         write_archive(run, tmp_path / "absent" / "a.mcap")
     with pytest.raises(ArchiveError, match="is a folder"):
@@ -133,12 +134,12 @@ def test_refusals_of_the_writer(run, tmp_path):
 
 
 def test_full_disk_is_one_line_and_leaves_nothing(run, tmp_path, monkeypatch):
-    from warpchain import archive
+    from warpchain import archive_file
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(archive.os, "fsync", full)
+    monkeypatch.setattr(archive_file.os, "fsync", full)
     with pytest.raises(ArchiveError, match=r"a\.mcap: cannot be written \(No space left on device\)"):
         write_archive(run, tmp_path / "a.mcap")
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | run | view | plot | export`.
+"""The command line: `warpchain check | run | view | plot | export | recover`.
 
 Exit status 0: done. 1: a variant diverged, or the run was interrupted. 2: a mistake of the user's or a refusal of the
 machine's, told in one line each.
@@ -121,6 +121,19 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("archive", metavar="OUT.mcap", type=Path)
     export.add_argument("-o", "--output", metavar="OUT.npz", type=Path, required=True, help="file to write")
     export.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+
+    recover = _add(
+        commands,
+        "recover",
+        _recover,
+        "restore an archive that was cut or damaged, up to its last whole chunk",
+        "warpchain recover broken.mcap -o fixed.mcap",
+    )
+    recover.add_argument(
+        "archive", metavar="BROKEN.mcap", type=Path, help="the file, or the name of a cut run's archive"
+    )
+    recover.add_argument("-o", "--output", metavar="FIXED.mcap", type=Path, required=True, help="archive to write")
+    recover.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
     return top
 
 
@@ -251,6 +264,13 @@ def _export(arguments: argparse.Namespace) -> int:
     from warpchain.export import export_npz
 
     print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
+    return DONE
+
+
+def _recover(arguments: argparse.Namespace) -> int:
+    from warpchain.archive_recover import recover_archive
+
+    print(recover_archive(arguments.archive, arguments.output, arguments.overwrite))
     return DONE
 
 

@@ -141,7 +141,7 @@ class Run(Mapping[int, Trajectory]):
         info: how the run was made.
     """
 
-    drives: tuple[Drive, ...]
+    drives: Sequence[Drive]
     metrics: pa.Table
     trajectories: Mapping[int, Trajectory] = field(repr=False)
     info: RunInfo
