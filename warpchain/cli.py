@@ -49,6 +49,14 @@ def _bytes(word: str) -> int:
     return int(gib * 2**30)
 
 
+def _mebibytes(word: str) -> int:
+    """A size in MiB as a number of bytes."""
+    mib = _float(word)
+    if not (math.isfinite(mib) and mib * 2**20 >= 1.0):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (MiB)")
+    return int(mib * 2**20)
+
+
 def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
     parser = commands.add_parser(
         name,
@@ -96,6 +104,12 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--step", type=_float, metavar="SECONDS", help="time step; default the drive's own")
     run.add_argument("--rate", type=_float, metavar="HZ", help="samples a second; default the drive's own")
     run.add_argument("--memory", type=_bytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)")
+    run.add_argument("--compression", default="zstd", choices=["zstd", "lz4", "none"], help="default zstd")
+    run.add_argument(
+        "--values", default="run", choices=["run", "float32"], help="archived values; default the run's own"
+    )
+    run.add_argument("--exact-positions", action="store_true", help="with --values float32: positions also as float64")
+    run.add_argument("--split-size", type=_mebibytes, metavar="MIB", help="begin another file at this size")
     run.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
 
@@ -176,9 +190,16 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from warpchain.archive_options import ArchiveOptions
     from warpchain.record import Record
     from warpchain.simulation import simulate
 
+    options = ArchiveOptions(
+        compression=arguments.compression,
+        values=arguments.values,
+        exact_positions=arguments.exact_positions,
+        split_size=arguments.split_size,
+    )
     _start_warp()
     drive = _load(arguments)
     run = simulate(
@@ -191,6 +212,7 @@ def _run(arguments: argparse.Namespace) -> int:
         progress=not arguments.quiet,
         memory=arguments.memory,
         archive=arguments.output,
+        archive_options=options,
         overwrite=arguments.overwrite,
     )
     row = run.metrics.to_pylist()[0]
