@@ -13,6 +13,7 @@ from warpchain.errors import SimulationError
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import xarray as xr
 
     from warpchain.drive import Drive
 
@@ -106,6 +107,18 @@ class Trajectory:
         """The recorded channels by name, without time."""
         held = {f.name: getattr(self, f.name) for f in fields(self) if f.name in CHANNELS}
         return {name: values for name, values in held.items() if values is not None}
+
+    def to_arrow(self) -> pa.Table:
+        """A pyarrow table, one row a frame, units in the field metadata; shares the arrays' memory."""
+        from warpchain.tables import to_arrow
+
+        return to_arrow(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """An xarray dataset (extra `xarray`) with dimensions time, roller, link, sprocket, axis; shares the memory."""
+        from warpchain.tables import to_xarray
+
+        return to_xarray(self)
 
 
 @dataclass(frozen=True)
