@@ -113,6 +113,63 @@ def test_foxglove_and_ros_decoders_read_every_message(run, tmp_path):
     np.testing.assert_array_equal(joints[-1].velocity, trajectory.sprocket_speed[-1])
 
 
+def test_foxglove_draws_the_outlines(run, tmp_path):
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    path = write_archive(run, tmp_path / "a.mcap")
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        scenes = list(reader.iter_decoded_messages(topics=["/variant/00001/scene"]))
+    ((schema, _, message, scene),) = scenes
+    described = {file.name for file in FileDescriptorSet.FromString(schema.data).file}
+    assert {"foxglove/SceneUpdate.proto", "foxglove/LinePrimitive.proto", "google/protobuf/duration.proto"} <= described
+    assert (schema.name, message.log_time) == ("foxglove.SceneUpdate", 0)
+    drive, trajectory = run.drives[1], run[1]
+    assert [entity.id for entity in scene.entities] == ["sprocket/driver", "sprocket/driven"]
+    for s, entity in enumerate(scene.entities):
+        teeth, circle = (np.array([(p.x, p.y) for p in line.points]) for line in entity.lines)
+        center = np.array(drive.sprockets[s].center)
+        radius = np.hypot(*(circle - center).T)
+        np.testing.assert_allclose(radius, drive.pitch_radius(s), rtol=1e-14)
+        # a seated roller's center is that of its seat arc, whose radius is the roller's and the clearance
+        seat = drive.chain.roller_radius + drive.contact.sprocket.clearance
+        away = np.hypot(*(trajectory.position[0, :, None] - teeth).transpose(2, 0, 1)).min(axis=1)
+        assert away.min() == pytest.approx(seat, rel=2e-3)
+        assert sum(away < 1.01 * seat) >= drive.sprockets[s].teeth // 2 - 2
+
+
+def test_descriptors_are_those_that_foxglove_publishes():
+    messages = pytest.importorskip("foxglove.messages")
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+
+    from warpchain.archive_proto import MESSAGES, message_type, schema_bytes
+
+    for name in ("foxglove.PointCloud", "foxglove.SceneUpdate"):
+        published = FileDescriptorSet.FromString(getattr(messages, name.split(".")[1]).get_schema().data)
+        mine = {file.name: file for file in FileDescriptorSet.FromString(schema_bytes(message_type(name))).file}
+        for file in published.file:
+            for field in file.message_type[0].field:
+                field.ClearField("json_name")  # what a compiler adds
+            assert file.message_type == mine[file.name].message_type, file.name
+    assert MESSAGES
+
+
+def test_metadata_tells_how_the_run_was_made(run, tmp_path):
+    from dataclasses import replace
+
+    told = replace(run, info=replace(run.info, seed=7))
+    back = read_archive(write_archive(told, tmp_path / "a.mcap"))
+    assert back.info == told.info
+    assert back.info.step == run.drives[0].run.step
+    held = back.metadata
+    assert held["step"] == repr(run.info.step)
+    assert (held["device"], held["precision"], held["seed"]) == ("cpu", "float64", "7")
+    assert "warp-lang " in held["versions"]
+    assert "python " in held["versions"]
+
+
 def test_existing_file_is_kept_unless_told_otherwise(run, tmp_path):
     path = tmp_path / "a.mcap"
     path.write_text("mine")

@@ -16,11 +16,12 @@ import numpy as np
 
 from warpchain import archive_schema as schema
 from warpchain.archive_file import Chunk, make_chunk
-from warpchain.archive_layout import Form, FrameLayout, frame_layout
+from warpchain.archive_layout import Form, FrameLayout, frame_layout, message_record
 from warpchain.archive_options import ArchiveOptions
 from warpchain.archive_parts import Parts
 from warpchain.archive_pipeline import Pipeline
 from warpchain.archive_read import read_archive
+from warpchain.archive_scene import scene_update
 from warpchain.drive import Drive
 from warpchain.errors import ArchiveError
 from warpchain.record import Run, RunInfo, Trajectory
@@ -95,7 +96,7 @@ class ArchiveWriter:
         self._ended = False
         self._parts = Parts(Path(path), drives, recorded, info, self.options, overwrite, salvage)
         threads = self.options.encoders or min(4, os.cpu_count() or 1)
-        self._pipeline: Pipeline[_Job, tuple[_Job, Chunk]] = Pipeline(self._encode, self._store, threads, ROOM)
+        self._pipeline: Pipeline[_Job, tuple[_Job, list[Chunk]]] = Pipeline(self._encode, self._store, threads, ROOM)
 
     def append(self, variant: int, chunk: Trajectory) -> None:
         """Appends consecutive frames of one variant; waits while too much is under way.
@@ -152,8 +153,8 @@ class ArchiveWriter:
         self._tracks[variant] = track
         return track
 
-    def _encode(self, job: _Job) -> tuple[_Job, Chunk]:
-        """Lays out and compresses a chunk; runs in a thread of its own."""
+    def _encode(self, job: _Job) -> tuple[_Job, list[Chunk]]:
+        """Lays out and compresses a chunk, the variant's first behind its outlines; runs in a thread of its own."""
         track = job.track
         frames = track.layout.encode(job.chunks, job.first, track.channels, track.full_scale)
         starts = np.arange(len(frames), dtype=np.uint64) * np.uint64(track.layout.size)
@@ -162,17 +163,25 @@ class ArchiveWriter:
         for topic, channel in zip(track.layout.form.topics, track.channels, strict=True):
             offset = track.layout.offset(topic)
             indexes[channel] = np.stack([stamps, starts + np.uint64(offset)], axis=1)
-        return job, make_chunk(memoryview(frames.view(np.uint8)), indexes, self.options.compression)
+        chunk = make_chunk(memoryview(frames.view(np.uint8)), indexes, self.options.compression)
+        return job, [chunk] if job.first else [self._scene(job, int(stamps[0])), chunk]
 
-    def _store(self, result: tuple[_Job, Chunk]) -> None:
-        """Writes a chunk; runs in the writing thread, the only one that touches the files meanwhile."""
-        job, chunk = result
+    def _scene(self, job: _Job, stamp: int) -> Chunk:
+        """The chunk that holds a variant's outlines."""
+        number = schema.channel_numbers(self._parts.place(self._position[job.track.variant]))["scene"]
+        record = message_record(number, 0, stamp, scene_update(job.chunks[0]))
+        return make_chunk(record, {number: np.array([[stamp, 0]], dtype=np.uint64)}, self.options.compression)
+
+    def _store(self, result: tuple[_Job, list[Chunk]]) -> None:
+        """Writes chunks; runs in the writing thread, the only one that touches the files meanwhile."""
+        job, chunks = result
         track = job.track
         facts = {"color_tension_max": repr(track.full_scale)}
         position = self._position[track.variant]
         part = self._parts.part(position)
         part.open_variant(track.variant, self._parts.place(position), track.layout.form, job.chunks[0].drive, facts)
-        part.file.chunk(chunk)
+        for chunk in chunks:
+            part.file.chunk(chunk)
 
     def finish(self, metrics: pa.Table, info: RunInfo) -> None:
         """Ends the archive and gives its files their names.

@@ -216,12 +216,9 @@ def frame_layout(form: Form) -> FrameLayout:
     frame = _Parts()
     for topic in form.topics:
         body = build[topic](form)
-        head = np.zeros((), dtype=HEADER)
-        head["opcode"] = MESSAGE
-        head["length"] = HEADER.itemsize - LENGTH_STARTS + len(body.template)
         message = np.dtype([("head", HEADER), ("body", body.dtype())])
         frame.value(topic, message)
-        frame.template[-message.itemsize :] = head.tobytes() + bytes(body.template)
+        frame.template[-message.itemsize :] = message_record(0, 0, 0, bytes(body.template))
     return FrameLayout(form, frame.dtype(), bytes(frame.template))
 
 
@@ -269,6 +266,14 @@ def _positions(form: Form) -> _Parts:
     body.stamp()
     body.tagged(2, "position", ("<f8", (form.links, 2)))
     return body
+
+
+def message_record(channel: int, sequence: int, stamp: int, body: bytes) -> bytes:
+    """A message record."""
+    head = np.zeros((), dtype=HEADER)
+    head["opcode"], head["length"] = MESSAGE, HEADER.itemsize - LENGTH_STARTS + len(body)
+    head["channel"], head["sequence"], head["log_time"], head["publish_time"] = channel, sequence, stamp, stamp
+    return head.tobytes() + body
 
 
 def offset_of(dtype: np.dtype[np.void], name: str) -> int:

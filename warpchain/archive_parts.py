@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import platform
 import re
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,7 +88,7 @@ class Part:
             **facts,
         }
         numbers = schema.channel_numbers(place)
-        for topic in form.topics:
+        for topic in (*form.topics, "scene"):
             self.open_topic(numbers[topic], variant, topic, held if topic == "rollers" else {})
 
     def open_topic(self, number: int, variant: int, topic: str, metadata: Mapping[str, str]) -> None:
@@ -241,7 +243,10 @@ def media_type(name: str) -> str:
 
 def _made(info: RunInfo) -> dict[str, str]:
     """How a run was made, as metadata."""
-    return {name: str(value) for name, value in asdict(info).items() if name not in ("ended", "wall_time")}
+    made = {k: v for k, v in asdict(info).items() if k not in ("ended", "wall_time") and v is not None}
+    texts = {name: repr(value) if isinstance(value, float) else str(value) for name, value in made.items()}
+    versions = [f"{name} {version(name)}" for name in ("warp-lang", "numpy", "mcap", "protobuf")]
+    return texts | {"versions": ", ".join([f"python {platform.python_version()}", *versions])}
 
 
 def _arrow_bytes(table: pa.Table) -> bytes:

@@ -132,6 +132,8 @@ def read_archive(path: str | Path) -> Archive:
         created=head["created"],
         ended=end["ended"],
         wall_time=float(end["wall_time"]),
+        step=float(head["step"]) if "step" in head else None,
+        seed=int(head["seed"]) if "seed" in head else None,
     )
     metrics = _metrics(last, len(drives), info.ended)
     return Archive(drives, metrics, Tracks(files, drives, gaps=info.ended == RECOVERED), info)

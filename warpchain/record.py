@@ -132,6 +132,8 @@ class RunInfo:
         ended: "complete", or "interrupted" when the user stopped it (what was computed until then is kept).
         wall_time: seconds the run took.
         created: UTC time of the start, ISO 8601.
+        step: time step [s]; None where the variants' steps differ.
+        seed: of the design whose variants these are, if there is one.
     """
 
     version: str
@@ -140,6 +142,8 @@ class RunInfo:
     ended: str = "complete"
     wall_time: float = 0.0
     created: str = ""
+    step: float | None = None
+    seed: int | None = None
 
 
 @dataclass(frozen=True)

@@ -96,6 +96,7 @@ def simulate(
         device="cpu",
         precision=precision,
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        step=schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None,
     )
     begun = time.monotonic()
     block = max(1, BLOCK_WORK // int(packed.drives["rollers"].max()))
