@@ -1,8 +1,10 @@
 """Reading archives: lazily, in parts, without copies, and as tables."""
 
 import os
+import re
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -184,6 +186,21 @@ def test_without_xarray_one_line_tells_what_to_install(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(WarpchainError, match=r"pip install 'warpchain\[xarray\]'"):
         run[0].to_xarray()
+
+
+def test_the_page_on_archives_shows_what_works(run, tmp_path, monkeypatch, capsys):
+    page = (Path(__file__).resolve().parent.parent / "docs" / "archive.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    write_archive(run, "marine.mcap")
+    reader, ours = re.findall(r"```python\n(.*?)```", page, re.S)
+    exec(compile(reader, "docs/archive.md", "exec"), {})
+    seconds, mean = map(float, capsys.readouterr().out.split())
+    assert seconds == pytest.approx(run[0].time[-1], abs=1e-9)  # whole nanoseconds
+    assert mean == pytest.approx(run[0].tension[-1].mean(), rel=1e-14)
+    held = {}
+    exec(compile(ours, "docs/archive.md", "exec"), held)
+    assert held["part"].position.shape == (101, 60, 2)
+    assert held["table"].num_rows == held["data"].sizes["time"] == len(run[0].time)
 
 
 def test_attachments_and_metadata_are_there(run, tmp_path):
