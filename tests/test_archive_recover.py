@@ -15,7 +15,7 @@ from test_drive_physics import two_sprockets
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
 from warpchain.archive_recover import recover_archive
-from warpchain.errors import ArchiveError
+from warpchain.errors import ArchiveError, WarpchainError
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def whole(run, tmp_path_factory):
     patch.undo()
     file = read_archive(path).trajectories.files[0]
     assert len(file.chunks) > 20
-    return path.read_bytes(), [chunk.offset + chunk.length for chunk in file.chunks]
+    return path.read_bytes(), [chunk.offset + chunk.length for chunk in file.chunks if len(chunk.channels) > 1]
 
 
 def frames_of(path, run):
@@ -104,6 +104,31 @@ def test_a_damaged_chunk_is_told_and_left_out(run, tmp_path, compression):
     kept = np.isin(run[0].time, fixed[0].time)
     assert 0 < kept.sum() < len(run[0].time)
     np.testing.assert_array_equal(fixed[0].position, run[0].position[kept])
+
+
+@pytest.mark.parametrize("compression", ["zstd", "none"])
+def test_whatever_is_damaged_the_frames_are_right_or_one_line_tells(run, tmp_path, compression):
+    small = simulate(two_sprockets(duration=0.001, settle="false"))
+    data = write_archive(small, tmp_path / "a.mcap", options=ArchiveOptions(compression=compression)).read_bytes()
+    (frames,) = (c for c in read_archive(tmp_path / "a.mcap").trajectories.files[0].chunks if len(c.channels) > 1)
+    rng, told = np.random.default_rng(3), 0
+    # outside of the frames' chunk, most is not protected by a CRC
+    rest = np.r_[0 : frames.offset + 60, frames.offset + frames.length : len(data)]
+    for offset in [*rng.choice(rest, 100), *rng.integers(len(data), size=20)]:
+        damaged = bytearray(data)
+        damaged[offset : offset + 4] = rng.bytes(min(4, len(data) - offset))
+        (tmp_path / "b.mcap").write_bytes(damaged)
+        for recover in (False, True):
+            try:
+                if recover:
+                    recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap", overwrite=True)
+                back = read_archive(tmp_path / ("c.mcap" if recover else "b.mcap"))
+                np.testing.assert_array_equal(back[0].position, small[0].position)
+                assert tuple(back.drives) == small.drives
+            except WarpchainError as error:
+                assert "\n" not in str(error)
+                told += 1
+    assert 20 < told < 240
 
 
 WRITE = """

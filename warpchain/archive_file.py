@@ -145,6 +145,10 @@ class McapFile:
         self._counts[number] = 0
         self._record(record)
 
+    def has_channel(self, number: int) -> bool:
+        """Whether a topic of that number was opened."""
+        return number in self._channels
+
     def attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Appends an attachment."""
         kinds = self._kinds

@@ -124,8 +124,18 @@ def read_archive(path: str | Path) -> Archive:
     ends = [file.values(schema.END_METADATA) for file in files]
     _check_set(name, files, heads, ends)
     head, end, last = heads[0], ends[-1] or {}, files[-1]
-    drives = LazyDrives(files[0], int(head["variants"]))
-    info = RunInfo(
+    try:
+        info, variants = _info(head, end), int(head["variants"])
+    except (KeyError, ValueError) as error:
+        raise ArchiveError(f"{files[0].path}: is damaged (metadata: {error}); see warpchain recover") from None
+    drives = LazyDrives(files[0], variants)
+    metrics = _metrics(last, variants, info.ended)
+    return Archive(drives, metrics, Tracks(files, drives, gaps=info.ended == RECOVERED), info)
+
+
+def _info(head: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
+    """How the run was made and ended."""
+    return RunInfo(
         version=head["version"],
         device=head["device"],
         precision=head["precision"],
@@ -135,8 +145,6 @@ def read_archive(path: str | Path) -> Archive:
         step=float(head["step"]) if "step" in head else None,
         seed=int(head["seed"]) if "seed" in head else None,
     )
-    metrics = _metrics(last, len(drives), info.ended)
-    return Archive(drives, metrics, Tracks(files, drives, gaps=info.ended == RECOVERED), info)
 
 
 def _missing(path: Path) -> None:

@@ -50,7 +50,7 @@ class Recovered:
         path: the archive written.
         files: its files.
         frames: frames of each variant.
-        chunks: whole chunks.
+        chunks: whole chunks of frames.
         damaged: chunks left out because their checksum was wrong.
         lost: bytes after the last whole record.
         name: what all files of a split archive share.
@@ -109,7 +109,7 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
         for copy in copies:
             copy.require()
         if not result.chunks:
-            raise ArchiveError(f"{source}: holds no whole chunk; nothing can be restored")
+            raise ArchiveError(f"{source}: holds no whole chunk of frames; nothing can be restored")
         for copy in copies:
             copy.finish(len(copies))
     except BaseException:
@@ -212,8 +212,10 @@ class _Copy:
     def _take_chunk(self, data: Any) -> None:
         compression, packed, size, crc, start, end = chunk_of(data)
         indexes = message_index(decompressed(compression, packed, size, crc))
+        if not all(self.file.has_channel(number) for number in indexes):
+            raise ValueError("its topic is not described")  # the description was damaged
         self.file.chunk(Chunk(compression, packed, size, crc, start, end, indexes))
-        self.result.chunks += 1
+        self.result.chunks += any(channel in self._variants for channel in indexes)
         for channel, index in indexes.items():
             if channel in self._variants:
                 variant = self._variants[channel]

@@ -99,7 +99,8 @@ class Tracks(Mapping[int, Trajectory]):
             for chunk in file.chunks:
                 for place in {id(here[n]): here[n] for n in chunk.channels if n in here}.values():
                     place.chunks.append(chunk)
-        return dict(sorted(found.items()))
+        held = {variant: [place for place in places if place.chunks] for variant, places in found.items()}
+        return {variant: held[variant] for variant in sorted(held) if held[variant]}
 
     def __contains__(self, variant: object) -> bool:
         return variant in self._places
