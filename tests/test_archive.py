@@ -122,21 +122,30 @@ def test_foxglove_draws_the_outlines(run, tmp_path):
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         scenes = list(reader.iter_decoded_messages(topics=["/variant/00001/scene"]))
+        turns = [part[3].transforms for part in reader.iter_decoded_messages(topics=["/variant/00001/transforms"])]
     ((schema, _, message, scene),) = scenes
     described = {file.name for file in FileDescriptorSet.FromString(schema.data).file}
     assert {"foxglove/SceneUpdate.proto", "foxglove/LinePrimitive.proto", "google/protobuf/duration.proto"} <= described
     assert (schema.name, message.log_time) == ("foxglove.SceneUpdate", 0)
     drive, trajectory = run.drives[1], run[1]
     assert [entity.id for entity in scene.entities] == ["sprocket/driver", "sprocket/driven"]
+    assert len(turns) == len(trajectory.time)
     for s, entity in enumerate(scene.entities):
         teeth, circle = (np.array([(p.x, p.y) for p in line.points]) for line in entity.lines)
-        center = np.array(drive.sprockets[s].center)
-        radius = np.hypot(*(circle - center).T)
+        turn = turns[-1][s]
+        assert (turn.parent_frame_id, turn.child_frame_id) == ("drive", entity.frame_id)
+        assert turn.timestamp.ToNanoseconds() == round(trajectory.time[-1] * 1e9)
+        assert (turn.translation.x, turn.translation.y) == drive.sprockets[s].center
+        twist = complex(turn.rotation.w, turn.rotation.z) ** 2  # a unit quaternion about z
+        assert twist == pytest.approx(np.exp(1j * trajectory.sprocket_angle[-1, s]), abs=1e-14)
+        teeth = teeth @ np.array([[twist.real, twist.imag], [-twist.imag, twist.real]]) + drive.sprockets[s].center
+        radius = np.hypot(*circle.T)
         np.testing.assert_allclose(radius, drive.pitch_radius(s), rtol=1e-14)
-        # a seated roller's center is that of its seat arc, whose radius is the roller's and the clearance
-        seat = drive.chain.roller_radius + drive.contact.sprocket.clearance
-        away = np.hypot(*(trajectory.position[0, :, None] - teeth).transpose(2, 0, 1)).min(axis=1)
-        assert away.min() == pytest.approx(seat, rel=2e-3)
+        # a seated roller plays in its seat arc, whose radius is the roller's and the clearance
+        play = drive.contact.sprocket.clearance
+        seat = drive.chain.roller_radius + play
+        away = np.hypot(*(trajectory.position[-1, :, None] - teeth).transpose(2, 0, 1)).min(axis=1)
+        assert away.min() == pytest.approx(seat, abs=play)
         assert sum(away < 1.01 * seat) >= drive.sprockets[s].teeth // 2 - 2
 
 

@@ -108,6 +108,8 @@ def test_chunks_that_another_program_wrote_anew_are_read_too(run, tmp_path):
         writer.start()
         numbers = {}
         for schema, channel, message in reader.iter_messages():  # in order of time: variants and topics are mixed
+            if channel.topic.endswith(("transforms", "scene")):
+                continue  # topics that only viewers ask for may be left out
             if channel.id not in numbers:
                 kind = writer.register_schema(schema.name, schema.encoding, schema.data)
                 numbers[channel.id] = writer.register_channel(
@@ -148,7 +150,7 @@ def test_ten_gigabytes_open_in_well_under_a_second(run, tmp_path, monkeypatch):
     for variant in range(variants):
         part.open_variant(variant, variant, layout.form, run.drives[0], {})
         for _ in range(4):
-            index = {5 * variant + k + 1: np.zeros((50, 2), dtype=np.uint64) for k in range(3)}
+            index = {6 * variant + k + 1: np.zeros((50, 2), dtype=np.uint64) for k in range(3)}
             part.file.chunk(Chunk("", data[: 2**20], 2**20, 0, 0, 0, index))
     parts.finish(run.metrics, run.info)
     assert os.stat(tmp_path / "big.mcap").st_size > 10e9

@@ -146,7 +146,7 @@ class ArchiveWriter:
 
     def _begin(self, variant: int, chunk: Trajectory) -> _Track:
         values = None if self.options.values == "run" else self.options.values
-        form = Form.of(chunk, values, self.options.exact_positions)
+        form = Form.of(variant, chunk, values, self.options.exact_positions)
         numbers = schema.channel_numbers(self._parts.place(self._position[variant]))
         channels = tuple(numbers[topic] for topic in form.topics)
         track = _Track(variant, frame_layout(form), channels, _full_scale(chunk))
@@ -169,7 +169,7 @@ class ArchiveWriter:
     def _scene(self, job: _Job, stamp: int) -> Chunk:
         """The chunk that holds a variant's outlines."""
         number = schema.channel_numbers(self._parts.place(self._position[job.track.variant]))["scene"]
-        record = message_record(number, 0, stamp, scene_update(job.chunks[0]))
+        record = message_record(number, 0, stamp, scene_update(job.track.layout.form, job.chunks[0].drive))
         return make_chunk(record, {number: np.array([[stamp, 0]], dtype=np.uint64)}, self.options.compression)
 
     def _store(self, result: tuple[_Job, list[Chunk]]) -> None:

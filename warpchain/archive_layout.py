@@ -58,12 +58,12 @@ class _Parts:
         self.constant(schema.varint(number << 3 | 2) + schema.varint(np.dtype(kind).itemsize))
         self.value(name, kind)
 
-    def stamp(self) -> None:
+    def stamp(self, mark: str = "") -> None:
         """Field 1, a google.protobuf.Timestamp with both numbers padded to five bytes."""
         self.constant(b"\x0a\x0c\x08")
-        self.value("seconds", ("u1", (5,)))
+        self.value(f"seconds{mark}", ("u1", (5,)))
         self.constant(b"\x10")
-        self.value("nanoseconds", ("u1", (5,)))
+        self.value(f"nanoseconds{mark}", ("u1", (5,)))
 
     def dtype(self) -> np.dtype[np.void]:
         names = list(self.fields)
@@ -83,6 +83,7 @@ class Form:
         precision: of the run, "float64" or "float32".
         values: of the rollers' packed values, "float64" or "float32".
         exact: whether positions also come as float64 on a topic of their own.
+        variant: number of the variant, which names the frames that turn with its sprockets.
     """
 
     links: int
@@ -90,24 +91,31 @@ class Form:
     channels: tuple[str, ...]
     precision: str
     values: str
-    exact: bool = False
+    exact: bool
+    variant: int
 
     @classmethod
-    def of(cls, trajectory: Trajectory, values: str | None, exact: bool) -> Form:
-        """The layout of a trajectory; `values` None keeps its own precision."""
+    def of(cls, variant: int, trajectory: Trajectory, values: str | None, exact: bool) -> Form:
+        """The layout of a variant's trajectory; `values` None keeps its own precision."""
         held = trajectory.channels()
         precision = str(next(iter(held.values())).dtype) if held else "float64"
         drive = trajectory.drive
         packed = values or precision
         exact = exact and "position" in held and packed == "float32" and precision == "float64"
         names = tuple(sprocket.name for sprocket in drive.sprockets)
-        return cls(drive.chain.links, names, tuple(n for n in CHANNELS if n in held), precision, packed, exact)
+        return cls(drive.chain.links, names, tuple(n for n in CHANNELS if n in held), precision, packed, exact, variant)
 
     @property
     def topics(self) -> tuple[str, ...]:
         """Names of the topics that carry frames, in the order of a frame's messages."""
         joints = ("sprockets",) if any(name in self.channels for name in JOINT_ARRAYS.values()) else ()
-        return ("rollers", "state", *joints, *(("positions",) if self.exact else ()))
+        exact = ("positions",) if self.exact else ()
+        return ("rollers", "state", *joints, *exact, *(("transforms",) if self.turns else ()))
+
+    @property
+    def turns(self) -> bool:
+        """Whether each frame tells how the sprockets lie, so that their outlines turn."""
+        return {"sprocket_angle", "sprocket_center"} <= set(self.channels)
 
     def kind(self, channel: str) -> str:
         """numpy's name of a channel's type as it is read back."""
@@ -169,6 +177,10 @@ class FrameLayout:
             if topic in ("rollers", "positions"):
                 _padded(body["seconds"], stamps // 10**9)
                 _padded(body["nanoseconds"], stamps % 10**9)
+            elif topic == "transforms":
+                for s in range(len(self.form.sprockets)):
+                    _padded(body[f"seconds_{s}"], stamps // 10**9)
+                    _padded(body[f"nanoseconds_{s}"], stamps % 10**9)
             elif topic == "sprockets":
                 body["sec"], body["nanosec"] = stamps // 10**9, stamps % 10**9
         frames["state"]["body"]["time"] = time
@@ -196,6 +208,13 @@ class FrameLayout:
                 if values is not None:
                     frames["sprockets"]["body"][name] = values
 
+        if self.form.turns:
+            body = frames["transforms"]["body"]
+            for s in range(len(self.form.sprockets)):
+                angle, center = chunk.sprocket_angle[:, s], chunk.sprocket_center[:, s]  # type: ignore[index]
+                body[f"x_{s}"], body[f"y_{s}"] = center[:, 0], center[:, 1]
+                body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
+
     def views(self, frames: Any) -> dict[str, NDArray[Any]]:
         """`time` and every channel of frames, as views of their bytes."""
         held = {"time": frames["state"]["body"]["time"]}
@@ -212,10 +231,10 @@ class FrameLayout:
 @functools.lru_cache(maxsize=256)
 def frame_layout(form: Form) -> FrameLayout:
     """The layout of frames of a form."""
-    build = {"rollers": _rollers, "state": _state, "sprockets": _joints, "positions": _positions}
+    build = {"state": _state, "sprockets": _joints, "positions": _positions, "transforms": _transforms}
     frame = _Parts()
     for topic in form.topics:
-        body = build[topic](form)
+        body = build.get(topic, _rollers)(form)
         message = np.dtype([("head", HEADER), ("body", body.dtype())])
         frame.value(topic, message)
         frame.template[-message.itemsize :] = message_record(0, 0, 0, bytes(body.template))
@@ -274,6 +293,29 @@ def message_record(channel: int, sequence: int, stamp: int, body: bytes) -> byte
     head["opcode"], head["length"] = MESSAGE, HEADER.itemsize - LENGTH_STARTS + len(body)
     head["channel"], head["sequence"], head["log_time"], head["publish_time"] = channel, sequence, stamp, stamp
     return head.tobytes() + body
+
+
+def _transforms(form: Form) -> _Parts:
+    """One FrameTransform a sprocket: its center, and the quaternion of its angle about z."""
+    body = _Parts()
+    for s, name in enumerate(form.sprockets):
+        one = _Parts()
+        one.stamp(f"_{s}")
+        for number, text in ((2, "drive"), (3, schema.sprocket_frame(form.variant, name))):
+            one.constant(schema.varint(number << 3 | 2) + schema.varint(len(text.encode())) + text.encode())
+        one.constant(b"\x22\x12\x09")
+        one.value(f"x_{s}", "<f8")
+        one.constant(b"\x11")
+        one.value(f"y_{s}", "<f8")
+        one.constant(b"\x2a\x12\x19")
+        one.value(f"sine_{s}", "<f8")
+        one.constant(b"\x21")
+        one.value(f"cosine_{s}", "<f8")
+        body.constant(b"\x0a" + schema.varint(len(one.template)))
+        start = len(body.template)
+        body.constant(bytes(one.template))
+        body.fields |= {name: (kind, start + at) for name, (kind, at) in one.fields.items()}
+    return body
 
 
 def offset_of(dtype: np.dtype[np.void], name: str) -> int:

@@ -23,6 +23,9 @@ MESSAGES = {
     "foxglove.PackedElementField": "string name, fixed32 offset, enum NumericType type",
     "foxglove.PointCloud": "Timestamp timestamp, string frame_id, Pose pose, fixed32 point_stride, "
     "repeated PackedElementField fields, bytes data",
+    "foxglove.FrameTransform": "Timestamp timestamp, string parent_frame_id, string child_frame_id, "
+    "Vector3 translation, Quaternion rotation",
+    "foxglove.FrameTransforms": "repeated FrameTransform transforms",
     "foxglove.ArrowPrimitive": "Pose pose, double shaft_length, double shaft_diameter, double head_length, "
     "double head_diameter, Color color",
     "foxglove.CubePrimitive": "Pose pose, Vector3 size, Color color",

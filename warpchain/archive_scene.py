@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.archive_layout import Form
 from warpchain.archive_proto import message_type
-from warpchain.archive_schema import varint
-from warpchain.record import Trajectory
+from warpchain.archive_schema import sprocket_frame, varint
+from warpchain.drive import Drive
 from warpchain.scene import guide_outline, tooth_outline
 
 FRAME = "drive"
@@ -34,29 +35,26 @@ POINT = np.dtype(
 """Field 5 (points) of a LinePrimitive, a Point3 with all of its numbers."""
 
 
-def scene_update(chunk: Trajectory) -> bytes:
-    """A serialized `foxglove.SceneUpdate` of the drive as it is in a trajectory's first frame.
+def scene_update(form: Form, drive: Drive) -> bytes:
+    """A serialized `foxglove.SceneUpdate` of a drive.
 
-    One entity a sprocket, `sprocket/NAME`: its teeth (closed) and its pitch circle (closed); one a guide-bar,
+    One entity a sprocket, `sprocket/NAME`: its teeth (closed) and its pitch circle (closed), in the frame that turns
+    with it, or, where the frames do not tell how it lies, at angle zero in the drive's frame; one a guide-bar,
     `guide/NAME`: its face and ends (open). Points in metres.
     """
-    drive = chunk.drive
     entities = []
     turn = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     for s, sprocket in enumerate(drive.sprockets):
-        centers, angles = chunk.sprocket_center, chunk.sprocket_angle
-        center = np.asarray(sprocket.center if centers is None else centers[0, s], dtype=float)
-        angle = 0.0 if angles is None else float(angles[0, s])
-        cosine, sine = math.cos(angle), math.sin(angle)
-        teeth = tooth_outline(drive, s)[:-1] @ np.array([[cosine, sine], [-sine, cosine]]) + center
-        pitch = circle * drive.pitch_radius(s) + center
+        center = np.zeros(2) if form.turns else np.asarray(sprocket.center, dtype=float)
+        frame = sprocket_frame(form.variant, sprocket.name) if form.turns else FRAME
+        teeth, pitch = tooth_outline(drive, s)[:-1] + center, circle * drive.pitch_radius(s) + center
         facts = {"teeth": str(sprocket.teeth), "pitch_radius": repr(drive.pitch_radius(s))}
         lines = [_line("LINE_LOOP", teeth, TEETH_COLOR), _line("LINE_LOOP", pitch, PITCH_COLOR)]
-        entities.append(_entity(f"sprocket/{sprocket.name}", facts, lines))
+        entities.append(_entity(frame, f"sprocket/{sprocket.name}", facts, lines))
     for g, guide in enumerate(drive.guides):
         lines = [_line("LINE_STRIP", guide_outline(drive, g), GUIDE_COLOR)]
-        entities.append(_entity(f"guide/{guide.name}", {}, lines))
+        entities.append(_entity(FRAME, f"guide/{guide.name}", {}, lines))
     return b"".join(_field(2, entity) for entity in entities)
 
 
@@ -65,8 +63,8 @@ def _field(number: int, data: bytes) -> bytes:
     return varint(number << 3 | 2) + varint(len(data)) + data
 
 
-def _entity(name: str, facts: dict[str, str], lines: list[bytes]) -> bytes:
-    entity: Any = message_type("foxglove.SceneEntity")(frame_id=FRAME, id=name)
+def _entity(frame: str, name: str, facts: dict[str, str], lines: list[bytes]) -> bytes:
+    entity: Any = message_type("foxglove.SceneEntity")(frame_id=frame, id=name)
     for key, value in facts.items():
         entity.metadata.add(key=key, value=value)
     return bytes(entity.SerializeToString()) + b"".join(_field(11, line) for line in lines)

@@ -60,6 +60,7 @@ TOPICS = {
     "sprockets": "sensor_msgs/msg/JointState",
     "positions": "warpchain.Positions",
     "scene": "foxglove.SceneUpdate",
+    "transforms": "foxglove.FrameTransforms",
 }
 """Schema of each topic that a recorded variant can have."""
 MOST_VARIANTS = 65535 // len(TOPICS)
@@ -89,6 +90,11 @@ def schema_of(name: str) -> tuple[str, bytes]:
     if name == "sensor_msgs/msg/JointState":
         return "ros2msg", JOINT_STATE.encode()
     return "protobuf", schema_bytes(message_type(name))
+
+
+def sprocket_frame(variant: int, name: str) -> str:
+    """Coordinate frame that turns with a sprocket."""
+    return f"variant/{variant:05d}/{name}"
 
 
 def drive_attachment(variant: int) -> str:

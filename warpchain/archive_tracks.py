@@ -17,6 +17,9 @@ from warpchain.drive import Drive, loads_drive
 from warpchain.errors import ArchiveError, DriveError
 from warpchain.record import CHANNELS, Trajectory
 
+READ = ("rollers", "state", "positions")
+"""Topics that hold all there is to read; the others repeat it for viewers."""
+
 
 class LazyDrives(Sequence[Drive]):
     """All drives of a run, each read from its attachment when it is asked for."""
@@ -126,10 +129,8 @@ class Tracks(Mapping[int, Trajectory]):
             channels, precision, values = facts["channels"].split(), facts["precision"], facts["values"]
         except KeyError as missing:
             raise ArchiveError(f"{place.file.path}: {place.rollers.topic} lacks its metadata {missing}") from None
-        sprockets = tuple(sprocket.name for sprocket in drive.sprockets)
-        return frame_layout(
-            Form(drive.chain.links, sprockets, tuple(channels), precision, values, "positions" in place.numbers)
-        )
+        sprockets, exact = tuple(sprocket.name for sprocket in drive.sprockets), "positions" in place.numbers
+        return frame_layout(Form(drive.chain.links, sprockets, tuple(channels), precision, values, exact, variant))
 
     def read(
         self,
@@ -208,7 +209,7 @@ def _joined(parts: Sequence[Any], kind: str, shape: tuple[int, ...]) -> Any:
 
 def _laid_out(data: Any, layout: FrameLayout, numbers: Mapping[str, int]) -> Any:
     """A chunk's records as frames, without a copy; None if they do not lie as warpchain writes them."""
-    if len(data) % layout.size:
+    if len(data) % layout.size or not set(layout.form.topics) <= set(numbers):
         return None
     frames = np.frombuffer(data, dtype=layout.dtype)
     for topic in layout.form.topics:
@@ -222,7 +223,8 @@ def _laid_out(data: Any, layout: FrameLayout, numbers: Mapping[str, int]) -> Any
 
 def _gathered(chunks: Sequence[Any], layout: FrameLayout, numbers: Mapping[str, int], low: int, high: int) -> Any:
     """Frames from the messages of chunks that mix topics and variants in any way."""
-    found: dict[int, list[bytes]] = {numbers[topic]: [] for topic in layout.form.topics}
+    topics = [topic for topic in layout.form.topics if topic in READ]
+    found: dict[int, list[bytes]] = {numbers[topic]: [] for topic in topics}
     for data in chunks:
         for opcode, begin, end in records(data):
             if opcode == MESSAGE:
@@ -232,8 +234,8 @@ def _gathered(chunks: Sequence[Any], layout: FrameLayout, numbers: Mapping[str, 
     counts = {len(messages) for messages in found.values()}
     if len(counts) != 1:
         raise ValueError("its topics have unlike numbers of frames")
-    frames = np.empty(counts.pop(), dtype=layout.dtype)
-    for topic in layout.form.topics:
+    frames = np.zeros(counts.pop(), dtype=layout.dtype)
+    for topic in topics:
         message = layout.dtype[topic]
         if any(len(data) != message.itemsize for data in found[numbers[topic]]):
             raise ValueError(f"messages of {topic} are not as warpchain writes them")
