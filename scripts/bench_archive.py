@@ -65,7 +65,7 @@ def write_mcap(path: Path, messages: list[tuple[str, int, bytes]], variants: int
         for variant in range(variants):
             numbers = {
                 topic: writer.register_channel(f"/{variant}/{topic}", "protobuf", 0)
-                for topic in ("scene", "rollers", "state", "sprockets")
+                for topic in ("scene", "rollers", "state", "sprockets", "transforms")
             }
             for topic, stamp, data in messages:
                 writer.add_message(numbers[topic], stamp, data, stamp)
@@ -103,7 +103,7 @@ def write_foxglove(path: Path, messages: list[tuple[str, int, bytes]], variants:
         rollers = PointCloudChannel(f"/{variant}/rollers", context=context)
         others = {
             topic: Channel(f"/{variant}/{topic}", message_encoding="protobuf", schema=schema, context=context)
-            for topic in ("scene", "state", "sprockets")
+            for topic in ("scene", "state", "sprockets", "transforms")
         }
         for topic, stamp, data in messages:
             if topic == "rollers":
