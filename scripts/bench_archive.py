@@ -168,12 +168,12 @@ def main() -> None:
         run = ensemble(variants)
         print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}, {len(cores)} cores; ")
         print(f"{variants} variants of {size / variants:.1f} MB, best of {rounds} rounds; files in {folder.parent}\n")
-        print("| one core | compression | write MB/s | variants/s | of mcap.Writer | read MB/s | file / payload |")
+        print("| on one core | compression | write MB/s | variants/s | of mcap.Writer | read MB/s | file / payload |")
         print("|---|---|---|---|---|---|---|")
         for compression in COMPRESSIONS:
             table(run, messages, folder, compression, size, rounds, cores)
         if len(cores) > 1:
-            print("\n| warpchain's writer | none | lz4 | zstd |\n|---|---|---|---|")
+            print("\n| write MB/s (against one core) | none | lz4 | zstd |\n|---|---|---|---|")
             scaling(run, folder, size, rounds, cores)
 
 

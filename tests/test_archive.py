@@ -172,6 +172,8 @@ def test_metadata_tells_how_the_run_was_made(run, tmp_path):
     back = read_archive(write_archive(told, tmp_path / "a.mcap"))
     assert back.info == told.info
     assert back.info.step == run.drives[0].run.step
+    options = ArchiveOptions(seed=8)
+    assert read_archive(write_archive(told, tmp_path / "b.mcap", options=options)).info.seed == 8
     held = back.metadata
     assert held["step"] == repr(run.info.step)
     assert (held["device"], held["precision"], held["seed"]) == ("cpu", "float64", "7")

@@ -22,6 +22,7 @@ class ArchiveOptions:
         split_size: begin another file when one has reached this size [bytes]; None does not.
         split_variants: recorded variants in one file; None puts all into one. Not together with `split_size`.
         encoders: threads that lay out and compress chunks; None takes one a core, four at most.
+        seed: of the design whose variants these are; goes into the metadata.
         attachments: further files to put into the archive, by name, such as {"study.toml": b"..."}.
 
     Raises:
@@ -34,6 +35,7 @@ class ArchiveOptions:
     split_size: int | None = None
     split_variants: int | None = None
     encoders: int | None = None
+    seed: int | None = None
     attachments: Mapping[str, bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

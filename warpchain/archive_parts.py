@@ -6,7 +6,7 @@ import platform
 import re
 import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -125,7 +125,7 @@ class Parts:
         salvage: bool,
     ) -> None:
         self.path, self.overwrite, self._salvage = path, overwrite, salvage
-        self._options, self._info = options, info
+        self._options, self._info = options, replace(info, seed=info.seed if options.seed is None else options.seed)
         self._per_part = options.split_variants or schema.MOST_VARIANTS
         self._split = options.split_size is not None or options.split_variants is not None
         if len(recorded) > schema.MOST_VARIANTS and options.split_variants is None:
