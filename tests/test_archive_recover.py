@@ -232,3 +232,17 @@ def test_refusals_of_recover(whole, tmp_path):
     with pytest.raises(ArchiveError, match="is not an archive of warpchain"):
         recover_archive(broken, tmp_path / "new.mcap")
     assert not list(tmp_path.glob("*.partial"))
+
+
+def test_recover_on_the_command_line(whole, tmp_path, capsys):
+    from warpchain import cli
+
+    broken, fixed = tmp_path / "broken.mcap", tmp_path / "fixed.mcap"
+    assert cli.main(["recover", str(broken), "-o", str(fixed)]) == 2
+    assert capsys.readouterr().err == f"warpchain: error: {broken}: cannot be read (No such file or directory)\n"
+    broken.write_bytes(whole[0][: whole[1][3] + 100])
+    assert cli.main(["recover", str(broken), "-o", str(fixed)]) == 0
+    out = capsys.readouterr().out
+    assert "frames of 1 variant in 4 chunks; " in out
+    assert "bytes after the last whole record lost" in out
+    assert len(read_archive(fixed)[0].time) == int(out.split()[0])
