@@ -101,6 +101,8 @@ class ArchiveWriter:
     def append(self, variant: int, chunk: Trajectory) -> None:
         """Appends consecutive frames of one variant; waits while too much is under way.
 
+        The arrays are read later, in other threads: leave them as they are until `finish`.
+
         Raises:
             ArchiveError: a disk that is full or gone, now or since an earlier call.
         """
