@@ -10,6 +10,7 @@ import pytest
 from test_drive_physics import two_sprockets
 
 from warpchain import Record, read_archive, simulate, write_archive
+from warpchain.archive import ArchiveOptions
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.record import CHANNELS
 
@@ -42,7 +43,7 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_float64_comes_back_bitwise(run, tmp_path, compression):
-    path = write_archive(run, tmp_path / "a.mcap", compression=compression)
+    path = write_archive(run, tmp_path / "a.mcap", options=ArchiveOptions(compression=compression))
     back = read_archive(path)
     assert_same(run, back)
     assert back.info == run.info
@@ -112,6 +113,74 @@ def test_foxglove_and_ros_decoders_read_every_message(run, tmp_path):
     np.testing.assert_array_equal(joints[-1].velocity, trajectory.sprocket_speed[-1])
 
 
+def test_foxglove_draws_the_outlines(run, tmp_path):
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    path = write_archive(run, tmp_path / "a.mcap")
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        scenes = list(reader.iter_decoded_messages(topics=["/variant/00001/scene"]))
+        turns = [part[3].transforms for part in reader.iter_decoded_messages(topics=["/variant/00001/transforms"])]
+    ((schema, _, message, scene),) = scenes
+    described = {file.name for file in FileDescriptorSet.FromString(schema.data).file}
+    assert {"foxglove/SceneUpdate.proto", "foxglove/LinePrimitive.proto", "google/protobuf/duration.proto"} <= described
+    assert (schema.name, message.log_time) == ("foxglove.SceneUpdate", 0)
+    drive, trajectory = run.drives[1], run[1]
+    assert [entity.id for entity in scene.entities] == ["sprocket/driver", "sprocket/driven"]
+    assert len(turns) == len(trajectory.time)
+    for s, entity in enumerate(scene.entities):
+        teeth, circle = (np.array([(p.x, p.y) for p in line.points]) for line in entity.lines)
+        turn = turns[-1][s]
+        assert (turn.parent_frame_id, turn.child_frame_id) == ("drive", entity.frame_id)
+        assert turn.timestamp.ToNanoseconds() == round(trajectory.time[-1] * 1e9)
+        assert (turn.translation.x, turn.translation.y) == drive.sprockets[s].center
+        twist = complex(turn.rotation.w, turn.rotation.z) ** 2  # a unit quaternion about z
+        assert twist == pytest.approx(np.exp(1j * trajectory.sprocket_angle[-1, s]), abs=1e-14)
+        teeth = teeth @ np.array([[twist.real, twist.imag], [-twist.imag, twist.real]]) + drive.sprockets[s].center
+        radius = np.hypot(*circle.T)
+        np.testing.assert_allclose(radius, drive.pitch_radius(s), rtol=1e-14)
+        # a seated roller plays in its seat arc, whose radius is the roller's and the clearance
+        play = drive.contact.sprocket.clearance
+        seat = drive.chain.roller_radius + play
+        away = np.hypot(*(trajectory.position[-1, :, None] - teeth).transpose(2, 0, 1)).min(axis=1)
+        assert away.min() == pytest.approx(seat, abs=play)
+        assert sum(away < 1.01 * seat) >= drive.sprockets[s].teeth // 2 - 2
+
+
+def test_descriptors_are_those_that_foxglove_publishes():
+    messages = pytest.importorskip("foxglove.messages")
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+
+    from warpchain.archive_proto import MESSAGES, message_type, schema_bytes
+
+    for name in ("foxglove.PointCloud", "foxglove.SceneUpdate"):
+        published = FileDescriptorSet.FromString(getattr(messages, name.split(".")[1]).get_schema().data)
+        mine = {file.name: file for file in FileDescriptorSet.FromString(schema_bytes(message_type(name))).file}
+        for file in published.file:
+            for field in (*file.message_type[0].field, *mine[file.name].message_type[0].field):
+                field.ClearField("json_name")  # what a compiler adds
+            assert file.message_type == mine[file.name].message_type, file.name
+    assert MESSAGES
+
+
+def test_metadata_tells_how_the_run_was_made(run, tmp_path):
+    from dataclasses import replace
+
+    told = replace(run, info=replace(run.info, seed=7))
+    back = read_archive(write_archive(told, tmp_path / "a.mcap"))
+    assert back.info == told.info
+    assert back.info.step == run.drives[0].run.step
+    options = ArchiveOptions(seed=8)
+    assert read_archive(write_archive(told, tmp_path / "b.mcap", options=options)).info.seed == 8
+    held = back.metadata
+    assert held["step"] == repr(run.info.step)
+    assert (held["device"], held["precision"], held["seed"]) == ("cpu", "float64", "7")
+    assert "warp-lang " in held["versions"]
+    assert "python " in held["versions"]
+
+
 def test_existing_file_is_kept_unless_told_otherwise(run, tmp_path):
     path = tmp_path / "a.mcap"
     path.write_text("mine")
@@ -124,7 +193,7 @@ def test_existing_file_is_kept_unless_told_otherwise(run, tmp_path):
 
 def test_refusals_of_the_writer(run, tmp_path):
     with pytest.raises(ArchiveError, match="compression = 'gzip'"):
-        write_archive(run, tmp_path / "a.mcap", compression="gzip")
+        ArchiveOptions(compression="gzip")
     with pytest.raises(ArchiveError, match="cannot be written"):
         write_archive(run, tmp_path / "absent" / "a.mcap")
     with pytest.raises(ArchiveError, match="is a folder"):
@@ -133,12 +202,12 @@ def test_refusals_of_the_writer(run, tmp_path):
 
 
 def test_full_disk_is_one_line_and_leaves_nothing(run, tmp_path, monkeypatch):
-    from warpchain import archive
+    from warpchain import archive_file
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(archive.os, "fsync", full)
+    monkeypatch.setattr(archive_file.os, "fsync", full)
     with pytest.raises(ArchiveError, match=r"a\.mcap: cannot be written \(No space left on device\)"):
         write_archive(run, tmp_path / "a.mcap")
     assert list(tmp_path.iterdir()) == []

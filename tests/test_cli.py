@@ -122,7 +122,7 @@ def test_no_command_prints_the_help_with_status_2(capsys):
     assert any(line.startswith("usage: warpchain") for line in out)
 
 
-@pytest.mark.parametrize("command", ["check", "run", "view", "plot", "export"])
+@pytest.mark.parametrize("command", ["check", "run", "view", "plot", "export", "recover"])
 def test_every_command_has_help_with_an_example(capsys, command):
     status, out, _ = run(capsys, command, "--help")
     assert status == 0

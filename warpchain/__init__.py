@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpchain.archive import read_archive, write_archive
+    from warpchain.archive_options import ArchiveOptions
     from warpchain.assembly import assemble
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
     from warpchain.errors import WarpchainError
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from warpchain.simulation import simulate
 
 _HOME = {
+    "ArchiveOptions": "archive_options",
     "Drive": "drive",
     "Record": "record",
     "Run": "record",
@@ -27,6 +29,7 @@ _HOME = {
 }
 
 __all__ = [
+    "ArchiveOptions",
     "Drive",
     "Record",
     "Run",

@@ -1,57 +1,82 @@
-"""Writing an MCAP archive: recorded variants frame by frame, their drives, the metrics, and how the run was made.
+"""Writing MCAP archives: recorded variants frame by frame, their drives, the metrics, and how the run was made.
 
-The layout is described in `docs/archive.md`. A file appears under its name only when it is whole: it is written under a
-temporary name in the same folder, flushed to the disk and renamed.
+The layout is described in `docs/archive.md`. Frames are laid out and compressed in threads of their own, while the
+solver goes on; a file appears under its name only when it is whole.
 """
 
 from __future__ import annotations
 
-import io
 import os
-import struct
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from warpchain import archive_schema as schema
+from warpchain.archive_file import Chunk, make_chunk
+from warpchain.archive_layout import Form, FrameLayout, frame_layout, message_record
+from warpchain.archive_options import ArchiveOptions
+from warpchain.archive_parts import Parts
+from warpchain.archive_pipeline import Pipeline
 from warpchain.archive_read import read_archive
-from warpchain.drive import Drive, dumps_drive
+from warpchain.archive_scene import scene_update
+from warpchain.drive import Drive
 from warpchain.errors import ArchiveError
-from warpchain.record import CHANNELS, Run, RunInfo, Trajectory
+from warpchain.record import Run, RunInfo, Trajectory
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["ArchiveWriter", "read_archive", "write_archive"]
+__all__ = ["ArchiveOptions", "ArchiveWriter", "read_archive", "write_archive"]
 
-COMPRESSIONS = ("zstd", "lz4", "none")
-JOINT_ARRAYS = {"position": "sprocket_angle", "velocity": "sprocket_speed", "effort": "sprocket_moment"}
-"""Channel of a trajectory that each array of a JointState carries."""
+CHUNK = 2**20
+"""Uncompressed size that chunks have, about [bytes]."""
+ROOM = 32
+"""Chunks under way at most between `append` and the disk."""
+WAITING = 64 * 2**20
+"""Frames that wait for their chunk to fill, over all variants, at most [bytes]."""
 COLOR_PERCENTILE = 99.9
-"""Percentile of the first chunk's tension that the color scale ends at."""
+"""Percentile of a variant's first tensions that its color scale ends at."""
+COLOR_SAMPLES = 4096
 
 
-def _refused(path: Path, error: OSError) -> ArchiveError:
-    return ArchiveError(f"{path}: cannot be written ({error.strerror or error})")
+@dataclass
+class _Track:
+    """A variant being written: its frames' layout, and those that wait for their chunk to fill."""
+
+    variant: int
+    layout: FrameLayout
+    channels: tuple[int, ...]
+    full_scale: float
+    frames: int = 0
+    waiting: list[Trajectory] = field(default_factory=list)
+    count: int = 0
+
+
+class _Job(NamedTuple):
+    """Consecutive frames of one variant that become a chunk."""
+
+    track: _Track
+    chunks: list[Trajectory]
+    first: int
 
 
 class ArchiveWriter:
     """Writes an archive while a run goes on.
 
     Args:
-        path: the file to write.
+        path: the file to write; with a split, `run.mcap` becomes `run.part0000.mcap`, `run.part0001.mcap` and so on.
         drives: all drives of the run.
         recorded: indices of the variants that frames will come for.
         info: how the run is made; `finish` tells how it ended.
-        compression: of the chunks, "zstd", "lz4" or "none".
-        overwrite: replace a file of that name.
+        options: compression, split, threads; None takes the defaults.
+        overwrite: replace an archive of that name.
+        salvage: on a disk that refuses, keep what was written until then and name it in the error.
 
     Raises:
-        ArchiveError: an existing file, a folder that cannot be written, an unknown compression, a full disk.
+        ArchiveError: an existing file, a folder that cannot be written, a full disk, too many variants for one file.
     """
 
     def __init__(
@@ -60,65 +85,108 @@ class ArchiveWriter:
         drives: Sequence[Drive],
         recorded: Sequence[int],
         info: RunInfo,
-        compression: str = "zstd",
+        options: ArchiveOptions | None = None,
         overwrite: bool = False,
+        salvage: bool = False,
     ) -> None:
-        from mcap.writer import CompressionType, Writer
-
-        self.path, self.overwrite = Path(path), overwrite
-        if compression not in COMPRESSIONS:
-            raise ArchiveError(f'compression = {compression!r}: allowed are "zstd", "lz4" and "none"')
-        self._check_free()
-        self._partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.partial")
+        self.options = options or ArchiveOptions()
+        self._position = {variant: k for k, variant in enumerate(recorded)}
         self._tracks: dict[int, _Track] = {}
-        self._schemas: dict[str, int] = {}
-        try:
-            self._stream: io.BufferedWriter | None = self._partial.open("wb")
-        except OSError as error:
-            raise _refused(self.path, error) from None
-        kind = getattr(CompressionType, compression.upper())
-        self._writer = Writer(self._stream, chunk_size=2**20, compression=kind)
-        self._drives, self._recorded = tuple(drives), tuple(recorded)
-        try:
-            self._begin(info)
-        except OSError as error:
-            self.abort()
-            raise _refused(self.path, error) from None
-
-    def _check_free(self) -> None:
-        if self.path.is_dir():
-            raise ArchiveError(f"{self.path}: is a folder; give a file name such as {self.path / 'run.mcap'}")
-        if self.path.exists() and not self.overwrite:
-            raise ArchiveError(f"{self.path}: exists already; give another name, or --overwrite (overwrite=True)")
-
-    def _begin(self, info: RunInfo) -> None:
-        self._writer.start(profile="", library=f"warpchain {info.version}")
-        head = {
-            "format_version": schema.FORMAT_VERSION,
-            "variants": str(len(self._drives)),
-            "recorded": " ".join(map(str, self._recorded)),
-        }
-        made = {name: str(value) for name, value in asdict(info).items() if name not in ("ended", "wall_time")}
-        self._writer.add_metadata(schema.RUN_METADATA, head | made)
-        for variant, drive in enumerate(self._drives):
-            text = dumps_drive(drive).encode()
-            self._writer.add_attachment(0, 0, schema.drive_attachment(variant), "application/toml", text)
+        self._waiting = 0
+        self._ended = False
+        self._parts = Parts(Path(path), drives, recorded, info, self.options, overwrite, salvage)
+        threads = self.options.encoders or min(4, os.cpu_count() or 1)
+        self._pipeline: Pipeline[_Job, tuple[_Job, list[Chunk]]] = Pipeline(self._encode, self._store, threads, ROOM)
 
     def append(self, variant: int, chunk: Trajectory) -> None:
-        """Appends consecutive frames of one variant.
+        """Appends consecutive frames of one variant; waits while too much is under way.
+
+        The arrays are read later, in other threads: leave them as they are until `finish`.
 
         Raises:
-            ArchiveError: a disk that is full or gone.
+            ArchiveError: a disk that is full or gone, now or since an earlier call.
         """
+        if len(chunk.time) == 0:
+            return
         try:
-            if variant not in self._tracks:
-                self._tracks[variant] = _Track(self._writer, self._schemas, variant, chunk)
-            self._tracks[variant].write(chunk)
-        except OSError as error:
-            raise _refused(self.path, error) from None
+            self._append(variant, chunk)
+        except ArchiveError as error:
+            raise self._parts.refusal(error) from None
+
+    def _append(self, variant: int, chunk: Trajectory) -> None:
+        track = self._tracks.get(variant) or self._begin(variant, chunk)
+        size = track.layout.size
+        per_chunk = max(1, CHUNK // size)
+        start, total = 0, len(chunk.time)
+        while track.count + total - start >= per_chunk:
+            stop = start + per_chunk - track.count
+            self._wait_for(track, _cut(chunk, start, stop))
+            self._send(track)
+            start = stop
+        if start < total:
+            self._wait_for(track, _cut(chunk, start, total, copy=start > 0))
+        if self._waiting > WAITING:
+            self._send_all()
+
+    def _wait_for(self, track: _Track, frames: Trajectory) -> None:
+        track.waiting.append(frames)
+        track.count += len(frames.time)
+        self._waiting += len(frames.time) * track.layout.size
+
+    def _send(self, track: _Track) -> None:
+        """Gives a variant's waiting frames to the encoders."""
+        job = _Job(track, track.waiting, track.frames)
+        self._waiting -= track.count * track.layout.size
+        track.frames += track.count
+        track.waiting, track.count = [], 0
+        self._pipeline.put(job)
+
+    def _send_all(self) -> None:
+        for track in self._tracks.values():
+            if track.count:
+                self._send(track)
+
+    def _begin(self, variant: int, chunk: Trajectory) -> _Track:
+        values = None if self.options.values == "run" else self.options.values
+        form = Form.of(variant, chunk, values, self.options.exact_positions)
+        numbers = schema.channel_numbers(self._parts.place(self._position[variant]))
+        channels = tuple(numbers[topic] for topic in form.topics)
+        track = _Track(variant, frame_layout(form), channels, _full_scale(chunk))
+        self._tracks[variant] = track
+        return track
+
+    def _encode(self, job: _Job) -> tuple[_Job, list[Chunk]]:
+        """Lays out and compresses a chunk, the variant's first behind its outlines; runs in a thread of its own."""
+        track = job.track
+        frames = track.layout.encode(job.chunks, job.first, track.channels, track.full_scale)
+        starts = np.arange(len(frames), dtype=np.uint64) * np.uint64(track.layout.size)
+        stamps = frames["state"]["head"]["log_time"]
+        indexes = {}
+        for topic, channel in zip(track.layout.form.topics, track.channels, strict=True):
+            offset = track.layout.offset(topic)
+            indexes[channel] = np.stack([stamps, starts + np.uint64(offset)], axis=1)
+        chunk = make_chunk(memoryview(frames.view(np.uint8)), indexes, self.options.compression)
+        return job, [chunk] if job.first else [self._scene(job, int(stamps[0])), chunk]
+
+    def _scene(self, job: _Job, stamp: int) -> Chunk:
+        """The chunk that holds a variant's outlines."""
+        number = schema.channel_numbers(self._parts.place(self._position[job.track.variant]))["scene"]
+        record = message_record(number, 0, stamp, scene_update(job.track.layout.form, job.chunks[0].drive))
+        return make_chunk(record, {number: np.array([[stamp, 0]], dtype=np.uint64)}, self.options.compression)
+
+    def _store(self, result: tuple[_Job, list[Chunk]]) -> None:
+        """Writes chunks; runs in the writing thread, the only one that touches the files meanwhile."""
+        job, chunks = result
+        track = job.track
+        facts = {"color_tension_max": repr(track.full_scale)}
+        position = self._position[track.variant]
+        part = self._parts.part(position)
+        part.open_variant(track.variant, self._parts.place(position), track.layout.form, job.chunks[0].drive, facts)
+        for chunk in chunks:
+            part.file.chunk(chunk)
 
     def finish(self, metrics: pa.Table, info: RunInfo) -> None:
-        """Ends the archive and gives it its name.
+        """Ends the archive and gives its files their names.
 
         Args:
             metrics: one row a variant.
@@ -127,175 +195,63 @@ class ArchiveWriter:
         Raises:
             ArchiveError: a disk that is full or gone, or a file that has appeared under that name.
         """
-        assert self._stream is not None
         try:
-            for track in self._tracks.values():
-                track.finish()
-            self._writer.add_attachment(
-                0, 0, schema.METRICS_ATTACHMENT, "application/vnd.apache.arrow.file", _arrow_bytes(metrics)
-            )
-            self._writer.add_metadata(
-                schema.END_METADATA, {"ended": info.ended, "wall_time": repr(float(info.wall_time))}
-            )
-            self._writer.finish()
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
-            self._stream = None
-            self._check_free()
-            self._partial.replace(self.path)
-            _sync_folder(self.path.parent)
-        except OSError as error:
-            raise _refused(self.path, error) from None
+            self._send_all()
+            self._pipeline.close()
+            self._parts.finish(metrics, info)
+        except ArchiveError as error:
+            raise self._parts.refusal(error) from None
+        self._ended = True
 
     def abort(self) -> None:
-        """Drops what was written."""
-        if self._stream is not None:
-            self._stream.close()
-            self._stream = None
-        self._partial.unlink(missing_ok=True)
+        """Drops what was written, unless a refusing disk made it worth keeping."""
+        if not self._ended:
+            self._ended = True
+            self._pipeline.close(drop=True)
+            self._parts.close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._stream is not None:
-            self.abort()
+        self.abort()
 
 
-def _sync_folder(folder: Path) -> None:
-    """Flushes a folder's entries, where the system lets one."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
-def _arrow_bytes(table: pa.Table) -> bytes:
-    import pyarrow as pa
-
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_file(sink, table.schema) as file:
-        file.write_table(table)
-    return bytes(sink.getvalue())
-
-
-class _Track:
-    """The topics of one recorded variant."""
-
-    def __init__(self, writer: Any, schemas: dict[str, int], variant: int, chunk: Trajectory) -> None:
-        self.writer, self.schemas, self.variant, self.frames = writer, schemas, variant, 0
-        self.channels = frozenset(chunk.channels())
-        held = next(iter(chunk.channels().values()), chunk.time)
-        self.precision = str(held.dtype)
-        self.layout = schema.roller_layout(self.channels, self.precision)
-        self.constant = schema.point_cloud_constant(self.layout)
-        self.full_scale = _full_scale(chunk)
-        self.arrays = {array: name for array, name in JOINT_ARRAYS.items() if name in self.channels}
-        names = [sprocket.name for sprocket in chunk.drive.sprockets]
-        self.template, self.offsets, self.stamp = schema.joint_state_template(names, list(self.arrays))
-        topics = schema.variant_topics(variant)
-        cloud, state = schema.message_type("foxglove.PointCloud"), schema.message_type("warpchain.State")
-        self.state = state
-        self.rollers_id = self._channel(topics.rollers, "foxglove.PointCloud", "protobuf", schema.schema_bytes(cloud))
-        self.state_id = self._channel(topics.state, "warpchain.State", "protobuf", schema.schema_bytes(state))
-        joint = schema.JOINT_STATE.encode()
-        self.joints_id = self._channel(topics.sprockets, "sensor_msgs/msg/JointState", "ros2msg", joint)
-
-    def _channel(self, topic: str, name: str, encoding: str, data: bytes) -> int:
-        if name not in self.schemas:
-            self.schemas[name] = self.writer.register_schema(name=name, encoding=encoding, data=data)
-        message = "cdr" if encoding == "ros2msg" else "protobuf"
-        return int(self.writer.register_channel(topic=topic, message_encoding=message, schema_id=self.schemas[name]))
-
-    def write(self, chunk: Trajectory) -> None:
-        """Writes frames."""
-        points = self._points(chunk)
-        joints = {array: np.asarray(getattr(chunk, name), dtype="<f8") for array, name in self.arrays.items()}
-        stamps = np.rint(chunk.time * 1e9).astype(np.int64)
-        for frame, (time, stamp) in enumerate(zip(chunk.time.tolist(), stamps.tolist(), strict=True)):
-            data = points[frame].tobytes()
-            body = schema.timestamp_bytes(stamp) + self.constant + schema.data_bytes(data)
-            self._message(self.rollers_id, stamp, body)
-            self._message(self.state_id, stamp, self._state(chunk, frame, time))
-            if self.arrays:
-                joint = bytearray(self.template)
-                struct.pack_into("<iI", joint, self.stamp, stamp // 10**9, stamp % 10**9)
-                for array, offset in self.offsets.items():
-                    values = joints[array][frame].tobytes()
-                    joint[offset : offset + len(values)] = values
-                self._message(self.joints_id, stamp, bytes(joint))
-        self.frames += len(chunk.time)
-
-    def _message(self, channel: int, stamp: int, data: bytes) -> None:
-        self.writer.add_message(channel, log_time=stamp, publish_time=stamp, data=data)
-
-    def _points(self, chunk: Trajectory) -> NDArray[Any]:
-        """(frames, rollers) packed rollers."""
-        points = np.zeros((len(chunk.time), chunk.drive.chain.links), dtype=self.layout)
-        for channel, parts in schema.ROLLER_FIELDS.items():
-            values = getattr(chunk, channel)
-            if values is not None:
-                for k, part in enumerate(parts):
-                    points[part] = values[..., k] if len(parts) > 1 else values
-        tension = chunk.tension if chunk.tension is not None else np.full(points.shape, np.nan)
-        colors = schema.tension_color(tension, self.full_scale)
-        for k, field in enumerate(schema.COLOR_FIELDS):
-            points[field] = colors[..., k]
-        return points
-
-    def _state(self, chunk: Trajectory, frame: int, time: float) -> bytes:
-        """The frame's exact time and sprocket values."""
-        state = self.state(time=time)
-        for name in ("sprocket_angle", "sprocket_speed", "sprocket_moment"):
-            values = getattr(chunk, name)
-            if values is not None:
-                getattr(state, name).extend(values[frame].tolist())
-        if chunk.sprocket_center is not None:
-            state.sprocket_center_x.extend(chunk.sprocket_center[frame, :, 0].tolist())
-            state.sprocket_center_y.extend(chunk.sprocket_center[frame, :, 1].tolist())
-        return bytes(state.SerializeToString())
-
-    def finish(self) -> None:
-        """Notes what the topics hold."""
-        self.writer.add_metadata(
-            schema.variant_metadata(self.variant),
-            {
-                "frames": str(self.frames),
-                "channels": " ".join(name for name in CHANNELS if name in self.channels),
-                "precision": self.precision,
-                "color_tension_max": repr(self.full_scale),
-            },
-        )
+def _cut(chunk: Trajectory, start: int, stop: int, copy: bool = False) -> Trajectory:
+    """Frames start to stop, as views or as copies."""
+    if start == 0 and stop == len(chunk.time):
+        return chunk
+    held = {"time": chunk.time, **chunk.channels()}
+    parts: dict[str, Any] = {name: values[start:stop] for name, values in held.items()}
+    return replace(chunk, **{name: part.copy() if copy else part for name, part in parts.items()})
 
 
 def _full_scale(chunk: Trajectory) -> float:
     """Where the color scale ends [N]."""
-    if chunk.tension is None or not np.isfinite(chunk.tension).any():
+    if chunk.tension is None:
         return 1.0
-    return max(float(np.nanpercentile(chunk.tension, COLOR_PERCENTILE)), 1.0)
+    values = chunk.tension.reshape(-1)
+    values = values[:: max(1, values.size // COLOR_SAMPLES)]
+    values = values[np.isfinite(values)]
+    return max(float(np.percentile(values, COLOR_PERCENTILE)), 1.0) if values.size else 1.0
 
 
-def write_archive(run: Run, path: str | Path, overwrite: bool = False, compression: str = "zstd") -> Path:
+def write_archive(run: Run, path: str | Path, overwrite: bool = False, options: ArchiveOptions | None = None) -> Path:
     """Writes a run to an MCAP archive.
 
     Args:
-        run: what `simulate` returned.
+        run: what `simulate` or `read_archive` returned.
         path: the file to write; it appears under this name only when whole.
-        overwrite: replace a file of that name.
-        compression: "zstd", "lz4" or "none".
+        overwrite: replace an archive of that name.
+        options: compression, split, threads; None takes the defaults.
 
     Returns:
-        The file written.
+        The path, which `read_archive` takes, whether the archive is split or not.
 
     Raises:
-        ArchiveError: an existing file, an unknown compression, a folder or disk that refuses.
+        ArchiveError: an existing file, a folder or disk that refuses.
     """
-    with ArchiveWriter(path, run.drives, list(run), run.info, compression, overwrite) as writer:
+    with ArchiveWriter(path, run.drives, list(run), run.info, options, overwrite) as writer:
         for variant in run:
             writer.append(variant, run[variant])
         writer.finish(run.metrics, run.info)

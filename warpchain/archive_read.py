@@ -1,207 +1,195 @@
-"""Reading an MCAP archive back: drives, metrics, how the run was made, and each variant's trajectory when asked for."""
+"""Reading an archive back: lazily, so that opening is quick and a variant or a time range touches only its chunks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from warpchain import archive_schema as schema
-from warpchain.drive import Drive, loads_drive
-from warpchain.errors import ArchiveError, DriveError
-from warpchain.record import Run, RunInfo, Trajectory
+from warpchain.archive_index import McapIndex
+from warpchain.archive_parts import archive_files, cut_files
+from warpchain.archive_tracks import LazyDrives, Tracks
+from warpchain.errors import ArchiveError, SimulationError
+from warpchain.record import CHANNELS, Run, RunInfo, Trajectory
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+RECOVERED = "recovered"
+"""How a run ended whose archive was cut and restored."""
 
-def read_archive(path: str | Path) -> Run:
+
+@dataclass(frozen=True)
+class Archive(Run):
+    """A run that lies in an archive: drives and trajectories are read when they are asked for.
+
+    `archive[i]` is variant i's whole trajectory; `read` and `blocks` give parts of it.
+    """
+
+    trajectories: Tracks = field(repr=False)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The archive's files, in order."""
+        return tuple(file.path for file in self.trajectories.files)
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """The metadata record that tells how the run was made."""
+        return self.trajectories.files[0].values(schema.RUN_METADATA) or {}
+
+    @property
+    def attachments(self) -> tuple[str, ...]:
+        """Names of the attachments other than drives and metrics."""
+        names = {name: None for file in self.trajectories.files for name in file.attachments}
+        return tuple(n for n in names if n != schema.METRICS_ATTACHMENT and not n.startswith("drives/"))
+
+    def attachment(self, name: str) -> bytes:
+        """An attachment's data.
+
+        Raises:
+            ArchiveError: no attachment of that name, or a damaged one.
+        """
+        return next(
+            (f for f in self.trajectories.files if name in f.attachments), self.trajectories.files[0]
+        ).attachment(name)
+
+    def read(
+        self,
+        variant: int,
+        start: float | None = None,
+        end: float | None = None,
+        channels: Sequence[str] = CHANNELS,
+    ) -> Trajectory:
+        """Part of a variant's trajectory; reads only the chunks that hold it.
+
+        Args:
+            variant: a recorded variant.
+            start: first time [s], inclusive; None begins at the first frame.
+            end: last time [s], inclusive; None goes on to the last frame.
+            channels: which channels; the others are None.
+
+        Raises:
+            ArchiveError: a damaged archive.
+            SimulationError: a variant that was not recorded, or an unknown channel.
+        """
+        return self._asked(variant, channels).read(variant, start, end, channels)
+
+    def blocks(
+        self,
+        variant: int,
+        start: float | None = None,
+        end: float | None = None,
+        channels: Sequence[str] = CHANNELS,
+    ) -> Iterator[Trajectory]:
+        """The same chunk by chunk: the arrays are read-only views of the chunk's bytes, without copies.
+
+        In an uncompressed archive they are views of the mapped file. They are neither aligned nor contiguous: a library
+        that asks for that makes its copy. Sprocket channels come as float64, as they lie in the file.
+        """
+        return self._asked(variant, channels).blocks(variant, start, end, channels)
+
+    def _asked(self, variant: int, channels: Sequence[str]) -> Tracks:
+        for channel in channels:
+            if channel not in CHANNELS:
+                raise SimulationError(f"channels: {channel!r} is unknown; allowed are {', '.join(CHANNELS)}")
+        if variant not in self.trajectories:
+            self[variant]  # raises, and tells which variants there are
+        return self.trajectories
+
+
+def read_archive(path: str | Path) -> Archive:
     """Opens an archive.
 
-    Drives, metrics and metadata are read at once; a variant's trajectory is read when it is first asked for, bitwise as
-    it was written.
+    Only summaries, metrics and metadata are read at once; drives and trajectories when they are asked for. `run[i]` is
+    variant i's whole trajectory, bitwise as it was written; `run.read` a part of it.
 
     Args:
-        path: an MCAP file written by warpchain.
+        path: an MCAP file written by warpchain; of a split archive, its name or any of its files.
 
     Returns:
-        The run; `run[i]` for each recorded variant.
+        The run.
 
     Raises:
         ArchiveError: a file that is missing, not an MCAP, cut short, damaged, or not warpchain's; one line.
     """
-    file = Path(path)
-    with _Reader(file) as reader:
-        head = reader.metadata(schema.RUN_METADATA)
-        if head is None:
-            raise ArchiveError(f"{file}: an MCAP file, but not an archive of warpchain")
-        if head.get("format_version") != schema.FORMAT_VERSION:
-            raise ArchiveError(
-                f"{file}: archive format {head.get('format_version')!r} is not known to this version "
-                f"(it reads {schema.FORMAT_VERSION!r})"
-            )
-        end = reader.metadata(schema.END_METADATA) or {"ended": "cut short", "wall_time": "0"}
-        drives = reader.drives(int(head["variants"]))
-        metrics = reader.metrics()
-        info = RunInfo(
-            version=head["version"],
-            device=head["device"],
-            precision=head["precision"],
-            created=head["created"],
-            ended=end["ended"],
-            wall_time=float(end["wall_time"]),
+    name = Path(path)
+    paths = archive_files(name)
+    if not paths[0].exists():
+        _missing(name)
+    files = tuple(McapIndex(file) for file in paths)
+    heads = [_head(file) for file in files]
+    ends = [file.values(schema.END_METADATA) for file in files]
+    _check_set(name, files, heads, ends)
+    head, end, last = heads[0], ends[-1] or {}, files[-1]
+    try:
+        info, variants = _info(head, end), int(head["variants"])
+    except (KeyError, ValueError) as error:
+        raise ArchiveError(f"{files[0].path}: is damaged (metadata: {error}); see warpchain recover") from None
+    drives = LazyDrives(files[0], variants)
+    metrics = _metrics(last, variants, info.ended)
+    return Archive(drives, metrics, Tracks(files, drives, gaps=info.ended == RECOVERED), info)
+
+
+def _info(head: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
+    """How the run was made and ended."""
+    return RunInfo(
+        version=head["version"],
+        device=head["device"],
+        precision=head["precision"],
+        created=head["created"],
+        ended=end["ended"],
+        wall_time=float(end["wall_time"]),
+        step=float(head["step"]) if "step" in head else None,
+        seed=int(head["seed"]) if "seed" in head else None,
+    )
+
+
+def _missing(path: Path) -> None:
+    """Tells that there is no such archive, and whether a killed run left one."""
+    left = cut_files(path)
+    hint = f"; a run that was cut left {left[0]}: see warpchain recover" if left else ""
+    raise ArchiveError(f"{path}: cannot be read (No such file or directory){hint}")
+
+
+def _head(file: McapIndex) -> dict[str, str]:
+    head = file.values(schema.RUN_METADATA)
+    if head is None:
+        raise ArchiveError(f"{file.path}: an MCAP file, but not an archive of warpchain")
+    if head.get("format_version") != schema.FORMAT_VERSION:
+        raise ArchiveError(
+            f"{file.path}: archive format {head.get('format_version')!r} is not known to this version "
+            f"(it reads {schema.FORMAT_VERSION!r})"
         )
-        tracks = {int(v): reader.metadata(schema.variant_metadata(int(v))) for v in head["recorded"].split()}
-    present = {v: track for v, track in tracks.items() if track is not None}
-    return Run(drives, metrics, _Trajectories(file, drives, present), info)
+    return head
 
 
-class _Trajectories(Mapping[int, Trajectory]):
-    """Recorded variants, read on first access."""
-
-    def __init__(self, path: Path, drives: tuple[Drive, ...], tracks: dict[int, dict[str, str]]) -> None:
-        self._path, self._drives, self._tracks = path, drives, tracks
-        self._read: dict[int, Trajectory] = {}
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._tracks)
-
-    def __len__(self) -> int:
-        return len(self._tracks)
-
-    def __getitem__(self, variant: int) -> Trajectory:
-        if variant not in self._read:
-            track = self._tracks[variant]
-            with _Reader(self._path) as reader:
-                self._read[variant] = reader.trajectory(variant, self._drives[variant], track)
-        return self._read[variant]
+def _check_set(
+    path: Path, files: Sequence[McapIndex], heads: Sequence[Mapping[str, str]], ends: Sequence[Mapping[str, str] | None]
+) -> None:
+    """Refuses a set with files missing or foreign, or without its end."""
+    for k, (file, head) in enumerate(zip(files, heads, strict=True)):
+        if head.get("set") != heads[0].get("set"):
+            raise ArchiveError(f"{file.path}: belongs to another archive than {files[0].path}")
+        if head.get("part") != str(k):
+            raise ArchiveError(f"{path}: its part {k} is missing (there is {file.path})")
+    end = ends[-1]
+    if end is None or "parts" not in end:
+        raise ArchiveError(f"{path}: has no end ({files[-1].path} is not its last part); see warpchain recover")
+    if end["parts"] != str(len(files)):
+        raise ArchiveError(f"{path}: {len(files)} of its {end['parts']} files are there")
 
 
-class _Reader:
-    """An open MCAP file; every failure of its bytes becomes one line."""
+def _metrics(file: McapIndex, variants: int, ended: str) -> pa.Table:
+    """The metrics table; a recovered archive has lost it and has only the column `variant`."""
+    import pyarrow as pa
 
-    def __init__(self, path: Path) -> None:
-        from mcap.exceptions import McapError
-        from mcap.reader import make_reader
-
-        self.path = path
-        try:
-            self._stream = path.open("rb")
-        except OSError as error:
-            raise ArchiveError(f"{path}: cannot be read ({error.strerror})") from None
-        try:
-            self._reader = make_reader(self._stream, validate_crcs=True)
-            self._summary = self._reader.get_summary()
-        except (McapError, ValueError, EOFError, OSError) as error:
-            self._stream.close()
-            raise self._broken(error) from None
-        if self._summary is None:
-            self._stream.close()
-            raise ArchiveError(f"{path}: is cut short (no summary at its end)")
-
-    def _broken(self, error: Exception) -> ArchiveError:
-        self_magic = b"\x89MCAP0\r\n"
-        with self.path.open("rb") as stream:
-            whole = stream.read(len(self_magic)) == self_magic
-        if not whole:
-            return ArchiveError(f"{self.path}: is not an MCAP file")
-        return ArchiveError(f"{self.path}: is damaged or cut short ({type(error).__name__}: {error})")
-
-    def __enter__(self) -> _Reader:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stream.close()
-
-    def metadata(self, name: str) -> dict[str, str] | None:
-        """A metadata record, or None."""
-        for index in self._summary.metadata_indexes:  # type: ignore[union-attr]
-            if index.name == name:
-                record = self._record(index.offset)
-                return dict(record.metadata)
-        return None
-
-    def _record(self, offset: int) -> Any:
-        """The record at an offset of the file."""
-        from mcap.exceptions import McapError
-        from mcap.stream_reader import StreamReader
-
-        self._stream.seek(offset)
-        try:
-            return next(iter(StreamReader(self._stream, skip_magic=True, emit_chunks=True).records))
-        except (McapError, ValueError, EOFError, StopIteration) as error:
-            raise self._broken(error) from None
-
-    def _attachment(self, name: str) -> bytes:
-        for index in self._summary.attachment_indexes:  # type: ignore[union-attr]
-            if index.name == name:
-                return bytes(self._record(index.offset).data)
-        raise ArchiveError(f"{self.path}: lacks its attachment {name}")
-
-    def drives(self, count: int) -> tuple[Drive, ...]:
-        """All drives of the run."""
-        names = [schema.drive_attachment(v) for v in range(count)]
-        at = {index.name: index.offset for index in self._summary.attachment_indexes}  # type: ignore[union-attr]
-        missing = next((name for name in names if name not in at), None)
-        if missing is not None:
-            raise ArchiveError(f"{self.path}: lacks its attachment {missing}")
-        try:
-            return tuple(loads_drive(self._record(at[name]).data.decode(), f"{self.path}: {name}") for name in names)
-        except (DriveError, UnicodeDecodeError) as error:
-            raise ArchiveError(f"{self.path}: a drive of it cannot be read ({error})") from None
-
-    def metrics(self) -> pa.Table:
-        """The metrics table."""
-        import pyarrow as pa
-
-        data = self._attachment(schema.METRICS_ATTACHMENT)
-        try:
-            return pa.ipc.open_file(pa.BufferReader(data)).read_all()
-        except pa.ArrowInvalid as error:
-            raise ArchiveError(f"{self.path}: its metrics are damaged ({error})") from None
-
-    def _messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
-        from mcap.exceptions import McapError
-
-        try:
-            for _, _, message in self._reader.iter_messages(topics=[topic], log_time_order=False):
-                yield message.log_time, message.data
-        except (McapError, ValueError, EOFError) as error:
-            raise self._broken(error) from None
-
-    def trajectory(self, variant: int, drive: Drive, track: dict[str, str]) -> Trajectory:
-        """All frames of a variant."""
-        topics = schema.variant_topics(variant)
-        channels, precision = track["channels"].split(), track["precision"]
-        frames, links, wheels = int(track["frames"]), drive.chain.links, len(drive.sprockets)
-        layout = schema.roller_layout(frozenset(channels), precision)
-        time = np.zeros(frames)
-        values: dict[str, Any] = {}
-        for name in channels:
-            pair = (2,) if name in ("position", "velocity", "sprocket_center") else ()
-            per = wheels if name.startswith("sprocket_") and name != "sprocket_force" else links
-            values[name] = np.zeros((frames, per, *pair), dtype=precision)
-        cloud, state = schema.message_type("foxglove.PointCloud")(), schema.message_type("warpchain.State")()
-        found = 0
-        for found, (_, data) in enumerate(self._messages(topics.rollers), start=1):
-            cloud.ParseFromString(data)
-            points = np.frombuffer(cloud.data, dtype=layout)
-            for channel, parts in schema.ROLLER_FIELDS.items():
-                if channel in values:
-                    for k, part in enumerate(parts):
-                        target = values[channel][found - 1]
-                        (target[:, k] if len(parts) > 1 else target)[...] = points[part]
-        for frame, (_, data) in enumerate(self._messages(topics.state)):
-            state.ParseFromString(data)
-            time[frame] = state.time
-            for name in ("sprocket_angle", "sprocket_speed", "sprocket_moment"):
-                if name in values:
-                    values[name][frame] = getattr(state, name)
-            if "sprocket_center" in values:
-                values["sprocket_center"][frame, :, 0] = state.sprocket_center_x
-                values["sprocket_center"][frame, :, 1] = state.sprocket_center_y
-        if found != frames:
-            raise ArchiveError(f"{self.path}: variant {variant} has {found} of its {frames} frames")
-        return Trajectory(drive, time, **values)
+    if ended == RECOVERED and schema.METRICS_ATTACHMENT not in file.attachments:
+        return pa.table({"variant": pa.array(range(variants), pa.int64())})
+    data = file.attachment(schema.METRICS_ATTACHMENT)
+    try:
+        return pa.ipc.open_file(pa.BufferReader(data)).read_all()
+    except pa.ArrowInvalid as error:
+        raise ArchiveError(f"{file.path}: its metrics are damaged ({error})") from None

@@ -1,22 +1,16 @@
-"""Message types of an archive: what is on each topic, as protobuf descriptors, JointState text and packed layouts.
+"""Names and layouts of an archive: topics, attachments, metadata, packed rollers and their colors, JointState.
 
-The protobuf types live in a descriptor pool of their own, so that they never collide with another package's copies
-of the Foxglove messages. `docs/archive.md` describes the same layout in words.
+`docs/archive.md` describes the same layout in words.
 """
 
 from __future__ import annotations
 
-import functools
-from typing import TYPE_CHECKING, Any, NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from google.protobuf.descriptor_pb2 import FileDescriptorProto
-    from google.protobuf.message import Message
+from warpchain.archive_proto import message_type, schema_bytes
 
-FORMAT_VERSION = "1"
+FORMAT_VERSION = "2"
 """Version of the archive layout; a reader refuses a version that it does not know."""
 
 RUN_METADATA = "warpchain"
@@ -60,23 +54,47 @@ uint32 nanosec
 """ROS 2 definition of sensor_msgs/msg/JointState: position [rad], velocity [rad/s], effort [N m]."""
 
 
-class Topics(NamedTuple):
-    """Topics of one recorded variant."""
+TOPICS = {
+    "rollers": "foxglove.PointCloud",
+    "state": "warpchain.State",
+    "sprockets": "sensor_msgs/msg/JointState",
+    "positions": "warpchain.Positions",
+    "scene": "foxglove.SceneUpdate",
+    "transforms": "foxglove.FrameTransforms",
+}
+"""Schema of each topic that a recorded variant can have."""
+MOST_VARIANTS = 65535 // len(TOPICS)
+"""Recorded variants in one file at most: MCAP numbers its channels with 16 bits."""
 
-    rollers: str
-    sprockets: str
-    state: str
+
+def topic_path(variant: int, topic: str) -> str:
+    """Full name of a variant's topic."""
+    return f"/variant/{variant:05d}/{topic}"
 
 
-def variant_topics(variant: int) -> Topics:
-    """Topics of variant `variant`."""
-    stem = f"/variant/{variant:05d}"
-    return Topics(f"{stem}/rollers", f"{stem}/sprockets", f"{stem}/state")
+def variant_of(path: str) -> tuple[int, str] | None:
+    """Variant and topic of a full name, or None for a foreign one."""
+    words = path.split("/")
+    if len(words) == 4 and words[1] == "variant" and words[2].isdecimal() and words[3] in TOPICS:
+        return int(words[2]), words[3]
+    return None
 
 
-def variant_metadata(variant: int) -> str:
-    """Name of a recorded variant's metadata record: frames, channels, precision, color_tension_max."""
-    return f"variant/{variant:05d}"
+def channel_numbers(place: int) -> dict[str, int]:
+    """MCAP channel of each topic of the variant in the given place of its file, from 0."""
+    return {topic: 1 + place * len(TOPICS) + k for k, topic in enumerate(TOPICS)}
+
+
+def schema_of(name: str) -> tuple[str, bytes]:
+    """MCAP encoding and bytes of a schema of `TOPICS`."""
+    if name == "sensor_msgs/msg/JointState":
+        return "ros2msg", JOINT_STATE.encode()
+    return "protobuf", schema_bytes(message_type(name))
+
+
+def sprocket_frame(variant: int, name: str) -> str:
+    """Coordinate frame that turns with a sprocket."""
+    return f"variant/{variant:05d}/{name}"
 
 
 def drive_attachment(variant: int) -> str:
@@ -128,25 +146,14 @@ def point_cloud_constant(layout: np.dtype[np.void]) -> bytes:
     return cloud.SerializeToString()
 
 
-def _varint(value: int) -> bytes:
+def varint(value: int) -> bytes:
+    """protobuf's variable-length integer."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
         value >>= 7
     out.append(value)
     return bytes(out)
-
-
-def timestamp_bytes(stamp: int) -> bytes:
-    """The timestamp field (1) of a serialized PointCloud, from nanoseconds."""
-    seconds, nanoseconds = divmod(stamp, 10**9)
-    body = (b"\x08" + _varint(seconds) if seconds else b"") + (b"\x10" + _varint(nanoseconds) if nanoseconds else b"")
-    return b"\x0a" + _varint(len(body)) + body
-
-
-def data_bytes(data: bytes) -> bytes:
-    """The data field (6) of a serialized PointCloud, the last on the wire."""
-    return b"\x32" + _varint(len(data)) + data
 
 
 def joint_state_template(names: list[str], arrays: list[str]) -> tuple[bytes, dict[str, int], int]:
@@ -187,99 +194,3 @@ def joint_state_template(names: list[str], arrays: list[str]) -> tuple[bytes, di
             offsets[array] = len(out)
             out.extend(bytes(8 * len(names)))
     return bytes(out), offsets, stamp
-
-
-def message_type(name: str) -> type[Any]:
-    """The protobuf class of a full message name, such as "foxglove.PointCloud"."""
-    return _message_types()[name]
-
-
-def schema_bytes(message: type[Message]) -> bytes:
-    """The message's full FileDescriptorSet, as MCAP's "protobuf" schema encoding asks for."""
-    from google.protobuf.descriptor_pb2 import FileDescriptorSet
-
-    files: dict[str, Any] = {}
-
-    def visit(file: Any) -> None:
-        if file.name not in files:
-            for dependency in file.dependencies:
-                visit(dependency)
-            files[file.name] = file
-
-    visit(message.DESCRIPTOR.file)
-    result = FileDescriptorSet()
-    for file in files.values():
-        file.CopyToProto(result.file.add())
-    return result.SerializeToString()
-
-
-@functools.cache
-def _message_types() -> dict[str, type[Any]]:
-    from google.protobuf import descriptor_pool, message_factory, timestamp_pb2
-
-    pool = descriptor_pool.DescriptorPool()
-    pool.AddSerializedFile(timestamp_pb2.DESCRIPTOR.serialized_pb)
-    for file in _files():
-        pool.AddSerializedFile(file.SerializeToString())
-    names = ("foxglove.PointCloud", "warpchain.State")
-    return {name: message_factory.GetMessageClass(pool.FindMessageTypeByName(name)) for name in names}
-
-
-def _files() -> list[FileDescriptorProto]:
-    """The .proto files, in order of dependency. Numbers and types of Foxglove's fields are its published ones."""
-    vector, quaternion, pose = "foxglove/Vector3.proto", "foxglove/Quaternion.proto", "foxglove/Pose.proto"
-    element, stamp = "foxglove/PackedElementField.proto", "google/protobuf/timestamp.proto"
-    element_file = _file(element, "PackedElementField", {"name": "string", "offset": "fixed32", "type": "enum"})
-    fields = element_file.message_type[0]
-    fields.field[2].type_name = ".foxglove.PackedElementField.NumericType"
-    numeric = fields.enum_type.add(name="NumericType")
-    for number, name in enumerate(
-        ["UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64"]
-    ):
-        numeric.value.add(name=name, number=number)
-    cloud = {
-        "timestamp": ".google.protobuf.Timestamp",
-        "frame_id": "string",
-        "pose": ".foxglove.Pose",
-        "point_stride": "fixed32",
-        "fields": "repeated .foxglove.PackedElementField",
-        "data": "bytes",
-    }
-    state = {
-        "time": "double",
-        "sprocket_angle": "repeated double",
-        "sprocket_speed": "repeated double",
-        "sprocket_moment": "repeated double",
-        "sprocket_center_x": "repeated double",
-        "sprocket_center_y": "repeated double",
-    }
-    return [
-        _file(vector, "Vector3", dict.fromkeys("xyz", "double")),
-        _file(quaternion, "Quaternion", dict.fromkeys("xyzw", "double")),
-        _file(
-            pose,
-            "Pose",
-            {"position": ".foxglove.Vector3", "orientation": ".foxglove.Quaternion"},
-            (vector, quaternion),
-        ),
-        element_file,
-        _file("foxglove/PointCloud.proto", "PointCloud", cloud, (element, pose, stamp)),
-        _file("warpchain/State.proto", "State", state),
-    ]
-
-
-def _file(path: str, message: str, fields: dict[str, str], imports: tuple[str, ...] = ()) -> FileDescriptorProto:
-    """One .proto file with one message, whose fields are numbered from 1 in the order given."""
-    from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
-
-    file = FileDescriptorProto(name=path, package=path.split("/")[0], syntax="proto3", dependency=imports)
-    described = file.message_type.add(name=message)
-    for number, (name, declared) in enumerate(fields.items(), start=1):
-        repeated, kind = declared.startswith("repeated "), declared.removeprefix("repeated ")
-        field = described.field.add(name=name, number=number)
-        field.label = FieldDescriptorProto.LABEL_REPEATED if repeated else FieldDescriptorProto.LABEL_OPTIONAL
-        if kind.startswith("."):
-            field.type, field.type_name = FieldDescriptorProto.TYPE_MESSAGE, kind
-        else:
-            field.type = FieldDescriptorProto.Type.Value(f"TYPE_{kind.upper()}")
-    return file

@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | run | view | plot | export`.
+"""The command line: `warpchain check | chains | fit | run | view | plot | export | recover`.
 
 Exit status 0: done. 1: a variant diverged, or the run was interrupted. 2: a mistake of the user's or a refusal of the
 machine's, told in one line each.
@@ -47,6 +47,14 @@ def _bytes(word: str) -> int:
     if not (math.isfinite(gib) and gib > 0.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (GiB)")
     return int(gib * 2**30)
+
+
+def _mebibytes(word: str) -> int:
+    """A size in MiB as a number of bytes."""
+    mib = _float(word)
+    if not (math.isfinite(mib) and mib * 2**20 >= 1.0):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (MiB)")
+    return int(mib * 2**20)
 
 
 def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
@@ -118,6 +126,12 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--step", type=_float, metavar="SECONDS", help="time step; default the drive's own")
     run.add_argument("--rate", type=_float, metavar="HZ", help="samples a second; default the drive's own")
     run.add_argument("--memory", type=_bytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)")
+    run.add_argument("--compression", default="zstd", choices=["zstd", "lz4", "none"], help="default zstd")
+    run.add_argument(
+        "--values", default="run", choices=["run", "float32"], help="archived values; default the run's own"
+    )
+    run.add_argument("--exact-positions", action="store_true", help="with --values float32: positions also as float64")
+    run.add_argument("--split-size", type=_mebibytes, metavar="MIB", help="begin another file at this size")
     run.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
 
@@ -164,6 +178,19 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("archive", metavar="OUT.mcap", type=Path)
     export.add_argument("-o", "--output", metavar="OUT.npz", type=Path, required=True, help="file to write")
     export.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+
+    recover = _add(
+        commands,
+        "recover",
+        _recover,
+        "restore an archive that was cut or damaged, up to its last whole chunk",
+        "warpchain recover broken.mcap -o fixed.mcap",
+    )
+    recover.add_argument(
+        "archive", metavar="BROKEN.mcap", type=Path, help="the file, or the name of a cut run's archive"
+    )
+    recover.add_argument("-o", "--output", metavar="FIXED.mcap", type=Path, required=True, help="archive to write")
+    recover.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
     return top
 
 
@@ -221,9 +248,16 @@ def _fit(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from warpchain.archive_options import ArchiveOptions
     from warpchain.record import Record
     from warpchain.simulation import simulate
 
+    options = ArchiveOptions(
+        compression=arguments.compression,
+        values=arguments.values,
+        exact_positions=arguments.exact_positions,
+        split_size=arguments.split_size,
+    )
     _start_warp()
     drive = _load(arguments)
     run = simulate(
@@ -236,6 +270,7 @@ def _run(arguments: argparse.Namespace) -> int:
         progress=not arguments.quiet,
         memory=arguments.memory,
         archive=arguments.output,
+        archive_options=options,
         overwrite=arguments.overwrite,
     )
     row = run.metrics.to_pylist()[0]
@@ -323,6 +358,13 @@ def _export(arguments: argparse.Namespace) -> int:
     from warpchain.export import export_npz
 
     print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
+    return DONE
+
+
+def _recover(arguments: argparse.Namespace) -> int:
+    from warpchain.archive_recover import recover_archive
+
+    print(recover_archive(arguments.archive, arguments.output, arguments.overwrite))
     return DONE
 
 

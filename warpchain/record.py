@@ -13,6 +13,7 @@ from warpchain.errors import SimulationError
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import xarray as xr
 
     from warpchain.drive import Drive
 
@@ -107,6 +108,18 @@ class Trajectory:
         held = {f.name: getattr(self, f.name) for f in fields(self) if f.name in CHANNELS}
         return {name: values for name, values in held.items() if values is not None}
 
+    def to_arrow(self) -> pa.Table:
+        """A pyarrow table, one row a frame, units in the field metadata; shares the arrays' memory."""
+        from warpchain.tables import to_arrow
+
+        return to_arrow(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """An xarray dataset (extra `xarray`) with dimensions time, roller, link, sprocket, axis; shares the memory."""
+        from warpchain.tables import to_xarray
+
+        return to_xarray(self)
+
 
 @dataclass(frozen=True)
 class RunInfo:
@@ -119,6 +132,8 @@ class RunInfo:
         ended: "complete", or "interrupted" when the user stopped it (what was computed until then is kept).
         wall_time: seconds the run took.
         created: UTC time of the start, ISO 8601.
+        step: time step [s]; None where the variants' steps differ.
+        seed: of the design whose variants these are, if there is one.
     """
 
     version: str
@@ -127,6 +142,8 @@ class RunInfo:
     ended: str = "complete"
     wall_time: float = 0.0
     created: str = ""
+    step: float | None = None
+    seed: int | None = None
 
 
 @dataclass(frozen=True)
@@ -141,7 +158,7 @@ class Run(Mapping[int, Trajectory]):
         info: how the run was made.
     """
 
-    drives: tuple[Drive, ...]
+    drives: Sequence[Drive]
     metrics: pa.Table
     trajectories: Mapping[int, Trajectory] = field(repr=False)
     info: RunInfo

@@ -17,6 +17,8 @@ from warpchain.record import Record, RunInfo, Trajectory
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from warpchain.archive_options import ArchiveOptions
+
 ROLLER_VALUES = 7
 """Values of a frame per roller: position (2), velocity (2), tension, sprocket force, guide force."""
 SPROCKET_VALUES = 5
@@ -48,6 +50,7 @@ class Recorder:
         archive: str | Path | None,
         overwrite: bool,
         info: RunInfo,
+        archive_options: ArchiveOptions | None = None,
     ) -> None:
         self.drives, self.schedules, self.packed = drives, schedules, packed
         self.channels = tuple(record.channels)
@@ -69,7 +72,9 @@ class Recorder:
         else:
             from warpchain.archive import ArchiveWriter
 
-            self._archive = ArchiveWriter(self.archive_path, drives, self.indices, info, overwrite=overwrite)
+            self._archive = ArchiveWriter(
+                self.archive_path, drives, self.indices, info, archive_options, overwrite, salvage=True
+            )
 
     def _check_memory(self, memory: int) -> None:
         """Refuses trajectories that would not fit in memory."""

@@ -23,6 +23,7 @@ from warpchain.recorder import Recorder
 from warpchain.timestep import resolve_step
 
 if TYPE_CHECKING:
+    from warpchain.archive_options import ArchiveOptions
     from warpchain.devices import Engine
     from warpchain.ensemble import Packed, Schedule
 
@@ -45,6 +46,7 @@ def simulate(
     progress: bool | Report = False,
     memory: int = MEMORY,
     archive: str | Path | None = None,
+    archive_options: ArchiveOptions | None = None,
     overwrite: bool = False,
     workers: int | None = None,
 ) -> Run:
@@ -65,6 +67,7 @@ def simulate(
         memory: budget for state, buffers and kept trajectories [bytes].
         archive: MCAP file that recorded frames go to while the run goes on, instead of memory; `run[i]` then reads
             from it.
+        archive_options: how the archive is written; None takes the defaults.
         overwrite: replace an archive of that name.
         workers: number of CPU threads; None takes all cores.
 
@@ -93,10 +96,11 @@ def simulate(
         device=",".join(devices),
         precision=precision,
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        step=schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None,
     )
     begun = time.monotonic()
     block = launch_steps(devices, packed, max(1, BLOCK_WORK // int(packed.drives["rollers"].max())))
-    recorder = Recorder(chosen, schedules, packed, precision, record, memory, archive, overwrite, info)
+    recorder = Recorder(chosen, schedules, packed, precision, record, memory, archive, overwrite, info, archive_options)
     engine = None
     try:
         with reporter(progress) as report, interruptible() as stop:
