@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | run | view | plot | export`.
+"""The command line: `warpchain check | run | view | plot | export | study`.
 
 Exit status 0: done. 1: a variant diverged, or the run was interrupted. 2: a mistake of the user's or a refusal of the
 machine's, told in one line each.
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.errors import WarpchainError
+from warpchain.study.command import add_commands
 
 DONE, UNFINISHED, WRONG = 0, 1, 2
 
@@ -121,6 +122,9 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("archive", metavar="OUT.mcap", type=Path)
     export.add_argument("-o", "--output", metavar="OUT.npz", type=Path, required=True, help="file to write")
     export.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+
+    study = _add(commands, "study", _study, "run a design of experiments", "warpchain study run STUDY.toml -o DIR")
+    add_commands(study.add_subparsers(dest="study_command", metavar="COMMAND", required=True), _bytes)
     return top
 
 
@@ -252,6 +256,11 @@ def _export(arguments: argparse.Namespace) -> int:
 
     print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
     return DONE
+
+
+def _study(arguments: argparse.Namespace) -> int:
+    _start_warp()
+    return int(arguments.study_run(arguments))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

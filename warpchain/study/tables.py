@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-def read_table(path: Path) -> pa.Table:
-    """Reads a Parquet (.parquet) or CSV (.csv) file.
+def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """Reads a Parquet (.parquet) file, or chosen columns of it, or a CSV (.csv) file.
 
     Raises:
         StudyError: a file that is missing, of another kind, or damaged; one line.
@@ -26,7 +26,7 @@ def read_table(path: Path) -> pa.Table:
         if path.suffix == ".parquet":
             from pyarrow import parquet
 
-            return parquet.ParquetFile(path).read()
+            return parquet.ParquetFile(path).read(columns)
         if path.suffix == ".csv":
             from pyarrow import csv
 
