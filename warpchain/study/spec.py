@@ -116,7 +116,7 @@ def _given(value: Any) -> Any:
 
 
 def check_drive(study: Study, drive: Drive, source: str) -> None:
-    """Checks what a study says of its base drive: paths of factors, and the sprocket that `adjust` moves.
+    """Checks what a study says of its base drive: what factors set, and the sprocket that `adjust` moves.
 
     Raises:
         StudyError: one line for each error.
@@ -129,6 +129,9 @@ def check_drive(study: Study, drive: Drive, source: str) -> None:
             except DriveError as error:
                 reason = str(error).partition(": ")[2]
                 lines.append(f"factors.{factor.name}.{key} = {drive_toml.value_text(path)}: {reason}")
+            given = getattr(study.run, path.removeprefix("run.")) if path in ("run.step", "run.duration") else None
+            if given is not None:
+                lines.append(f'{path} = {given:g}: not together with factor "{factor.name}", which sets it')
     names = [sprocket.name for sprocket in drive.sprockets]
     if study.adjust is not None and study.adjust.sprocket is not None and study.adjust.sprocket not in names:
         lines.append(
