@@ -19,7 +19,9 @@ from warpchain.geometry import MAX_STRAIN, chain_path
 from warpchain.study.factors import evaluate
 from warpchain.study.spec_parts import Adjust
 
-_PLACES = 65
+TRAVEL = 4.0
+"""Farthest that a sprocket moves either way unless the study says, in pitches."""
+_PLACES = 129
 """Places looked at along the whole travel, to find where the strain crosses the wanted one."""
 _STRAIN_TOLERANCE = 1e-9
 """Strain within which a solved place must come."""
@@ -41,16 +43,29 @@ def adjusted(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> tuple[Driv
         DriveError: the drive cannot be assembled at any place.
     """
     strain = _wanted(drive, adjust, row)
-    done: dict[str, Any] = {}
-    if adjust.links is not None:
-        drive = drive.with_values({"chain.links": nearest_links(drive, strain, 2 if adjust.links == "even" else 1)})
-        done["adjusted_links"] = drive.chain.links
-    if adjust.sprocket is not None:
-        assert adjust.direction is not None  # the table's own rule
-        travel = adjust.travel if adjust.travel is not None else drive.chain.pitch
-        moved = solve_position(drive, adjust.sprocket, adjust.direction, strain, travel)
-        drive, done["adjusted_travel"] = moved
-    return drive, done
+    if adjust.links is None:
+        return _moved(drive, adjust, strain)
+    counts = nearest_links(drive, strain, 2 if adjust.links == "even" else 1)
+    refused = None
+    for count in counts if adjust.sprocket is not None else counts[:1]:
+        try:
+            fitted, done = _moved(drive.with_values({"chain.links": count}), adjust, strain)
+        except StudyError as error:
+            refused = refused or error
+        else:
+            return fitted, {"adjusted_links": count, **done}
+    assert refused is not None  # there is a count
+    raise refused
+
+
+def _moved(drive: Drive, adjust: Adjust, strain: float) -> tuple[Drive, dict[str, Any]]:
+    """The drive with its sprocket moved, if one is to be."""
+    if adjust.sprocket is None:
+        return drive, {}
+    assert adjust.direction is not None  # the table's own rule
+    travel = adjust.travel if adjust.travel is not None else TRAVEL * drive.chain.pitch
+    drive, moved = solve_position(drive, adjust.sprocket, adjust.direction, strain, travel)
+    return drive, {"adjusted_travel": moved}
 
 
 def _wanted(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> float:
@@ -68,12 +83,12 @@ def _wanted(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> float:
     return strain
 
 
-def nearest_links(drive: Drive, strain: float, step: int) -> int:
-    """The number of links, a multiple of `step`, whose nominal strain is nearest to the wanted one.
+def nearest_links(drive: Drive, strain: float, step: int) -> list[int]:
+    """The two numbers of links, multiples of `step`, whose nominal strains enclose the wanted one, the nearer first.
 
     Raises:
         DriveError: the chain's path cannot be drawn.
-        StudyError: no number of links fits.
+        StudyError: no number of links goes round.
     """
     path = chain_path(drive)
     straight = float(path.strand_length.sum()) / path.pitch
@@ -82,7 +97,7 @@ def nearest_links(drive: Drive, strain: float, step: int) -> int:
     fitting = [n for n in (below, below + step) if math.isfinite(path.strain(n))]
     if not fitting:
         raise StudyError("adjust.links: no number of links goes round")
-    return min(fitting, key=lambda n: abs(path.strain(n) - strain))
+    return sorted(fitting, key=lambda n: abs(path.strain(n) - strain))
 
 
 def solve_position(

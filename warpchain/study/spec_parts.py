@@ -95,7 +95,7 @@ class Adjust(Part):
     Attributes:
         sprocket: name of the sprocket that moves along a line.
         direction: of that line.
-        travel: farthest that it moves either way [m]; None is one pitch.
+        travel: farthest that it moves either way [m]; None is four pitches.
         links: "even" or "any": the number of links is chosen first, the nearest that fits.
         strain: wanted strain at assembly [-]; or
         preload: wanted tension at assembly [N]; a number, or an expression of factors.
