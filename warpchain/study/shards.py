@@ -250,7 +250,7 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     for name, (kind, values, unit) in extra.items():
         columns.append(pa.array(values, kind))
         fields.append(pa.field(name, kind, metadata={"unit": unit} if unit else None))
-    metrics = table_of([_kept(study, variant) for variant in variants])
+    metrics = table_of(_kept(study, variants))
     for field_, column in zip(metrics.schema, metrics.columns, strict=True):
         if field_.name != "variant":
             role = {} if field_.name in BOOKKEEPING else {"role": "metric"}
@@ -259,14 +259,13 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 
-def _kept(study: Study, variant: Variant) -> dict[str, Any]:
-    """The metrics that the study keeps, of one variant."""
+def _kept(study: Study, variants: Sequence[Variant]) -> list[dict[str, Any]]:
+    """The metrics that the study keeps, of each variant."""
     patterns = kept_patterns(study)
-    return {
-        name: value
-        for name, value in (variant.metrics or {}).items()
-        if name not in ("variant", "diverged") and any(fnmatchcase(name, pattern) for pattern in patterns)
-    }
+    names = dict.fromkeys(name for variant in variants for name in variant.metrics or ())
+    dropped = {"variant", "diverged"}
+    kept = {name for name in names if name not in dropped and any(fnmatchcase(name, p) for p in patterns)}
+    return [{n: value for n, value in (variant.metrics or {}).items() if n in kept} for variant in variants]
 
 
 def kept_patterns(study: Study) -> tuple[str, ...]:
