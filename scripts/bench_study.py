@@ -134,9 +134,8 @@ def main() -> None:
     print("study:   ", " ".join(f"{s:.2f}" for s in study), f"s; median {arguments.count / whole:.1f} variants/s")
     print(f"overhead: {100.0 * (whole / alone - 1.0):+.1f} % of simulate")
     part = statistics.median(own[i] / (study[i] - own[i]) for i in range(arguments.repeats))
-    print(
-        f"outside simulate: {100.0 * part:.1f} % of it, {1e3 * statistics.median(own) / arguments.count:.2f} ms a variant"
-    )
+    each = 1e3 * statistics.median(own) / arguments.count
+    print(f"outside simulate: {100.0 * part:.1f} % of it, {each:.2f} ms a variant")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ from warpchain import Record, cli, read_archive, simulate
 from warpchain.drive import load_drive
 from warpchain.errors import StudyError, WarpchainError
 from warpchain.study.folder import open_folder
-from warpchain.study.run import merge_study, metric_names, prepare, run_study, shard_size, study_status
+from warpchain.study.prepare import metric_names, prepare, shard_size
+from warpchain.study.run import merge_study, run_study, study_status
 
 ROWS = """
 [study]

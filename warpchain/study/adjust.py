@@ -140,9 +140,9 @@ def solve_position(
         return assemble(moved(offset)).strain - wanted_strain
 
     step = 1e-3 * drive.chain.pitch
-    near = _secant(nominal, 0.0, step)
+    near = _secant(nominal, 0.0, step, 1e-6)
     if near is not None and abs(near) <= travel:
-        place = _secant(assembled, near, 0.01 * step)
+        place = _secant(assembled, near, 0.01 * step, 0.1 * _STRAIN_TOLERANCE)
         if place is not None and abs(place) <= travel:
             return moved(place), place
     places = np.linspace(-travel, travel, _PLACES)
@@ -167,15 +167,22 @@ def _crossings(places: Any, errors: Any) -> list[tuple[float, float]]:
     return sorted(spans, key=lambda span: min(abs(span[0]), abs(span[1])))
 
 
-def _secant(error: Callable[[float], float], start: float, step: float) -> float | None:
-    """A root by the secant method, a handful of evaluations; None where it does not come to one."""
-    from scipy.optimize import root_scalar
-
+def _secant(error: Callable[[float], float], place: float, step: float, enough: float) -> float | None:
+    """A place where the error is small enough, by the secant method; None where it does not come to one."""
     try:
-        found = root_scalar(error, method="secant", x0=start, x1=start + step, xtol=1e-14, rtol=1e-13, maxiter=20)
-        return float(found.root) if found.converged and abs(error(found.root)) <= _STRAIN_TOLERANCE else None
-    except (DriveError, ArithmeticError, RuntimeError, ValueError):
-        return None
+        before, there = error(place), error(place + step)
+        place += step
+        for _ in range(12):
+            if abs(there) <= enough:
+                return place
+            if not math.isfinite(there - before):
+                break
+            step *= -there / (there - before)
+            before, place = there, place + step
+            there = error(place)
+    except (DriveError, ArithmeticError):
+        pass
+    return None
 
 
 def _refined(error: Callable[[float], float], near: float, width: float) -> float | None:

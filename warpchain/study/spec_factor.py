@@ -11,7 +11,10 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from warpchain.drive_base import BARE, Finite, Part, Positive, Problem, Switch, Text, Value, allowed, get, numbers
 from warpchain.study.expression import RESERVED
 
-OWN_COLUMNS = ("variant", "status", "reason", "archive", "archive_variant", "adjusted_links", "adjusted_travel")
+OWN_COLUMNS = (
+    *("variant", "status", "reason", "archive", "archive_variant", "adjusted_links", "adjusted_travel"),
+    *("diverged", "diverged_time", "window_start", "window_end", "shard"),
+)
 """Columns of the results that are neither factors nor metrics."""
 
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
