@@ -7,7 +7,7 @@
 Bare `simulate` is one call with drives that are there already, in shards of the same size, metrics for all, nothing
 recorded. A study reads its file, makes the design, the drives, the shards' files and the table. Both are timed in turns
 in one process, after a warm-up that compiles; the median of each counts. The study's own work is also timed apart, as
-what its runs spend outside `simulate`, which a machine with other work on it disturbs less.
+what its runs spend outside `simulate`, and the process's CPU time: other work on the machine disturbs both less.
 """
 
 import argparse
@@ -121,12 +121,16 @@ def main() -> None:
             values["sprockets.tightener.center.0"] = base.sprockets[1].center[0] + row["adjusted_travel"]
         drives.append(base.with_values(values))
     assert all(row["status"] == "ok" for row in rows)
-    bare, study, own = [], [], []
+    bare, study, own, busy = [], [], [], [0.0, 0.0]
     for _ in range(arguments.repeats):
+        marks = [time.process_time()]
         bare.append(bare_seconds(arguments, drives))
+        marks.append(time.process_time())
         seconds, outside, _ = study_seconds(arguments, arguments.count)
+        marks.append(time.process_time())
         study.append(seconds)
         own.append(outside)
+        busy = [total + end - begun for total, begun, end in zip(busy, marks, marks[1:], strict=False)]
     alone, whole = statistics.median(bare), statistics.median(study)
     print(f"{arguments.count} marine variants of {arguments.duration:g} s, {arguments.shards} shards, "
           f"{arguments.precision}, {arguments.device or 'default device'}")  # fmt: skip
@@ -135,6 +139,7 @@ def main() -> None:
     print(f"overhead: {100.0 * (whole / alone - 1.0):+.1f} % of simulate")
     part = statistics.median(own[i] / (study[i] - own[i]) for i in range(arguments.repeats))
     each = 1e3 * statistics.median(own) / arguments.count
+    print(f"CPU time: {busy[0]:.2f} s, {busy[1]:.2f} s: {100.0 * (busy[1] / busy[0] - 1.0):+.1f} %")
     print(f"outside simulate: {100.0 * part:.1f} % of it, {each:.2f} ms a variant")
 
 

@@ -1,5 +1,8 @@
 """Running a study: rows and their reasons, metrics equal to `simulate`, recording, commands, one line a mistake."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pyarrow import parquet
@@ -204,6 +207,15 @@ def test_drives_are_found_beside_the_study_or_among_the_examples(tmp_path):
     source.write_text(source.read_text().replace("no.toml", "marin"))
     with pytest.raises(StudyError, match=r'study.drive = "marin": marin: neither .* did you mean "marine"'):
         run_study(source, tmp_path / "out")
+
+
+def test_the_documented_study_is_one_that_can_be_run(tmp_path):
+    page = Path(__file__).parent.parent / "docs" / "studies.md"
+    source = tmp_path / "study.toml"
+    source.write_text(re.search(r"```toml\n(.*?)```", page.read_text(), re.S)[1])
+    folder = prepare(source, tmp_path / "out", 1, 1, 2**30)
+    reasons = folder.design()["reason"].to_pylist()
+    assert folder.rows == 64 and set(reasons) == {None, "constraint torque < 11e3 or teeth > 23 is not met"}
 
 
 def test_a_folder_belongs_to_one_study(tmp_path):
