@@ -1,6 +1,7 @@
 """Running a study: rows and their reasons, metrics equal to `simulate`, recording, commands, one line a mistake."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -216,6 +217,40 @@ def test_the_documented_study_is_one_that_can_be_run(tmp_path):
     folder = prepare(source, tmp_path / "out", 1, 1, 2**30)
     reasons = folder.design()["reason"].to_pylist()
     assert folder.rows == 64 and set(reasons) == {None, "constraint torque < 11e3 or teeth > 23 is not met"}
+
+
+def test_a_study_without_a_feasible_row_ends_with_its_reasons(tmp_path, capsys):
+    source = write_study(tmp_path, RECORD)
+    source.write_text(source.read_text().replace("levels = [44, 45]", "range = [44.5, 45.5]\npoints = 2"))
+    assert run(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet") == (
+        0,
+        [
+            "6 of 6 shards are done; variants: 0 ok, 0 diverged, 12 infeasible",
+            "  12 like this: chain.links = 44.5: must be an integer of at least 3",
+            f"table: {tmp_path / 'out' / 'results.parquet'}",
+        ],
+        [],
+    )
+    assert table_of(tmp_path / "out")["archive"].to_pylist() == [None] * 12
+
+
+def test_of_processes_that_begin_at_once_the_first_decides(tmp_path):
+    text = write_study(tmp_path).read_text().replace("shard = 2", "")
+    source = write_study(tmp_path, text=text)
+    with ThreadPoolExecutor(8) as pool:
+        begun = [pool.submit(prepare, source, tmp_path / "out", parts, 1, 2**30) for parts in range(1, 13)]
+        sizes = {future.result().shard for future in begun}
+    assert len(sizes) == 1
+    assert not list(tmp_path.glob("out/**/.*"))
+
+
+def test_a_damaged_shard_is_one_line(tmp_path):
+    run_study(write_study(tmp_path), tmp_path / "out")
+    shard = tmp_path / "out" / "shards" / "00003.parquet"
+    shard.write_bytes(shard.read_bytes()[:-50])
+    with pytest.raises(StudyError, match=r"00003.parquet: not a table") as caught:
+        merge_study(tmp_path / "out")
+    assert "\n" not in str(caught.value)
 
 
 def test_a_folder_belongs_to_one_study(tmp_path):

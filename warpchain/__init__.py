@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from warpchain.errors import WarpchainError
     from warpchain.record import Record, Run, Trajectory
     from warpchain.simulation import simulate
+    from warpchain.study.run import run_study
 
 _HOME = {
     "Drive": "drive",
@@ -22,6 +23,7 @@ _HOME = {
     "load_drive": "drive",
     "loads_drive": "drive",
     "read_archive": "archive",
+    "run_study": "study.run",
     "simulate": "simulation",
     "write_archive": "archive",
 }
@@ -38,6 +40,7 @@ __all__ = [
     "load_drive",
     "loads_drive",
     "read_archive",
+    "run_study",
     "simulate",
     "write_archive",
 ]

@@ -103,6 +103,8 @@ def _tell(outcome: Any) -> int:
     done, count = outcome.shards
     counts = ", ".join(f"{number} {status}" for status, number in outcome.counts.items())
     print(f"{done} of {count} shards are done; variants: {counts}")
+    for reason, number in outcome.reasons:
+        print(f"  {number} like this: {reason}")
     if outcome.table is not None:
         print(f"table: {outcome.table}")
     elif done == count:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
@@ -20,6 +22,9 @@ from warpchain.study.tables import read_table, write_table
 if TYPE_CHECKING:
     import pyarrow as pa
 
+REASONS = 3
+"""Most reasons that an outcome tells."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -28,12 +33,14 @@ class Outcome:
     Attributes:
         folder: its folder.
         counts: number of variants by status, of the shards that are done.
+        reasons: the most frequent (reason, how many) of variants that are not ok; alike in all but numbers is one.
         shards: (done, all).
         table: the whole table's file, once there is one.
     """
 
     folder: Path
     counts: Mapping[str, int]
+    reasons: tuple[tuple[str, int], ...]
     shards: tuple[int, int]
     table: Path | None
 
@@ -47,11 +54,18 @@ def study_status(out: str | os.PathLike[str]) -> Outcome:
     folder = open_folder(Path(out))
     done = [shard for shard in folder.shards if folder.done(shard)]
     counts = dict.fromkeys(("ok", "diverged", "infeasible"), 0)
+    reasons: Counter[str] = Counter()
+    shown: dict[str, str] = {}
     for shard in done:
-        for status in read_table(folder.table_path(shard), ["status"])["status"].to_pylist():
-            counts[status] += 1
+        for row in read_table(folder.table_path(shard), ["status", "reason"]).to_pylist():
+            counts[row["status"]] += 1
+            if row["reason"] is not None:
+                kind = re.sub(r"[-+]?\d[\d.e+-]*", "#", row["reason"])
+                reasons[kind] += 1
+                shown.setdefault(kind, row["reason"])
     table = folder.results if folder.results.exists() else None
-    return Outcome(folder.path, counts, (len(done), len(folder.shards)), table)
+    often = tuple((shown[kind], number) for kind, number in reasons.most_common(REASONS))
+    return Outcome(folder.path, counts, often, (len(done), len(folder.shards)), table)
 
 
 def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> Outcome:

@@ -25,7 +25,7 @@ CORE_RATE, GPU_RATE = 1e8, 2e10
 FEWEST, GPU_FEWEST = 8, 4224
 """Variants that a core, and a GPU, should have at once."""
 ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
-"""Memory that a roller and a variant take while a shard is simulated, roughly."""
+"""Memory that a roller and a variant take while a shard is simulated, roughly; so that their frames, too, find room."""
 
 
 def prepare(
@@ -60,18 +60,20 @@ def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, me
         step = resolve_step(drive, study.run.step)
     except DriveError:
         step = 1e-5
-    rate, fewest = (GPU_RATE, GPU_FEWEST) if _on_gpu(study.run.device) else (CORE_RATE * cores, FEWEST * cores)
+    gpus = _gpus(study.run.device)
+    rate, fewest = (GPU_RATE * gpus, GPU_FEWEST * gpus) if gpus else (CORE_RATE * cores, FEWEST * cores)
     work = links * (study.run.duration or drive.run.duration) / step
     wanted = max(int(SHARD_SECONDS * rate / work), fewest)
     return max(1, min(wanted, fits, -(-rows // parts)))
 
 
-def _on_gpu(device: str | None) -> bool:
-    if device is not None:
-        return device.startswith("cuda")
-    import warp as wp
+def _gpus(device: str | None) -> int:
+    """Number of GPUs that a device stands for: all there are for None and "cuda"."""
+    if device in (None, "cuda"):
+        import warp as wp
 
-    return bool(wp.get_cuda_device_count())
+        return int(wp.get_cuda_device_count())
+    return int(str(device).startswith("cuda:"))
 
 
 def _check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLike[str]) -> None:
