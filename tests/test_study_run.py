@@ -9,9 +9,9 @@ import pytest
 from pyarrow import parquet
 from study_helpers import tiny_drive, write_study
 
-from warpchain import Record, cli, read_archive, simulate
+from warpchain import Record, cli, read_archive, simulate, simulation
 from warpchain.drive import load_drive
-from warpchain.errors import StudyError, WarpchainError
+from warpchain.errors import SimulationError, StudyError, WarpchainError
 from warpchain.study.folder import open_folder
 from warpchain.study.prepare import metric_names, prepare, shard_size
 from warpchain.study.run import merge_study, run_study, study_status
@@ -115,9 +115,14 @@ def test_metrics_are_those_of_simulate_bitwise_also_with_other_teeth_and_links(t
     assert table.schema.field("tension_max").metadata == {b"role": b"metric", b"unit": b"N"}
 
 
-def test_recorded_variants_are_archived_as_simulate_gives_them(tmp_path):
+@pytest.mark.parametrize("memory", [2**31, 70_000], ids=["held", "streamed"])
+def test_recorded_variants_are_archived_as_simulate_gives_them(tmp_path, memory, monkeypatch):
+    # a trajectory takes 11 frames of 44 * 7 + 2 * 5 values of 8 bytes, 28 kB: two are more than half of 70 kB
+    streamed = []
+    monkeypatch.setattr(simulation, "simulate", lambda *a, **k: streamed.append(k["archive"]) or simulate(*a, **k))
     out = tmp_path / "out"
-    run_study(write_study(tmp_path, RECORD), out)
+    run_study(write_study(tmp_path, RECORD), out, memory=memory)
+    assert any(streamed) == (memory == 70_000)
     table = table_of(out)
     rows = table.to_pylist()
     metrics = [f.name for f in table.schema if (f.metadata or {}).get(b"role") == b"metric"]
@@ -165,9 +170,6 @@ def test_a_refusal_of_all_variants_is_the_studys_own(tmp_path):
 
 
 def test_a_refusal_of_one_variant_is_a_row(tmp_path, monkeypatch):
-    from warpchain import simulation
-    from warpchain.errors import SimulationError
-
     def refusing(drives, **settings):
         if any(drive.chain.links == 44 and drive.sprockets[1].load.torque == 0.0 for drive in drives):
             raise SimulationError("too little memory")

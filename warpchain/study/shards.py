@@ -7,63 +7,22 @@ row with a reason.
 
 from __future__ import annotations
 
-import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.assembly import assemble
-from warpchain.drive import Drive
-from warpchain.errors import DriveError, SimulationError, StudyError, WarpchainError
-from warpchain.study.adjust import adjusted
+from warpchain.study.batch import Report, Variant, simulate_variants
 from warpchain.study.folder import WORST, Folder, open_folder
 from warpchain.study.spec import Study
 from warpchain.study.tables import write_table
-from warpchain.timestep import resolve_step
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 BOOKKEEPING = ("diverged_time", "window_start", "window_end")
 """Columns of `simulate` that come along with the metrics and are none."""
-
-Report = Callable[[float], None]
-"""Called with the part of the shard's work that is done, 0 to 1."""
-
-
-@dataclass
-class Variant:
-    """A row on its way: what it is made of, and what becomes of it."""
-
-    row: dict[str, Any]
-    drive: Drive | None = None
-    reason: str | None = None
-    adjusted: dict[str, Any] = field(default_factory=dict)
-    metrics: dict[str, Any] | None = None
-    archive: tuple[str, int] | None = None
-
-    def fail(self, error: WarpchainError) -> None:
-        """Makes it infeasible."""
-        lines = re.sub(r"^variant \d+: ", "", str(error)).splitlines()
-        self.drive, self.reason = None, "; ".join(lines)
-
-    @property
-    def status(self) -> str:
-        """ "ok", "diverged" or "infeasible"."""
-        if self.metrics is None:
-            return "infeasible"
-        return "diverged" if self.metrics["diverged"] else "ok"
-
-    def told(self) -> str | None:
-        """Why it is not ok."""
-        if self.status == "diverged":
-            assert self.metrics is not None  # its status
-            time = self.metrics["diverged_time"]
-            return f"diverged at {time:.4g} s: take a smaller step (run.step) or a higher impact_speed_floor"
-        return self.reason
 
 
 def run_shard(
@@ -110,118 +69,12 @@ def _write(
 ) -> None:
     """Simulates rows; the archive lands first, then the table, which says that the shard is done."""
     study = folder.study
-    variants = [Variant(row, reason=row["reason"]) for row in rows.to_pylist()]
+    found = enumerate(rows.to_pylist())
+    variants = [Variant(row, reason=row["reason"], recorded=i in recorded) for i, row in found]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands of offset links need no line each
-        for variant in variants:
-            _build(study, folder.drive, variant)
-        kept = [variant for i, variant in enumerate(variants) if i in recorded]
-        plain = [variant for i, variant in enumerate(variants) if i not in recorded]
-        share = len(plain) / max(1, len(variants))
-        _simulate(study, plain, None, options, lambda part: report(share * part))
-        _simulate(study, kept, folder.archive_path(shard), options, lambda part: report(share + (1.0 - share) * part))
+        simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
     write_table(folder.table_path(shard), results_table(study, rows, variants))
-
-
-def _build(study: Study, base: Drive, variant: Variant) -> None:
-    """Makes a row's drive."""
-    if variant.reason is not None:
-        return
-    values = {path: variant.row[factor.name] for factor in study.factors for _, path in factor.targets()}
-    try:
-        drive = base.with_values(values)
-        if study.adjust is not None:
-            drive, variant.adjusted = adjusted(drive, study.adjust, variant.row)
-        variant.drive = drive
-    except (DriveError, StudyError) as error:
-        variant.fail(error)
-
-
-def _simulate(
-    study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: Report
-) -> None:
-    """Simulates the variants that have a drive; those that are refused fail alone.
-
-    A drive that cannot be assembled or stepped ends the whole call, so then each is looked at. What else is refused is
-    halved until it is known which variants are to blame; a refusal that meets every variant is the study's own.
-    """
-    feasible = [variant for variant in variants if variant.drive is not None]
-    refused = _attempt(study, feasible, archive, options, report)
-    if isinstance(refused, DriveError):
-        for variant in feasible:
-            _try_alone(study, variant)
-        feasible = [variant for variant in feasible if variant.drive is not None]
-        refused = _attempt(study, feasible, archive, options, report)
-    if refused is None:
-        return
-    if archive is not None:
-        raise refused
-    blamed: list[tuple[Variant, WarpchainError]] = []
-    groups = [(feasible, refused)]
-    while groups:
-        group, error = groups.pop()
-        if len(group) == 1:
-            blamed.append((group[0], error))
-            continue
-        for half in (group[: len(group) // 2], group[len(group) // 2 :]):
-            again = _attempt(study, half, None, options, report)
-            if again is not None:
-                groups.append((half, again))
-    if len(blamed) == len(feasible) and isinstance(refused, SimulationError):
-        raise refused
-    for variant, error in blamed:
-        variant.fail(error)
-
-
-def _try_alone(study: Study, variant: Variant) -> None:
-    """Finds out whether a drive can be assembled and stepped."""
-    assert variant.drive is not None  # as chosen
-    try:
-        resolve_step(variant.drive, study.run.step)
-        assemble(variant.drive)
-    except DriveError as error:
-        variant.fail(error)
-
-
-def _attempt(
-    study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: Report
-) -> WarpchainError | None:
-    """Simulates variants in one call; returns a refusal of a drive, of the settings or of the machine's memory."""
-    from warpchain.record import Record
-    from warpchain.simulation import simulate
-
-    def tell(phase: str, done: float, total: float) -> None:
-        if phase == "simulating":
-            report(done / total)
-
-    wanted = study.record
-    if not variants:
-        return None
-    try:
-        run = simulate(
-            [variant.drive for variant in variants if variant.drive is not None],
-            device=study.run.device,
-            precision=study.run.precision,
-            duration=study.run.duration,
-            step=study.run.step,
-            record=Record("none" if archive is None else "all", wanted.rate, wanted.channels),
-            window=study.run.window,
-            progress=tell,
-            archive=archive,
-            overwrite=True,
-            **options,
-        )
-    except (DriveError, SimulationError) as error:
-        return error
-    if run.info.ended != "complete":
-        if archive is not None:
-            archive.unlink(missing_ok=True)
-        raise KeyboardInterrupt
-    for i, (variant, row) in enumerate(zip(variants, run.metrics.to_pylist(), strict=True)):
-        variant.metrics = {name: value for name, value in row.items() if value is not None}
-        if archive is not None:
-            variant.archive = (f"shards/{archive.name}", i)
-    return None
 
 
 def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:
@@ -243,7 +96,7 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     record = study.record
     if record.variants or record.every or record.worst:
         archives = [variant.archive or (None, None) for variant in variants]
-        extra["archive"] = (pa.string(), [name for name, _ in archives], "")
+        extra["archive"] = (pa.string(), [name and f"shards/{name}" for name, _ in archives], "")
         extra["archive_variant"] = (pa.int64(), [number for _, number in archives], "")
     columns = [rows[name].combine_chunks() for name in rows.column_names if name not in ("status", "reason")]
     fields = [field for field in rows.schema if field.name not in ("status", "reason")]
