@@ -1,10 +1,15 @@
 """The study file: what it may say, each of its rules once, and that it reads back equal."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 from warpchain.drive import load_drive
+from warpchain.drive_base import Part
 from warpchain.errors import StudyError
 from warpchain.examples import drive_path
+from warpchain.study import spec, spec_factor, spec_parts
 from warpchain.study.spec import check_drive, dumps_study, load_study, loads_study
 
 WHOLE = """
@@ -212,6 +217,14 @@ def test_what_is_no_toml_is_told_with_its_place(tmp_path):
     for name, text in (("a.toml", "byte 0 is not UTF-8"), ("b.toml", "cannot be read: no such file or directory")):
         with pytest.raises(StudyError, match=f"{name}.*{text}"):
             load_study(tmp_path / name)
+
+
+def test_document_names_every_key():
+    text = (Path(__file__).parent.parent / "docs" / "studies.md").read_text()
+    for part in (spec.Subject, spec.Study, spec_factor.Factor, *vars(spec_parts).values()):
+        if isinstance(part, type) and issubclass(part, Part) and part is not Part:
+            for key in part.model_fields:
+                assert re.search(rf"`[^`]*\b{key}\b[^`]*`|^\[+{key}\b", text, re.MULTILINE), (part, key)
 
 
 def test_paths_are_held_against_the_drive():

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 DONE, UNFINISHED = 0, 1
+SHARDS_A_WORKER = 2
+"""Fewest shards of a new study for each worker of a cluster, so that none waits long for the last one."""
 
 
 def add_commands(commands: Any, memory: Callable[[str], int]) -> None:
@@ -76,14 +78,14 @@ def _run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def _executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
-    """The executor to run on, None for this process, and how many workers it has."""
+    """The executor to run on, None for this process, and how many shards it should have at least."""
     if scheduler is None:
         yield None, 1
         return
     from warpchain.study.dask import dask_executor
 
-    with dask_executor(scheduler) as found:
-        yield found
+    with dask_executor(scheduler) as (executor, workers):
+        yield executor, max(1, SHARDS_A_WORKER * workers)
 
 
 def _status(arguments: argparse.Namespace) -> int:

@@ -5,6 +5,7 @@ Dask runs the shard of a worker that died again on another one, up to its `distr
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -34,7 +35,10 @@ def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
     except (OSError, ValueError) as error:
         raise StudyError(f"--scheduler {address}: no Dask scheduler answers ({_line(error)})") from None
     try:
-        yield client.get_executor(pure=False), len(client.scheduler_info(n_workers=-1)["workers"])
+        workers = len(client.nthreads())
+        if not workers:
+            warnings.warn(f"--scheduler {address}: has no workers yet; shards wait for them", stacklevel=3)
+        yield client.get_executor(pure=False), workers
     except KilledWorker as error:
         raise StudyError(f"--scheduler {address}: {_line(error)}; run again to go on") from None
     finally:
