@@ -1,5 +1,6 @@
 """Running a study: rows and their reasons, metrics equal to `simulate`, recording, commands, one line a mistake."""
 
+import os
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -266,6 +267,14 @@ def test_a_folder_belongs_to_one_study(tmp_path):
     (tmp_path / "tiny.toml").write_text((tmp_path / "tiny.toml").read_text().replace("damping = 10.0", "damping = 9.0"))
     with pytest.raises(StudyError, match="differs in its base drive"):
         run_study(source, out)
+    rows = tmp_path / "rows.csv"
+    rows.write_text(TABLE)
+    source = write_study(tmp_path, text=ROWS)
+    prepare(source, tmp_path / "of_table", 1, 1, 2**30)
+    prepare(source, tmp_path / "of_table", 1, 1, 2**30)
+    rows.write_text(TABLE.replace("13,44,1e-5,1.0", "13,44,1e-5,2.0"))
+    with pytest.raises(StudyError, match="of_table: holds another study, which differs in its design table"):
+        prepare(source, tmp_path / "of_table", 1, 1, 2**30)
     (out / "plan.json").write_text("{")
     with pytest.raises(StudyError, match=r"plan.json: damaged"):
         study_status(out)
@@ -319,6 +328,17 @@ def test_commands_of_a_job_array(tmp_path, capsys):
     assert run(capsys, "study", "merge", out)[1][1] == f"table: {out / 'results.parquet'}"
     assert (out / "results.parquet").read_bytes() == (whole / "results.parquet").read_bytes()
     assert merge_study(out).shards == (6, 6)
+
+
+def test_status_tells_rate_and_time_left(tmp_path, capsys):
+    source, out = write_study(tmp_path, shard=1), tmp_path / "out"
+    run_study(source, out, part=(0, 3))
+    for number, shard in enumerate((0, 3, 6, 9)):  # 4 of 12 variants, one in 1000 s
+        os.utime(out / "shards" / f"{shard:05d}.parquet", (1000.0 * number, 1000.0 * number))
+    assert run(capsys, "study", "status", out)[1] == [
+        "4 of 12 shards are done; variants: 4 ok, 0 diverged, 0 infeasible",
+        "8 variants are left; at the latest 0.001 variants/s they take 2:13:20",
+    ]
 
 
 @pytest.mark.parametrize(

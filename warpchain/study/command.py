@@ -107,6 +107,10 @@ def _tell(outcome: Any) -> int:
     print(f"{done} of {count} shards are done; variants: {counts}")
     for reason, number in outcome.reasons:
         print(f"  {number} like this: {reason}")
+    if outcome.left and outcome.rate is not None:
+        seconds = round(outcome.left / outcome.rate)
+        left = f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+        print(f"{outcome.left} variants are left; at the latest {outcome.rate:.3g} variants/s they take {left}")
     if outcome.table is not None:
         print(f"table: {outcome.table}")
     elif done == count:

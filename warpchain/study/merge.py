@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +22,8 @@ from warpchain.study.tables import read_table, write_table
 if TYPE_CHECKING:
     import pyarrow as pa
 
+LATEST = 20
+"""Shards that the rate of a study is taken from."""
 REASONS = 3
 """Most reasons that an outcome tells."""
 
@@ -35,6 +37,8 @@ class Outcome:
         counts: number of variants by status, of the shards that are done.
         reasons: the most frequent (reason, how many) of variants that are not ok; alike in all but numbers is one.
         shards: (done, all).
+        left: number of variants of the shards that are not done.
+        rate: variants a second, as the latest shards came in; None where too few are there to tell.
         table: the whole table's file, once there is one.
     """
 
@@ -42,6 +46,8 @@ class Outcome:
     counts: Mapping[str, int]
     reasons: tuple[tuple[str, int], ...]
     shards: tuple[int, int]
+    left: int
+    rate: float | None
     table: Path | None
 
 
@@ -65,7 +71,16 @@ def study_status(out: str | os.PathLike[str]) -> Outcome:
                 shown.setdefault(kind, row["reason"])
     table = folder.results if folder.results.exists() else None
     often = tuple((shown[kind], number) for kind, number in reasons.most_common(REASONS))
-    return Outcome(folder.path, counts, often, (len(done), len(folder.shards)), table)
+    left = folder.rows - sum(folder.size(shard) for shard in done)
+    return Outcome(folder.path, counts, often, (len(done), len(folder.shards)), left, _rate(folder, done), table)
+
+
+def _rate(folder: Folder, done: Sequence[int]) -> float | None:
+    """Variants a second of the shards that came in last, by the times of their files."""
+    landed = sorted((folder.table_path(shard).stat().st_mtime, folder.size(shard)) for shard in done)[-LATEST:]
+    if len(landed) < 3 or landed[-1][0] <= landed[0][0]:
+        return None
+    return sum(size for _, size in landed[1:]) / (landed[-1][0] - landed[0][0])
 
 
 def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> Outcome:
