@@ -65,7 +65,7 @@ def installed_files(wheel):
 def test_wheels_hold_the_sources_and_nothing_else(wheels):
     sources = {
         f"warpchain/{path.relative_to(ROOT / 'warpchain')}": path.read_bytes()
-        for folder in ("", "kernels", "drives")
+        for folder in ("", "kernels", "drives", "study")
         for path in (ROOT / "warpchain" / folder).iterdir()
         if path.suffix in (".py", ".toml")
     }
@@ -97,7 +97,11 @@ def test_link_to_the_kernels_is_relative():
 
 def imported_modules():
     """Top-level names of all that the package imports, at the top of files and inside functions."""
-    for path in [*(ROOT / "warpchain").glob("*.py"), *(ROOT / "kernels").glob("*.py")]:
+    for path in [
+        *(ROOT / "warpchain").glob("*.py"),
+        *(ROOT / "warpchain/study").glob("*.py"),
+        *(ROOT / "kernels").glob("*.py"),
+    ]:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 yield from (alias.name.split(".")[0] for alias in node.names)
@@ -118,5 +122,5 @@ def test_every_import_is_declared_and_every_dependency_imported():
 
 def test_extras_add_what_the_tests_and_checks_need():
     extras = PROJECT["project"]["optional-dependencies"]
-    assert {"pytest", "hypothesis", "scipy", "setuptools"} <= names(extras["test"])
+    assert {"pytest", "hypothesis", "setuptools"} <= names(extras["test"])
     assert {"warpchain", "ruff", "mypy", "build"} <= names(extras["dev"])

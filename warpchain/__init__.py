@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from warpchain.errors import WarpchainError
     from warpchain.record import Record, Run, Trajectory
     from warpchain.simulation import simulate
+    from warpchain.study.run import run_study
 
 _HOME = {
     "ArchiveOptions": "archive_options",
@@ -24,6 +25,7 @@ _HOME = {
     "load_drive": "drive",
     "loads_drive": "drive",
     "read_archive": "archive",
+    "run_study": "study.run",
     "simulate": "simulation",
     "write_archive": "archive",
 }
@@ -41,6 +43,7 @@ __all__ = [
     "load_drive",
     "loads_drive",
     "read_archive",
+    "run_study",
     "simulate",
     "write_archive",
 ]

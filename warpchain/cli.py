@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | run | view | plot | export | recover`.
+"""The command line: `warpchain check | chains | fit | run | view | plot | export | recover | study`.
 
 Exit status 0: done. 1: a variant diverged, or the run was interrupted. 2: a mistake of the user's or a refusal of the
 machine's, told in one line each.
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.errors import WarpchainError
+from warpchain.study.command import add_commands
 
 DONE, UNFINISHED, WRONG = 0, 1, 2
 
@@ -191,6 +192,9 @@ def parser() -> argparse.ArgumentParser:
     )
     recover.add_argument("-o", "--output", metavar="FIXED.mcap", type=Path, required=True, help="archive to write")
     recover.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
+
+    study = _add(commands, "study", _study, "run a design of experiments", "warpchain study run STUDY.toml -o DIR")
+    add_commands(study.add_subparsers(dest="study_command", metavar="COMMAND", required=True), _bytes)
     return top
 
 
@@ -366,6 +370,11 @@ def _recover(arguments: argparse.Namespace) -> int:
 
     print(recover_archive(arguments.archive, arguments.output, arguments.overwrite))
     return DONE
+
+
+def _study(arguments: argparse.Namespace) -> int:
+    _start_warp()
+    return int(arguments.study_run(arguments))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,0 +1,147 @@
+"""Benchmark of studies: variants a second from study file to table, beside bare `simulate` of the same drives.
+
+    python scripts/bench_study.py                          # 1,000 marine variants of 5 ms on the CPU
+    python scripts/bench_study.py --count 200 --shards 4
+    python scripts/bench_study.py --count 10000 --duration 2 --device cuda
+
+Bare `simulate` is one call with drives that are there already, in shards of the same size, metrics for all, nothing
+recorded. A study reads its file, makes the design, the drives, the shards' files and the table. Both are timed in turns
+in one process, after a warm-up that compiles; the median of each counts. The study's own work is also timed apart, as
+what its runs spend outside `simulate`, and the process's CPU time: other work on the machine disturbs both less.
+"""
+
+import argparse
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from unittest import mock
+
+import warp as wp
+
+from warpchain import Record, load_drive, simulate
+from warpchain.examples import drive_path
+from warpchain.study.run import run_study
+
+STUDY = """
+[study]
+drive = "marine"
+[design]
+kind = "latin-hypercube"
+count = {count}
+[[factors]]
+name = "torque"
+path = "sprockets.camshaft.load.torque"
+range = [6e3, 12e3]
+[[factors]]
+name = "speed"
+path = "sprockets.crankshaft.prescribed.speed"
+range = [8.0, 11.0]
+[[factors]]
+name = "indentation"
+path = "guides.0.start.0"
+range = [-0.835, -0.825]
+{adjust}
+[run]
+duration = {duration}
+shard = {shard}
+precision = "{precision}"
+{device}
+"""
+ADJUST = '[adjust]\nsprocket = "tightener"\ndirection = [1.0, 0.0]\npreload = 2500.0\n'
+
+
+def study_text(arguments: argparse.Namespace, count: int) -> str:
+    """The study file."""
+    return STUDY.format(
+        count=count,
+        duration=arguments.duration,
+        shard=-(-count // arguments.shards),
+        precision=arguments.precision,
+        adjust=ADJUST if arguments.adjust else "",
+        device=f'device = "{arguments.device}"' if arguments.device else "",
+    )
+
+
+def study_seconds(arguments: argparse.Namespace, count: int) -> tuple[float, float, list[dict]]:
+    """Time of a study from its file to its table, the part of it outside `simulate`, and the table's rows."""
+    from pyarrow import parquet
+
+    inside = 0.0
+
+    def timed(*drives, **settings):
+        nonlocal inside
+        begun = time.perf_counter()
+        run = simulate(*drives, **settings)
+        inside += time.perf_counter() - begun
+        return run
+
+    with tempfile.TemporaryDirectory() as name, mock.patch("warpchain.simulation.simulate", timed):
+        folder = Path(name)
+        (folder / "study.toml").write_text(study_text(arguments, count))
+        begun = time.perf_counter()
+        outcome = run_study(folder / "study.toml", folder / "out")
+        seconds = time.perf_counter() - begun
+        return seconds, seconds - inside, parquet.read_table(outcome.table).to_pylist()
+
+
+def bare_seconds(arguments: argparse.Namespace, drives: list) -> float:
+    """Time of `simulate` for the same drives."""
+    size = -(-len(drives) // arguments.shards)
+    settings = {"device": arguments.device, "precision": arguments.precision, "duration": arguments.duration}
+    begun = time.perf_counter()
+    for first in range(0, len(drives), size):
+        simulate(drives[first : first + size], record=Record("none"), **settings)
+    return time.perf_counter() - begun
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=1000, help="variants (default 1000)")
+    parser.add_argument("--duration", type=float, default=0.005, help="simulated seconds (default 0.005)")
+    parser.add_argument("--shards", type=int, default=2, help="number of shards (default 2)")
+    parser.add_argument("--repeats", type=int, default=3, help="times that each is taken (default 3)")
+    parser.add_argument("--precision", default="float64", choices=["float64", "float32"])
+    parser.add_argument("--device", help="as in simulate; default the best there is")
+    parser.add_argument("--adjust", action="store_true", help="also adjust the tightener to a preload")
+    arguments = parser.parse_args()
+
+    wp.config.log_level = wp.LOG_ERROR
+    *_, rows = study_seconds(arguments, arguments.count)
+    base = load_drive(drive_path("marine"))
+    places = {
+        "torque": "sprockets.camshaft.load.torque",
+        "speed": "sprockets.crankshaft.prescribed.speed",
+        "indentation": "guides.0.start.0",
+    }
+    drives = []
+    for row in rows:
+        values = {path: row[name] for name, path in places.items()}
+        if arguments.adjust:
+            values["sprockets.tightener.center.0"] = base.sprockets[1].center[0] + row["adjusted_travel"]
+        drives.append(base.with_values(values))
+    assert all(row["status"] == "ok" for row in rows)
+    bare, study, own, busy = [], [], [], [0.0, 0.0]
+    for _ in range(arguments.repeats):
+        marks = [time.process_time()]
+        bare.append(bare_seconds(arguments, drives))
+        marks.append(time.process_time())
+        seconds, outside, _ = study_seconds(arguments, arguments.count)
+        marks.append(time.process_time())
+        study.append(seconds)
+        own.append(outside)
+        busy = [total + end - begun for total, begun, end in zip(busy, marks, marks[1:], strict=False)]
+    alone, whole = statistics.median(bare), statistics.median(study)
+    print(f"{arguments.count} marine variants of {arguments.duration:g} s, {arguments.shards} shards, "
+          f"{arguments.precision}, {arguments.device or 'default device'}")  # fmt: skip
+    print("simulate:", " ".join(f"{s:.2f}" for s in bare), f"s; median {arguments.count / alone:.1f} variants/s")
+    print("study:   ", " ".join(f"{s:.2f}" for s in study), f"s; median {arguments.count / whole:.1f} variants/s")
+    print(f"overhead: {100.0 * (whole / alone - 1.0):+.1f} % of simulate")
+    part = statistics.median(own[i] / (study[i] - own[i]) for i in range(arguments.repeats))
+    each = 1e3 * statistics.median(own) / arguments.count
+    print(f"CPU time: {busy[0]:.2f} s, {busy[1]:.2f} s: {100.0 * (busy[1] / busy[0] - 1.0):+.1f} %")
+    print(f"outside simulate: {100.0 * part:.1f} % of it, {each:.2f} ms a variant")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,177 @@
+"""Arithmetic that a study file may hold: numbers, names of factors, operators, a few functions; nothing else is run.
+
+The text is parsed by Python's own parser and its tree is walked: there is no attribute, index, lambda or other call.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+from warpchain.errors import StudyError
+
+FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    "abs": abs,
+    "ceil": math.ceil,
+    "cos": math.cos,
+    "exp": math.exp,
+    "floor": math.floor,
+    "log": math.log,
+    "max": max,
+    "min": min,
+    "round": round,
+    "sin": math.sin,
+    "sqrt": math.sqrt,
+    "tan": math.tan,
+}
+CONSTANTS: Mapping[str, Any] = {"pi": math.pi, "true": True, "false": False}
+RESERVED = frozenset(FUNCTIONS) | frozenset(CONSTANTS)
+
+_LONGEST = 1000
+_BINARY: Mapping[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod,
+}
+_UNARY: Mapping[type, Callable[[Any], Any]] = {ast.UAdd: operator.pos, ast.USub: operator.neg, ast.Not: operator.not_}
+_COMPARE: Mapping[type, Callable[[Any, Any], bool]] = {
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+}
+
+
+class _Wrong(Exception):
+    """What is wrong with an expression, or with its value in one row."""
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A parsed expression.
+
+    Attributes:
+        text: as it was written.
+        names: the names in it that are neither functions nor constants, in order.
+    """
+
+    text: str
+    names: tuple[str, ...]
+    _tree: ast.expr = field(repr=False, compare=False)
+
+    def value(self, values: Mapping[str, Any]) -> Any:
+        """The expression's value; `values` holds one for each of `names`.
+
+        Raises:
+            StudyError: no value, such as a division by zero; the message says why.
+        """
+        try:
+            return _value(self._tree, values)
+        except (_Wrong, ArithmeticError, ValueError, TypeError) as error:
+            raise StudyError(str(error).splitlines()[0] if str(error) else "no value") from None
+
+
+@cache
+def parse(text: str) -> Expression:
+    """Parses an expression.
+
+    Raises:
+        StudyError: for what is not arithmetic; the message says what and what is allowed.
+    """
+    if len(text) > _LONGEST:
+        raise StudyError(f"longer than {_LONGEST} characters")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+        names = dict.fromkeys(_names(tree))
+    except SyntaxError as error:
+        raise StudyError(f"not an expression ({error.msg})") from None
+    except (ValueError, RecursionError, MemoryError):
+        raise StudyError("not an expression") from None
+    except _Wrong as wrong:
+        raise StudyError(str(wrong)) from None
+    return Expression(text, tuple(names), tree)
+
+
+def _names(node: ast.AST) -> list[str]:
+    """The names of a tree, in order; refuses what is not arithmetic."""
+    if isinstance(node, ast.Name):
+        if node.id in FUNCTIONS:
+            raise _Wrong(f"{node.id} is a function: write {node.id}(...)")
+        return [] if node.id in CONSTANTS else [node.id]
+    if isinstance(node, ast.Constant):
+        if not isinstance(node.value, (bool, int, float, str)):
+            raise _Wrong(f"{node.value!r} is not allowed")
+        return []
+    parts: list[ast.expr]
+    if isinstance(node, ast.BinOp) and (type(node.op) in _BINARY or isinstance(node.op, ast.Pow)):
+        parts = [node.left, node.right]
+    elif isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
+        parts = [node.operand]
+    elif isinstance(node, ast.BoolOp):
+        parts = node.values
+    elif isinstance(node, ast.Compare) and all(type(op) in _COMPARE for op in node.ops):
+        parts = [node.left, *node.comparators]
+    elif isinstance(node, ast.IfExp):
+        parts = [node.test, node.body, node.orelse]
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+        if node.func.id not in FUNCTIONS:
+            raise _Wrong(f"{node.func.id}() is unknown; functions are {', '.join(FUNCTIONS)}")
+        parts = node.args
+    else:
+        raise _Wrong("only numbers, names of factors, + - * / // % **, comparisons, and, or, not, if-else and "
+                     f"{', '.join(FUNCTIONS)} are allowed")  # fmt: skip
+    return [name for part in parts for name in _names(part)]
+
+
+def _value(node: ast.expr, values: Mapping[str, Any]) -> Any:
+    """The value of a tree that `_names` let pass."""
+    match node:
+        case ast.Constant():
+            return node.value
+        case ast.Name():
+            return CONSTANTS[node.id] if node.id in CONSTANTS else values[node.id]
+        case ast.BinOp():
+            left, right = _number(_value(node.left, values)), _number(_value(node.right, values))
+            return _power(left, right) if isinstance(node.op, ast.Pow) else _BINARY[type(node.op)](left, right)
+        case ast.UnaryOp():
+            operand = _value(node.operand, values)
+            return _UNARY[type(node.op)](operand if isinstance(node.op, ast.Not) else _number(operand))
+        case ast.BoolOp():
+            found = (bool(_value(part, values)) for part in node.values)
+            return all(found) if isinstance(node.op, ast.And) else any(found)
+        case ast.Compare():
+            left = _value(node.left, values)
+            for op, part in zip(node.ops, node.comparators, strict=True):
+                right = _value(part, values)
+                if not _COMPARE[type(op)](left, right):
+                    return False
+                left = right
+            return True
+        case ast.IfExp():
+            return _value(node.body if _value(node.test, values) else node.orelse, values)
+        case ast.Call(func=ast.Name(id=name)):
+            return FUNCTIONS[name](*(_number(_value(part, values)) for part in node.args))
+    raise _Wrong("not an expression")
+
+
+def _number(value: Any) -> Any:
+    if not isinstance(value, (bool, int, float)):
+        raise _Wrong(f"{value!r} is not a number")
+    return value
+
+
+def _power(base: Any, exponent: Any) -> Any:
+    """A power; whole numbers stay whole while they are small, so that no expression takes long."""
+    if isinstance(base, int) and isinstance(exponent, int) and 0 <= exponent <= 16 and abs(base) <= 10**4:
+        return base**exponent
+    return math.pow(base, exponent)
