@@ -11,7 +11,7 @@ import pytest
 import warpchain
 
 ROOT = Path(warpchain.__file__).resolve().parent.parent
-PACKAGE = [path for path in (ROOT / "warpchain").glob("*.py")]
+PACKAGE = [path for folder in ("warpchain", "warpchain/study") for path in (ROOT / folder).glob("*.py")]
 KERNELS = [path for path in (ROOT / "warpchain" / "kernels").glob("*.py")]
 OTHERS = [path for folder in ("tests", "scripts") for path in (ROOT / folder).glob("*.py")]
 HEAVY = ("warp", "rerun", "matplotlib", "pyarrow", "numpy", "pydantic", "mcap", "scipy")

@@ -23,3 +23,7 @@ class SimulationError(WarpchainError):
 
 class ArchiveError(WarpchainError):
     """An archive cannot be written or read: it exists, is foreign, is damaged, or the disk refuses."""
+
+
+class StudyError(WarpchainError):
+    """A study, or a table of its results, cannot be used as asked: a missing column, too few rows, a bad design."""
