@@ -25,6 +25,7 @@ UNITS = {
     "dissipated": "J",
     "work": "J",
     "energy": "J",
+    "error": "rad",
     "time": "s",
     "start": "s",
     "end": "s",

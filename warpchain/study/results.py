@@ -76,7 +76,7 @@ class Results:
             raise StudyError(f"column {name!r}: not in the table; it has {_some(self.table.column_names)}")
         if not self.numeric(name):
             raise StudyError(f"column {name!r}: holds {self.table.schema.field(name).type}, numbers are needed here")
-        return np.array([np.nan if v is None else v for v in self.table[name].to_pylist()], dtype=float)
+        return np.array(self.table[name].cast("float64").to_numpy(), dtype=float)
 
     def labels(self, name: str) -> list[str]:
         """Any column as words."""
