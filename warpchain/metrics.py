@@ -26,6 +26,7 @@ UNITS = {
     "work": "J",
     "energy": "J",
     "error": "rad",
+    "hour": "1/h",
     "time": "s",
     "start": "s",
     "end": "s",

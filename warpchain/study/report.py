@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 TELLING = (
     "tension_max",
-    "tension_peak_factor",
-    "damage_max",
+    "peak_factor",
+    "damage_per_hour_max",
+    "tension_equivalent_range",
     "*.transmission_error_rms",
     "contact_energy_per_revolution",
     "*.impact_impulse",

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 STATUSES = ("ok", "infeasible", "diverged")
-BOOKKEEPING = ("variant", "status", "reason", "diverged", "diverged_time", "window_start", "window_end", "shard")
+BOOKKEEPING = (
+    *("variant", "status", "reason", "archive", "archive_variant", "adjusted_links", "adjusted_travel"),
+    *("diverged", "diverged_time", "window_start", "window_end"),
+)
 """Columns that are neither a factor nor a metric."""
 
 
