@@ -133,6 +133,13 @@ def test_two_levels_have_no_square_and_few_rows_give_a_plane():
     assert len(few.powers) == 3
 
 
+def test_tied_factors_count_once():
+    a = np.linspace(0.0, 1.0, 9)
+    table = results({"a": a, "tied": 5.0 - 2.0 * a, "word": ["x"] * 9, "y": a**2}, ["a", "tied", "word"])
+    assert table.independent_factors() == ("a",)
+    assert fit_surface(table, "y").r2 == pytest.approx(1.0, abs=1e-12)
+
+
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
 def test_tables_come_back_from_files(tmp_path, ending):
     table = pa.table({"variant": [0, 1], "law": ["a", "b"], "y": [0.1, 1e300], "status": ["ok", "diverged"]})

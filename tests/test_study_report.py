@@ -71,12 +71,23 @@ def test_page_tells_what_happened_and_needs_no_network():
     page = Page(html)
     words = " ".join(page.words)
     assert page.sections == [
-        *("summary", "inputs", "ends", "distributions", "effects", "correlation", "surface", "front", "extremes")
+        *(
+            "summary",
+            "inputs",
+            "ends",
+            "distributions",
+            "effects",
+            "correlation",
+            "surface",
+            "sobol",
+            "front",
+            "extremes",
+        )
     ]
     assert all(link.startswith(("#", "data:image/svg+xml;base64,")) for link in page.links)
     assert not re.search(r"@import|url\(|<script|<link", html)
     assert all(picture["alt"] for picture in page.pictures)
-    assert len(page.pictures) == 1 + 2 + 1 + 2 + 1
+    assert len(page.pictures) == 1 + 2 + 1 + 2 + 1 + 1
     status = study()["status"].to_pylist()
     for word in ("ok", "infeasible", "diverged"):
         assert f"<b>{status.count(word)}</b>{word}" in html

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from warpchain.study.analysis import Correlation, Effect
 from warpchain.study.pareto import pareto_front
 from warpchain.study.results import Results
+from warpchain.study.sensitivity import Indices
 from warpchain.study.surface import Surface
 
 if TYPE_CHECKING:
@@ -204,26 +205,22 @@ def surface_figure(results: Results, surface: Surface, most: int = 7) -> Figure:
     return figure
 
 
-def bars_figure(names: tuple[str, ...], first: Any, total: Any, errors: Any, title: str) -> Figure:
-    """First-order and total Sobol' indices as bars with their confidence intervals; `errors` is (2, A) or None."""
-    figure, (axis,) = _panels(1, 1, 7.0, 1.4 + 0.38 * len(names))
-    at = np.arange(len(names))[::-1]
-    for values, shift, color, label, k in (
-        (first, 0.19, ACCENT, "alone (first order)", 0),
-        (total, -0.19, MARK, "with all its interactions (total)", 1),
-    ):
-        if values is not None:
-            axis.barh(
-                at + shift,
-                values,
-                0.36,
-                color=color,
-                label=label,
-                xerr=None if errors is None else errors[k],
-                capsize=2,
-            )
-    axis.set_yticks(at, names, fontsize=8)
-    axis.set_xlabel("part of the variance [-]", fontsize=9)
-    axis.set_title(title, fontsize=9)
-    axis.legend(fontsize=8)
+def indices_figure(found: Sequence[Indices]) -> Figure:
+    """First-order and total Sobol' indices of each metric as bars, with confidence intervals where there are any."""
+    factors = found[0].factors
+    figure, axes = _panels(len(found), 3, 3.9, 1.2 + 0.36 * len(factors))
+    at = np.arange(len(factors))[::-1]
+    for k, (axis, one) in enumerate(zip(axes, found, strict=True)):
+        for values, errors, shift, color, label in (
+            (one.first, one.first_error, 0.19, ACCENT, "alone (first order)"),
+            (one.total, one.total_error, -0.19, MARK, "with interactions (total)"),
+        ):
+            bars = errors if errors.any() else None
+            axis.barh(at + shift, values, 0.36, xerr=bars, color=color, ecolor="0.4", capsize=2, label=label)
+        axis.set_yticks(at, factors if k % 3 == 0 else [""] * len(factors), fontsize=8)
+        axis.set_xlim(0.0, max(1.0, 1.05 * float((one.total + one.total_error).max())))
+        axis.set_title(one.metric, fontsize=8)
+        axis.set_xlabel("part of the variance [-]", fontsize=8)
+        axis.tick_params(labelsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, loc="outside upper right", ncols=2)
     return figure

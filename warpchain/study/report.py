@@ -14,6 +14,7 @@ from warpchain.study import figures, page
 from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.pareto import pareto_front
 from warpchain.study.results import STATUSES, Results, read_results, write_whole
+from warpchain.study.sensitivity import Indices, best_indices
 from warpchain.study.surface import TRUSTED, fit_surface
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ def report_html(
             _effects(results, effects),
             _correlation(results, shown),
             _surfaces(results, enough),
+            _sobol(results, enough),
             _front(results, chosen, objectives is None),
             _extremes(results, enough),
         ]
@@ -222,6 +224,30 @@ def _surfaces(results: Results, metrics: tuple[str, ...]) -> page.Section:
         ),
         *parts,
         page.bullets(refused) if refused else "",
+    )
+
+
+def _sobol(results: Results, metrics: tuple[str, ...]) -> page.Section:
+    found: list[Indices] = []
+    lines = []
+    for metric in metrics:
+        try:
+            indices, words = best_indices(results, metric)
+        except StudyError as error:
+            lines.append(str(error))
+            continue
+        found.append(indices)
+        lines.append(f"{metric}: {words}.")
+    return page.section(
+        "sobol",
+        "Sobol' indices",
+        page.text(
+            "The part of a metric's variance that each factor causes: alone, and together with its interactions. Where "
+            "both bars are alike, the factor acts on its own.",
+            muted=True,
+        ),
+        page.picture(figures.indices_figure(found), "Sobol' indices of the metrics") if found else "",
+        page.bullets(lines),
     )
 
 

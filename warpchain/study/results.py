@@ -101,9 +101,24 @@ class Results:
         """The factors that hold numbers and take more than one value."""
         return tuple(f for f in self.factors if self.numeric(f) and varies(self.values(f)))
 
+    def independent_factors(self) -> tuple[str, ...]:
+        """The numeric factors without those that go along with an earlier one in a straight line (tied factors)."""
+        kept: list[str] = []
+        for name in self.numeric_factors():
+            x = _normal(self.values(name))
+            if all(abs(float(x @ _normal(self.values(other)))) < 1.0 - 1e-9 for other in kept):
+                kept.append(name)
+        return tuple(kept)
+
     def varying_metrics(self) -> tuple[str, ...]:
         """The metrics that take more than one value among the variants that are ok."""
         return tuple(m for m in self.metrics if varies(self.values(m)[self.ok]))
+
+
+def _normal(values: Array) -> Array:
+    """Values less their mean, of length one, so that a product of two is their correlation; nothing where empty."""
+    x = np.nan_to_num(values - np.nanmean(values))
+    return x / np.sqrt(x @ x)
 
 
 def varies(values: Array) -> bool:

@@ -101,14 +101,14 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
     Args:
         results: the study's results.
         metric: the metric.
-        factors: numeric factors; None takes all that vary.
+        factors: numeric factors; None takes all that vary independently.
 
     Raises:
         StudyError: no numeric factor, fewer variants than a plane has terms (and one more), or factors that the
             design does not tell apart.
     """
     rows = results.rows_for(metric)
-    chosen = tuple(factors or results.numeric_factors())
+    chosen = tuple(factors or results.independent_factors())
     if not chosen:
         raise StudyError(f"response surface of {metric!r}: no factor holds numbers that vary")
     values = np.stack([results.values(factor)[rows] for factor in chosen], axis=1)
