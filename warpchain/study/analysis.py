@@ -57,7 +57,7 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
         raise StudyError(f"metric {metric!r}: {int(rows.sum())} variants have a value, at least 2 are needed")
     y = results.values(metric)[rows]
     effects = []
-    for factor in factors or results.factors:
+    for factor in results.factors if factors is None else factors:
         group, labels, centers = _groups(results, factor, rows)
         if len(labels) > 1:
             effects.append(_effect(factor, labels, centers, group, y))

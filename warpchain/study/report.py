@@ -41,8 +41,9 @@ EXTREMES = 3
 
 
 def telling_metrics(results: Results) -> tuple[str, ...]:
-    """The metrics to show: what `TELLING` names, then the others, of those that vary."""
-    varying = results.varying_metrics()
+    """The metrics to show: what `TELLING` names, then the others, of those that vary and most variants have."""
+    enough = results.ok.sum() / 2
+    varying = [m for m in results.varying_metrics() if results.rows_for(m).sum() > enough]
     ordered = [m for pattern in TELLING for m in varying if fnmatch(m, pattern)] + list(varying)
     return tuple(dict.fromkeys(ordered))[:SHOWN]
 

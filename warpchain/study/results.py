@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 STATUSES = ("ok", "infeasible", "diverged")
 BOOKKEEPING = (
     *("variant", "status", "reason", "archive", "archive_variant", "adjusted_links", "adjusted_travel"),
-    *("diverged", "diverged_time", "window_start", "window_end"),
+    *("diverged", "diverged_time", "window_start", "window_end", "settle_steps", "settle_residual"),
 )
 """Columns that are neither a factor nor a metric."""
 
