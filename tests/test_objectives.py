@@ -10,11 +10,10 @@ from warpchain import Record, simulate
 from warpchain.contact import sprocket_stiffness
 from warpchain.errors import SimulationError
 from warpchain.fatigue import Woehler
-from warpchain.metrics import unit_of
+from warpchain.metrics import design_row, unit_of
 from warpchain.objectives import (
     add_objectives,
     engagement_impulses,
-    from_metrics,
     from_trajectory,
     transmission_error,
 )
@@ -29,13 +28,15 @@ def test_sums_of_a_window():
         **{"tension_mean": 2e3, "tension_max": 5e3, "window_start": 1.0, "window_end": 3.0},
         **{"driver.speed_mean": 10.0, "driver.dissipated": 40.0, "driven.speed_mean": -5.0, "driven.dissipated": 6.0},
         **{f"{DRIVE.strand_names[0]}.tension_mean": 4e3, f"{DRIVE.strand_names[0]}.tension_max": 6e3},
+        **{f"{DRIVE.strand_names[0]}.displacement_mean": -3e-3, f"{DRIVE.strand_names[0]}.displacement_rms": 5e-3},
     }
-    row = from_metrics(DRIVE, metrics)
+    row = design_row(DRIVE, metrics)
     turns = 20.0 / (2.0 * math.pi)
     assert row == pytest.approx(
         {
             "peak_factor": 2.5,
             f"{DRIVE.strand_names[0]}.peak_factor": 1.5,
+            f"{DRIVE.strand_names[0]}.displacement_std": 4e-3,
             "driver.contact_energy_per_revolution": 40.0 / turns,
             "driven.contact_energy_per_revolution": 6.0 / turns,
             "contact_energy_per_revolution": 46.0 / turns,
@@ -44,9 +45,12 @@ def test_sums_of_a_window():
         },
         rel=1e-12,
     )
-    assert from_metrics(DRIVE, {"tension_mean": None}) == {}
-    still = from_metrics(DRIVE, metrics | {"driver.speed_mean": 0.0, "driven.speed_mean": 0.0})
-    assert set(still) == {"peak_factor", f"{DRIVE.strand_names[0]}.peak_factor"}
+    still = design_row(DRIVE, metrics | {"driver.speed_mean": 0.0, "driven.speed_mean": 0.0})
+    assert set(still) == {
+        f"{DRIVE.strand_names[0]}.displacement_std",
+        "peak_factor",
+        f"{DRIVE.strand_names[0]}.peak_factor",
+    }
 
 
 def test_transmission_error_of_a_known_rotation():

@@ -156,6 +156,21 @@ def test_command_writes_page_and_table(tmp_path, capsys):
     err = capsys.readouterr().err.splitlines()
     assert len(err) == 2
     assert "factors: none given" in err[1]
+    (tmp_path / "empty").mkdir()
+    assert main(["study", "report", str(tmp_path / "empty"), "-o", str(output)]) == 2
+    assert "make it with: warpchain study merge" in capsys.readouterr().err
+
+
+def test_a_study_tells_of_itself(tmp_path):
+    export_table(study(), tmp_path / "results.parquet")
+    text = '[study]\ndrive = "marine"\nname = "Load & place"\n[design]\nkind = "sobol"\ncount = 120\n'
+    (tmp_path / "study.toml").write_text(text + '[[constraints]]\nrequire = "a < b"\n')
+    factors = [word for name in FACTORS for word in ("--factor", name)]
+    assert main(["study", "report", str(tmp_path), "-o", str(tmp_path / "r.html"), *factors]) == 0
+    html = (tmp_path / "r.html").read_text()
+    assert "<h1>Load &amp; place</h1>" in html
+    assert "kind = sobol, count = 120" in html
+    assert "a &lt; b" in html
 
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.errors import WarpchainError
+from warpchain.study.report_cli import add_command
 
 DONE, UNFINISHED, WRONG = 0, 1, 2
 
@@ -122,18 +123,8 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("-o", "--output", metavar="OUT.npz", type=Path, required=True, help="file to write")
     export.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
 
-    from warpchain.study import report_cli
-
-    study = commands.add_parser("study", help="many variants by a design: report")
-    studies = study.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
-    report = _add(
-        studies,
-        "report",
-        _study_report,
-        "write a study's report as one HTML page",
-        "warpchain study report DIR -o report.html --minimize tension_max --minimize contact_energy_per_revolution",
-    )
-    report_cli.add_arguments(report)
+    study = commands.add_parser("study", help="what a design of experiments came to")
+    add_command(study.add_subparsers(dest="study_command", metavar="COMMAND", required=True))
     return top
 
 
@@ -265,12 +256,6 @@ def _export(arguments: argparse.Namespace) -> int:
 
     print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
     return DONE
-
-
-def _study_report(arguments: argparse.Namespace) -> int:
-    from warpchain.study.report_cli import report
-
-    return report(arguments)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

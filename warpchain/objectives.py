@@ -1,34 +1,26 @@
-"""What designs are judged by beside the plain metrics: peak factor, wear index, noise, transmission error, fatigue.
+"""What designs are judged by that takes a recorded trajectory: transmission error, impact of engagement, fatigue.
 
-From the sums of the window, for every variant, with E the energy that a partner's contacts dissipate in it, n_d the
-driver's revolutions, n_s the tooth passings of a sprocket and m the mass of a roller:
+With the ideal angle of a driven sprocket z_d theta_d / z_s forward, K the contact's stiffness, m a roller's mass:
 
-    peak factor              = largest over mean tension
-    contact energy           = E / n_d                          a wear index: what the contacts have to take up      (a)
-    impact impulse           = sqrt(2 m E / n_s)                of the blow that would lose E / n_s                  (b)
+    transmission error       e(t) = theta_s - z_d theta_d / z_s, less its mean                                    (a)
+    engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (b)
 
-From a recorded trajectory, with the ideal angle of a driven sprocket z_d theta_d / z_s forward:
-
-    transmission error       e(t) = theta_s - z_d theta_d / z_s, less its mean                                    (c)
-    engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (d)
-
-and fatigue (`warpchain.fatigue`). There is no friction in the model: (a) is the work of normal impacts, not of sliding
-in the bushings. (d) asks for several samples in 2 pi sqrt(m / K) of one passing, or for many passings.
+and fatigue (`warpchain.fatigue`). (b) asks for several samples in 2 pi sqrt(m / K) of one passing, or for many
+passings. The objectives that the sums of the window hold, for every variant, are `warpchain.metrics.design_row`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.contact import sprocket_stiffness
-from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.fatigue import Woehler, damage, equivalent_range
+from warpchain.metrics import driver
 from warpchain.record import Run, Trajectory
 from warpchain.scene import nearest_sprocket
 
@@ -38,49 +30,8 @@ if TYPE_CHECKING:
 Row = dict[str, float]
 
 
-def driver(drive: Drive) -> int:
-    """Index of the first prescribed sprocket, which revolutions are counted by."""
-    return next(s for s, sprocket in enumerate(drive.sprockets) if sprocket.prescribed is not None)
-
-
-def from_metrics(drive: Drive, metrics: Mapping[str, Any]) -> Row:
-    """Objectives that the metrics of a window hold, eq. (a), (b).
-
-    Args:
-        drive: the variant.
-        metrics: its row of `run.metrics`.
-
-    Returns:
-        Values by name; empty for a variant that has no metrics, and without those that need turning sprockets where
-        they stand still.
-    """
-    if metrics.get("tension_mean") is None:
-        return {}
-    row: Row = {}
-    if metrics["tension_mean"] > 0.0:
-        row["peak_factor"] = metrics["tension_max"] / metrics["tension_mean"]
-    for strand in drive.strand_names:
-        mean = metrics.get(f"{strand}.tension_mean")
-        if mean is not None and mean > 0.0:
-            row[f"{strand}.peak_factor"] = metrics[f"{strand}.tension_max"] / mean
-    seconds = metrics["window_end"] - metrics["window_start"]
-    turns = {s.name: abs(metrics[f"{s.name}.speed_mean"]) * seconds / (2.0 * math.pi) for s in drive.sprockets}
-    driven_by = turns[drive.sprockets[driver(drive)].name]
-    names = [s.name for s in drive.sprockets] + [g.name for g in drive.guides]
-    if driven_by > 0.0:
-        for name in names:
-            row[f"{name}.contact_energy_per_revolution"] = metrics[f"{name}.dissipated"] / driven_by
-        row["contact_energy_per_revolution"] = sum(metrics[f"{name}.dissipated"] for name in names) / driven_by
-    for sprocket in drive.sprockets:
-        passings = sprocket.teeth * turns[sprocket.name]
-        if passings > 0.0:
-            lost = max(metrics[f"{sprocket.name}.dissipated"], 0.0)
-            row[f"{sprocket.name}.impact_impulse"] = math.sqrt(2.0 * drive.chain.mass * lost / passings)
-    return row
-
-
 def transmission_error(trajectory: Trajectory, s: int) -> NDArray[np.float64]:
-    """How far a sprocket runs ahead of where the driver's angle puts it (F,) [rad], forward, less its mean (c).
+    """How far a sprocket runs ahead of where the driver's angle puts it (F,) [rad], forward, less its mean (a).
 
     Raises:
         SimulationError: recorded without sprocket angles.
@@ -95,7 +46,7 @@ def transmission_error(trajectory: Trajectory, s: int) -> NDArray[np.float64]:
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
-    """Impulse of each roller's first touch with a sprocket, one for each tooth passing that begins (P,) [N s] (d).
+    """Impulse of each roller's first touch with a sprocket, one for each tooth passing that begins (P,) [N s] (b).
 
     Args:
         trajectory: one recorded variant.
@@ -127,7 +78,7 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
 
 
 def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None = None) -> Row:
-    """Objectives of a recorded window, of the channels that were recorded (c), (d), and fatigue.
+    """Objectives of a recorded window, of the channels that were recorded (a), (b), and fatigue.
 
     Args:
         trajectory: one recorded variant.
@@ -197,9 +148,7 @@ def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
     from warpchain.metrics import table_of
 
     rows = run.metrics.to_pylist()
-    for variant, (drive, row) in enumerate(zip(run.drives, rows, strict=True)):
-        found = from_metrics(drive, row)
-        if found and variant in run:
-            found |= from_trajectory(run[variant], row["window_start"], row["window_end"], woehler)
-        row.update(found)
+    for variant, row in enumerate(rows):
+        if row.get("tension_mean") is not None and variant in run:
+            row.update(from_trajectory(run[variant], row["window_start"], row["window_end"], woehler))
     return table_of(rows)

@@ -28,6 +28,7 @@ TELLING = (
     "*.transmission_error_rms",
     "contact_energy_per_revolution",
     "*.impact_impulse",
+    "*.displacement_std",
     "*.displacement_rms",
     "*.force_max",
     "tension_mean",
