@@ -137,7 +137,22 @@ def test_tied_factors_count_once():
     a = np.linspace(0.0, 1.0, 9)
     table = results({"a": a, "tied": 5.0 - 2.0 * a, "word": ["x"] * 9, "y": a**2}, ["a", "tied", "word"])
     assert table.independent_factors() == ("a",)
+    assert table.ties() == {"tied": "a"}
+    assert [effect.factor for effect in main_effects(table, "y")] == ["a"]
+    assert [effect.factor for effect in main_effects(table, "y", ("tied",))] == ["tied"]
+    assert correlation(table).factors == ("a",)
     assert fit_surface(table, "y").r2 == pytest.approx(1.0, abs=1e-12)
+
+
+def test_reasons_that_differ_in_numbers_are_one():
+    status = ["infeasible"] * 3 + ["diverged", "ok"]
+    reasons = ["strain 1e-3 beyond 0.05", "strain -0.2 beyond 0.05", "no place", "diverged at 0.1 s", None]
+    table = results({"x": np.arange(5.0), "y": np.arange(5.0), "status": status, "reason": reasons}, ["x"])
+    assert table.reasons() == [
+        ("infeasible", "strain 1e-3 beyond 0.05", 2),
+        ("infeasible", "no place", 1),
+        ("diverged", "diverged at 0.1 s", 1),
+    ]
 
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])

@@ -66,13 +66,12 @@ def test_scatters_hold_every_variant_that_is_ok(study):
         ("study", "torque", "tension_max [N]"),
         ("study", "torque", "tension_mean [N]"),
     ]
-    assert len(stream.dots) == 6
-    by_kind = {path.rsplit("/", 1)[-1].replace("\\ ", " "): labels for path, labels in stream.dots.items()}
-    assert [label.split(":")[0] for label in by_kind["variants"]] == [f"variant {v}" for v in range(4)]
-    assert [label.split(":")[0] for label in by_kind["recorded variants"]] == ["variant 3"]
-    assert by_kind["recorded variants"][0].startswith("variant 3: torque = 400, tension_mean = ")
-    assert by_kind["Pareto front"]  # the highest torque is on it in any case
-    assert any(label.startswith("variant 3:") for label in by_kind["Pareto front"])
+    of_max = {p.rsplit("/", 1)[-1].replace("\\ ", " "): words for p, words in stream.dots.items() if "max" in p}
+    drawn = sorted(word.split(":")[0] for words in of_max.values() for word in words)
+    assert drawn == [f"variant {v}" for v in range(4)]  # each once; the fifth diverged
+    assert len(of_max["recorded variants"]) == 1
+    assert of_max["recorded variants"][0].startswith("variant 3: torque = 400, tension_max = ")
+    assert any(word.startswith("variant 0:") for word in of_max["Pareto front"])  # the lowest tension
 
 
 def test_recorded_variants_come_from_the_archives(study):
@@ -111,7 +110,7 @@ def test_the_viewer_shows_scatters_beside_a_variant(study, tmp_path):
     script.screenshot(tmp_path / "s.rrd", tmp_path / "s.png", 0.02, port=9931)
     pixels = np.asarray(Image.open(tmp_path / "s.png").convert("RGB")).astype(int)[60:-60]
     left, right = np.split(pixels, [int(0.6 * pixels.shape[1])], axis=1)
-    assert (np.abs(left - (240, 90, 60)).max(axis=2) < 30).sum() > 100  # dots of recorded variants
+    assert (np.abs(left - (240, 90, 60)).max(axis=2) < 30).sum() > 200  # dots of recorded variants
     rows, columns = np.nonzero(np.ptp(right[: int(0.7 * len(right))], axis=2) > 60)  # the colored chain
     assert len(rows) > 500
     assert np.ptp(columns) > 0.5 * right.shape[1]

@@ -47,7 +47,8 @@ class Effect:
 def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None = None) -> list[Effect]:
     """Main effects of the factors on a metric, the largest span first.
 
-    Numeric factors of up to `BINS` values are grouped by value, others by quantiles; words are grouped as they are.
+    Factors that are tied to another are left out, unless asked for. Numeric factors of up to `BINS` values are grouped
+    by value, others by quantiles; words are grouped as they are.
 
     Raises:
         StudyError: fewer than two usable variants, or an unknown column.
@@ -57,7 +58,8 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
         raise StudyError(f"metric {metric!r}: {int(rows.sum())} variants have a value, at least 2 are needed")
     y = results.values(metric)[rows]
     effects = []
-    for factor in results.factors if factors is None else factors:
+    tied = results.ties()
+    for factor in [f for f in results.factors if f not in tied] if factors is None else factors:
         group, labels, centers = _groups(results, factor, rows)
         if len(labels) > 1:
             effects.append(_effect(factor, labels, centers, group, y))
@@ -124,12 +126,12 @@ def ranks(values: Array) -> Array:
 
 
 def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Correlation:
-    """Pearson and Spearman correlation of every numeric factor with every metric that varies.
+    """Pearson and Spearman correlation of every independent numeric factor with every metric that varies.
 
     Raises:
         StudyError: no numeric factor that varies, or fewer than three usable variants.
     """
-    factors = results.numeric_factors()
+    factors = results.independent_factors()
     chosen = tuple(m for m in metrics or results.metrics if varies(results.values(m)[results.ok]))
     if not factors or not chosen:
         raise StudyError("correlation: needs a factor and a metric that hold numbers and vary")

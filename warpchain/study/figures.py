@@ -52,11 +52,12 @@ def _panels(count: int, columns: int, width: float, height: float) -> tuple[Figu
 
 
 def _engineer(axis: Any) -> None:
-    """Ticks with SI prefixes where numbers are large or small: 25k, 3m."""
-    from matplotlib.ticker import EngFormatter
+    """A few ticks, with SI prefixes where numbers are large or small: 25k, 3m."""
+    from matplotlib.ticker import EngFormatter, MaxNLocator
 
     low, high = axis.get_view_interval()
     size = max(abs(low), abs(high))
+    axis.set_major_locator(MaxNLocator(5 if axis.axis_name == "y" else 4))
     if size >= 1e4 or 0.0 < size < 1e-2:
         axis.set_major_formatter(EngFormatter(sep="", places=None))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -200,10 +201,11 @@ def log_scatters(
     if not across or not up:
         raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
     front = pareto_front(results, objectives) if objectives else np.zeros(0, dtype=np.intp)
-    members = {
-        "variants": np.flatnonzero(results.ok),
-        "Pareto front": front,
-        "recorded variants": np.flatnonzero(np.isin(results.variants, list(recorded))),
+    played = np.flatnonzero(np.isin(results.variants, list(recorded)))
+    members = {  # each variant once, so that dots do not cover each other
+        "variants": np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played)),
+        "Pareto front": np.setdiff1d(front, played),
+        "recorded variants": played,
     }
     charts = []
     for factor in across:
@@ -222,14 +224,14 @@ def log_scatters(
                     ]
                     chart.dots(kind, x[rows], y[rows], words, *KINDS[kind])
             charts.append(chart)
-    return charts, len(up)
+    return charts, len(up) if len(across) > 1 else math.ceil(math.sqrt(len(up)))
 
 
 def _most_telling(results: Results) -> tuple[str, ...]:
     """The numeric factors that explain most of any telling metric, in the study's order."""
     from warpchain.study.analysis import main_effects
 
-    numeric = results.numeric_factors()
+    numeric = results.independent_factors()
     weights = dict.fromkeys(numeric, 0.0)
     for metric in telling_metrics(results)[:METRICS]:
         for effect in main_effects(results, metric, numeric):

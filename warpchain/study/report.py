@@ -133,17 +133,19 @@ def _verdict(results: Results, metric: str, effects: list[Effect]) -> str:
 
 
 def _inputs(results: Results) -> page.Section:
-    rows = []
+    rows, tied = [], results.ties()
     for factor in results.factors:
         words = results.labels(factor)
         distinct = len(set(words))
-        if results.numeric(factor):
-            values = results.values(factor)
-            span = f"{np.nanmin(values):.5g} to {np.nanmax(values):.5g}" if np.isfinite(values).any() else "none"
-        else:
+        if not results.numeric(factor):
             span = ", ".join(sorted(set(words))[:8])
-        rows.append((factor, results.unit(factor), span, distinct))
-    return page.section("inputs", "What was varied", page.table(("factor", "unit", "range", "values"), rows))
+        else:
+            values = results.values(factor)
+            ends = [page.number(float(value)) for value in (np.nanmin(values), np.nanmax(values))]
+            span = ends[0] if distinct == 1 else " to ".join(ends)
+        note = f"goes along with {tied[factor]}" if factor in tied else "" if distinct > 1 else "held"
+        rows.append((factor, results.unit(factor), span, distinct, note))
+    return page.section("inputs", "What was varied", page.table(("factor", "unit", "range", "values", ""), rows))
 
 
 def _ends(results: Results) -> page.Section:
@@ -157,7 +159,7 @@ def _ends(results: Results) -> page.Section:
             "Infeasible variants could not be run as drawn; diverged ones were stopped when their motion ran away. "
             "Neither takes part in what follows."
         ),
-        page.table(("status", "reason", "variants"), reasons[:25]),
+        page.table(("status", "reason (of the first one, where only its numbers differ)", "variants"), reasons[:25]),
         page.text(f"{len(reasons) - 25} further reasons are in the table.") if len(reasons) > 25 else "",
     )
 

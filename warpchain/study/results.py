@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -60,10 +61,19 @@ class Results:
         return np.array([word == "ok" for word in self.status], dtype=bool)
 
     def reasons(self) -> list[tuple[str, str, int]]:
-        """(status, reason, how many) of the variants that are not ok, the most frequent first."""
+        """(status, reason, how many) of the variants that are not ok, the most frequent first.
+
+        Reasons that differ in their numbers only count as one, told by its first.
+        """
         reasons = self.table["reason"].to_pylist() if "reason" in self.table.column_names else [None] * len(self.status)
-        counts = Counter((s, r or "not told") for s, r in zip(self.status, reasons, strict=True) if s != "ok")
-        return [(status, reason, count) for (status, reason), count in counts.most_common()]
+        counts: Counter[tuple[str, str]] = Counter()
+        first: dict[tuple[str, str], str] = {}
+        for status, reason in zip(self.status, reasons, strict=True):
+            if status != "ok":
+                alike = status, re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", reason or "not told")
+                counts[alike] += 1
+                first.setdefault(alike, reason or "not told")
+        return [(alike[0], first[alike], count) for alike, count in counts.most_common()]
 
     def numeric(self, name: str) -> bool:
         """Whether a column holds numbers."""
@@ -101,14 +111,23 @@ class Results:
         """The factors that hold numbers and take more than one value."""
         return tuple(f for f in self.factors if self.numeric(f) and varies(self.values(f)))
 
-    def independent_factors(self) -> tuple[str, ...]:
-        """The numeric factors without those that go along with an earlier one in a straight line (tied factors)."""
-        kept: list[str] = []
+    def ties(self) -> dict[str, str]:
+        """The numeric factors that go along with an earlier one in a straight line, and with which."""
+        kept: dict[str, Array] = {}
+        tied: dict[str, str] = {}
         for name in self.numeric_factors():
             x = _normal(self.values(name))
-            if all(abs(float(x @ _normal(self.values(other)))) < 1.0 - 1e-9 for other in kept):
-                kept.append(name)
-        return tuple(kept)
+            with_one = next((other for other, y in kept.items() if abs(float(x @ y)) > 1.0 - 1e-9), None)
+            if with_one is None:
+                kept[name] = x
+            else:
+                tied[name] = with_one
+        return tied
+
+    def independent_factors(self) -> tuple[str, ...]:
+        """The numeric factors without those tied to others."""
+        tied = self.ties()
+        return tuple(name for name in self.numeric_factors() if name not in tied)
 
     def varying_metrics(self) -> tuple[str, ...]:
         """The metrics that take more than one value among the variants that are ok."""
