@@ -40,7 +40,7 @@ def test_the_study_reader_takes_them(name):
     spec.check_drive(loaded, load_drive(drive_path(loaded.study.drive)), name)
 
 
-@pytest.mark.parametrize("indentation", [-0.03, 0.0, 0.012])
+@pytest.mark.parametrize("indentation", [-0.04, 0.0, 0.012])
 def test_the_bar_stands_where_the_study_says(indentation):
     """At indentation d the rollers of the straight strand would be d deep in the bar's face, at both of its ends."""
     values = study("guide-indentation")

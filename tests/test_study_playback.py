@@ -11,9 +11,10 @@ from test_drive_physics import two_sprockets
 from test_pictures import headless
 
 from warpchain import Record, simulate, write_archive
+from warpchain.cli import main
 from warpchain.errors import StudyError
 from warpchain.study.playback import log_scatters, recorded_variants, view_study
-from warpchain.study.results import read_results
+from warpchain.study.results import export_table, read_results
 
 ROOT = Path(__file__).resolve().parent.parent
 TORQUES = (100.0, 200.0, 300.0, 400.0, 500.0)
@@ -97,6 +98,16 @@ def test_recording_is_whole_and_alone(study, tmp_path):
     with pytest.raises(StudyError, match="nothing to draw"):
         view_study(read_results(results.table, ["law"]), save=tmp_path / "t.rrd")
     assert [path.name for path in tmp_path.iterdir()] == ["s.rrd"]
+
+
+def test_command_saves_a_recording(study, tmp_path, capsys):
+    results, folder = study
+    export_table(results.table, folder / "results.parquet")
+    save, factors = tmp_path / "s.rrd", ["--factor", "torque"]
+    assert main(["study", "view", str(folder), "--save", str(save), "--variant", "3", *factors]) == 0
+    assert save.stat().st_size > 100_000
+    assert main(["study", "view", str(folder), "--save", str(save), "--variant", "2", *factors]) == 2
+    assert "variant 2 was not recorded" in capsys.readouterr().err
 
 
 @pytest.mark.viewer

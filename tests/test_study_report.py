@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -171,6 +172,16 @@ def test_a_study_tells_of_itself(tmp_path):
     assert "<h1>Load &amp; place</h1>" in html
     assert "kind = sobol, count = 120" in html
     assert "a &lt; b" in html
+
+
+def test_examples_of_the_documents_run(tmp_path, monkeypatch):
+    pytest.importorskip("SALib")
+    text = (Path(__file__).resolve().parent.parent / "docs" / "analysis.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    for code in re.findall(r"```python\n(.*?)```", text, re.S):
+        exec(compile(code, "analysis.md", "exec"), {})
+    assert "Camshaft torque" in (tmp_path / "torques.html").read_text()
+    assert read_results(tmp_path / "design.csv", ["torque", "speed"]).table.num_rows == 1024
 
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.errors import WarpchainError
-from warpchain.study.report_cli import add_command
+from warpchain.study.report_cli import add_report_commands
 
 DONE, UNFINISHED, WRONG = 0, 1, 2
 
@@ -124,7 +124,7 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
 
     study = commands.add_parser("study", help="what a design of experiments came to")
-    add_command(study.add_subparsers(dest="study_command", metavar="COMMAND", required=True))
+    add_report_commands(study.add_subparsers(dest="study_command", metavar="COMMAND", required=True))
     return top
 
 

@@ -1,59 +1,103 @@
-"""The command `warpchain study report`."""
+"""The commands `warpchain study report | view`: options and bodies."""
 
 from __future__ import annotations
 
 import argparse
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from warpchain.errors import StudyError
+
+if TYPE_CHECKING:
+    from warpchain.study.results import Results
 
 TABLES = ("results.parquet", "results.csv")
 """Where a study's folder keeps its table."""
 
 
-def add_command(commands: Any) -> None:
-    """Adds the command to the subparsers of `warpchain study`."""
-    text = "write a study's report as one HTML page"
+def add_report_commands(commands: Any) -> None:
+    """Adds the commands to the subparsers of `warpchain study`; each sets `study_run`, the function that does it."""
+    page = _add(commands, "report", report, "write a study's report as one HTML page", "DIR -o report.html")
+    page.add_argument("-o", "--output", metavar="report.html", type=Path, required=True, help="the page to write")
+    page.add_argument("--title", help="heading of the page")
+    page.add_argument("--table", metavar="FILE", type=Path, help="also write the table, as .csv or .parquet")
+
+    scatter = _add(
+        commands, "view", view, "show a study in Rerun, beside its recorded variants", "DIR --save study.rrd"
+    )
+    scatter.add_argument("--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening it")
+    scatter.add_argument("--variant", metavar="I", type=int, action="append", help="a recorded variant (repeatable)")
+
+
+def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
     parser = commands.add_parser(
-        "report",
+        name,
         help=text,
         description=text[0].upper() + text[1:] + ".",
-        epilog="example:\n  warpchain study report DIR -o report.html --minimize tension_max --minimize tension_std",
+        epilog=f"example:\n  warpchain study {name} {example} --minimize tension_max --minimize tension_std",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("study", metavar="DIR", type=Path, help="a study's folder, or its table (.parquet, .csv)")
-    parser.add_argument("-o", "--output", metavar="report.html", type=Path, required=True, help="the page to write")
-    parser.add_argument("--title", help="heading of the page")
-    for name, words in (
+    for option, words in (
         ("--factor", "a column that was varied; default those that the table marks"),
         ("--metric", "a metric to show; default the telling ones"),
         ("--minimize", "an objective of the Pareto front, low is good"),
         ("--maximize", "an objective of the Pareto front, high is good"),
     ):
-        parser.add_argument(name, metavar="NAME", action="append", default=[], help=f"{words} (repeatable)")
-    parser.add_argument("--table", metavar="FILE", type=Path, help="also write the table, as .csv or .parquet")
-    parser.set_defaults(run=report, study_run=report)
+        parser.add_argument(option, metavar="NAME", action="append", default=[], help=f"{words} (repeatable)")
+    parser.set_defaults(run=run, study_run=run)
+    return parser
 
 
 def report(arguments: argparse.Namespace) -> int:
-    """Body of the command."""
+    """Body of `warpchain study report`."""
     from warpchain.study.report import write_report
-    from warpchain.study.results import export_table, read_results
+    from warpchain.study.results import export_table
 
-    path = table_path(arguments.study)
-    results = read_results(path, arguments.factor or None)
-    objectives = dict.fromkeys(arguments.minimize, "min") | dict.fromkeys(arguments.maximize, "max")
+    path, results = _read(arguments)
     notes = about(path.parent)
     title = arguments.title or notes.pop("name", None) or arguments.study.resolve().stem
     page = write_report(
-        results, arguments.output, title, metrics=tuple(arguments.metric), objectives=objectives or None, notes=notes
+        results,
+        arguments.output,
+        title,
+        metrics=tuple(arguments.metric),
+        objectives=_objectives(arguments),
+        notes=notes,
     )
     print(page)
     if arguments.table is not None:
         print(export_table(results.table, arguments.table))
     return 0
+
+
+def view(arguments: argparse.Namespace) -> int:
+    """Body of `warpchain study view`."""
+    from warpchain.study.playback import recorded_variants, view_study
+
+    path, results = _read(arguments)
+    asked = arguments.variant is not None
+    recorded = (
+        recorded_variants(results, path.parent, arguments.variant)
+        if asked or "archive" in results.table.column_names
+        else None
+    )
+    view_study(results, recorded, arguments.factor, arguments.metric, _objectives(arguments), arguments.save)
+    return 0
+
+
+def _read(arguments: argparse.Namespace) -> tuple[Path, Results]:
+    from warpchain.study.results import read_results
+
+    path = table_path(arguments.study)
+    return path, read_results(path, arguments.factor or None)
+
+
+def _objectives(arguments: argparse.Namespace) -> dict[str, str] | None:
+    found = dict.fromkeys(arguments.minimize, "min") | dict.fromkeys(arguments.maximize, "max")
+    return found or None
 
 
 def table_path(source: Path) -> Path:

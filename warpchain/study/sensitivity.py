@@ -155,7 +155,9 @@ def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_
     if base < 2 or base & (base - 1):
         raise StudyError(f"base = {base}: must be a power of two, at least 2")
     try:
-        values = sobol.sample(dict(problem), base, calc_second_order=second_order, seed=seed)
+        values = sobol.sample(
+            {"num_vars": len(problem["names"]), **problem}, base, calc_second_order=second_order, seed=seed
+        )
     except ValueError as error:
         raise StudyError(f"problem: {str(error).strip().splitlines()[0]}") from None
     return pa.table({name: values[:, k] for k, name in enumerate(problem["names"])})
@@ -225,6 +227,7 @@ def sobol_indices(
     chosen = dict(problem or problem_of(results))
     _check_problem(chosen)
     names = tuple(chosen["names"])
+    chosen["num_vars"] = len(names)
     block = saltelli_block(results, names)
     if not block:
         raise StudyError(f"Sobol' indices of {metric!r}: the rows are no Saltelli design of {', '.join(names)}")
