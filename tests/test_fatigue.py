@@ -87,3 +87,9 @@ def test_refusals():
     for bad in (np.zeros(4), np.full((3, 2), np.nan), np.zeros((0, 2))):
         with pytest.raises(SimulationError, match="finite tensions"):
             damage(bad, Woehler(3.0, 1e3))
+
+
+@pytest.mark.parametrize("arch", [75, 90])
+def test_counter_compiles_for_cuda_without_a_gpu(tmp_path, arch):
+    wp.compile_aot_module(rainflow_kernel.module, device=None, arch=arch, module_dir=str(tmp_path))
+    assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
