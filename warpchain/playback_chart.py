@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 INK, FAINT = (200, 200, 200), (60, 60, 60)
+BACKGROUND = (13, 14, 16)
+"""Of 2D views, in the viewer's light theme too: their colors are made for it."""
 WIDE = 3.6
 """Width of charts that have a tab's whole width, over their height."""
 
@@ -161,4 +163,4 @@ class Chart:
         import rerun.blueprint as rrb
 
         bounds = rrb.VisualBounds2D(x_range=[-0.2, self.width + self.beside], y_range=[-0.1, 1.2])
-        return rrb.Spatial2DView(origin=entity(*self.path), name=name, visual_bounds=bounds)
+        return rrb.Spatial2DView(origin=entity(*self.path), name=name, visual_bounds=bounds, background=BACKGROUND)

@@ -87,6 +87,7 @@ def _scale() -> NDArray[np.uint32]:
 def tension_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
     """Tensions [N] as steps 0 to 255 of the color scale that ends at `top` [N]; not finite: 0."""
     share = np.asarray(tension, dtype=np.float32) * np.float32(255.0 / top)
+    share += np.float32(0.5)
     np.clip(share, 0.0, 255.0, out=share)
     return np.nan_to_num(share, copy=False).astype(np.uint8)
 
