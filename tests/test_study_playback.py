@@ -14,7 +14,10 @@ from test_drive_physics import two_sprockets
 from warpchain import Record, simulate, write_archive
 from warpchain.cli import main
 from warpchain.errors import StudyError
-from warpchain.study.playback import log_scatters, recorded_variants, view_study
+from warpchain.fatigue import Woehler
+from warpchain.objectives import from_trajectory
+from warpchain.study.playback import log_scatters, view_study
+from warpchain.study.recorded import recorded_variants, with_recorded_objectives
 from warpchain.study.results import export_table, read_results
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -96,6 +99,31 @@ def test_recorded_variants_come_from_the_archives(study):
     bare = read_results(results.table.drop_columns(["archive"]), ["torque"])
     with pytest.raises(StudyError, match="recorded no variant"):
         recorded_variants(bare, folder)
+
+
+def test_objectives_of_recorded_variants_join_the_table(study, tmp_path, capsys):
+    results, folder = study
+    curve = Woehler(5.0, 1e4, 1e6)
+    more = with_recorded_objectives(results, folder, curve)
+    column = more.table["damage_per_hour_max"].to_pylist()
+    assert [value is not None for value in column] == [False, True, False, True, False]
+    window = (more.values("window_start")[3], more.values("window_end")[3])
+    assert (
+        column[3] == from_trajectory(recorded_variants(results, folder, [3])[3], *window, curve)["damage_per_hour_max"]
+    )
+    assert "driven.transmission_error_rms" in more.metrics
+    assert more.unit("damage_per_hour_max") == "1/h"
+    export_table(results.table, folder / "results.parquet")
+    command = ["study", "report", str(folder), "-o", str(tmp_path / "r.html"), "--factor", "torque"]
+    table = tmp_path / "t.parquet"
+    metric = ["--metric", "tension_max", "--table", str(table)]
+    assert main([*command, *metric, "--fatigue", "5,1e4,1e6"]) == 0
+    assert read_results(table, ["torque"]).table["damage_per_hour_max"].to_pylist() == column
+    with pytest.raises(SystemExit):
+        main([*command, "--fatigue", "5"])
+    assert "must be three numbers" in capsys.readouterr().err
+    assert main([*command, "--fatigue", "0,1e4,1e6"]) == 2
+    assert "fatigue.exponent" in capsys.readouterr().err
 
 
 def test_recording_is_whole_and_alone(study, tmp_path):

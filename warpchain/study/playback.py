@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 INPUTS, METRICS = 3, 4
 """Most factors and metrics that scatters are drawn for when not told."""
-RECORDED = 4
-"""Most recorded variants that are played when not told."""
 FRAMES = 400
 """Frames that a recorded variant is drawn with, evenly spaced; its curve keeps all."""
 KINDS = {
@@ -36,36 +34,6 @@ KINDS = {
     "recorded variants": ((240, 90, 60), 5.0),
 }
 """Color and size of each kind of dot."""
-
-
-def recorded_variants(
-    results: Results, folder: str | Path, variants: Sequence[int] | None = None
-) -> dict[int, Trajectory]:
-    """Trajectories by variant of a study, from the archives that its table names.
-
-    Args:
-        results: with columns `archive` (file in the folder) and `archive_variant` (number in it).
-        folder: the study's.
-        variants: which; None takes the first `RECORDED` that were recorded.
-
-    Raises:
-        StudyError: a variant that was not recorded.
-        ArchiveError: an archive that cannot be read.
-    """
-    from warpchain.archive import read_archive
-
-    names = results.table.column_names
-    if "archive" not in names or "archive_variant" not in names:
-        raise StudyError("the study recorded no variant: its table has no column 'archive'")
-    archives, numbers = (results.table[name].to_pylist() for name in ("archive", "archive_variant"))
-    rows = zip(results.variants.tolist(), archives, numbers, strict=True)
-    held = {variant: (archive, number) for variant, archive, number in rows if archive is not None}
-    chosen = list(held)[:RECORDED] if variants is None else list(variants)
-    for variant in chosen:
-        if variant not in held:
-            known = ", ".join(map(str, list(held)[:20])) or "none"
-            raise StudyError(f"variant {variant} was not recorded (recorded: {known})")
-    return {v: read_archive(Path(folder) / held[v][0])[int(held[v][1])] for v in chosen}
 
 
 def view_study(
@@ -80,7 +48,7 @@ def view_study(
 
     Args:
         results: the study's results.
-        recorded: trajectories to play, by the study's variant (see `recorded_variants`).
+        recorded: trajectories to play, by the study's variant (see `study.recorded.recorded_variants`).
         factors: across the scatters; none takes the numeric ones that explain most.
         metrics: up the scatters; none takes the telling ones.
         objectives: "min" or "max" by metric: marks the Pareto front.

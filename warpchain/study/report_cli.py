@@ -22,6 +22,13 @@ def add_report_commands(commands: Any) -> None:
     page = _add(commands, "report", report, "write a study's report as one HTML page", "DIR -o report.html")
     page.add_argument("-o", "--output", metavar="report.html", type=Path, required=True, help="the page to write")
     page.add_argument("--title", help="heading of the page")
+    page.add_argument("--recorded", action="store_true", help="with the objectives of recorded variants")
+    page.add_argument(
+        "--fatigue",
+        metavar="M,RANGE,CYCLES",
+        type=_curve,
+        help="with their fatigue too: Woehler exponent, and the range [N] that a link endures for so many cycles",
+    )
     page.add_argument("--table", metavar="FILE", type=Path, help="also write the table, as .csv or .parquet")
 
     scatter = _add(
@@ -51,6 +58,16 @@ def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], tex
     return parser
 
 
+def _curve(word: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in word.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 3:
+        raise argparse.ArgumentTypeError(f"{word!r}: must be three numbers M,RANGE,CYCLES such as 5,2e5,1e6")
+    return values
+
+
 def report(arguments: argparse.Namespace) -> int:
     """Body of `warpchain study report`."""
     from warpchain.study.report import write_report
@@ -58,6 +75,12 @@ def report(arguments: argparse.Namespace) -> int:
 
     path, results = _read(arguments)
     notes = about(path.parent)
+    if arguments.recorded or arguments.fatigue is not None:
+        from warpchain.fatigue import Woehler
+        from warpchain.study.recorded import with_recorded_objectives
+
+        curve = None if arguments.fatigue is None else Woehler(*arguments.fatigue)
+        results = with_recorded_objectives(results, path.parent, curve)
     title = arguments.title or notes.pop("name", None) or arguments.study.resolve().stem
     page = write_report(
         results,
@@ -75,7 +98,8 @@ def report(arguments: argparse.Namespace) -> int:
 
 def view(arguments: argparse.Namespace) -> int:
     """Body of `warpchain study view`."""
-    from warpchain.study.playback import recorded_variants, view_study
+    from warpchain.study.playback import view_study
+    from warpchain.study.recorded import recorded_variants
 
     path, results = _read(arguments)
     asked = arguments.variant is not None
