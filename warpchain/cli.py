@@ -123,7 +123,9 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("-o", "--output", metavar="OUT.npz", type=Path, required=True, help="file to write")
     export.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
 
-    study = commands.add_parser("study", help="what a design of experiments came to")
+    study = _add(
+        commands, "study", _study, "what a design of experiments came to", "warpchain study report DIR -o report.html"
+    )
     add_report_commands(study.add_subparsers(dest="study_command", metavar="COMMAND", required=True))
     return top
 
@@ -256,6 +258,11 @@ def _export(arguments: argparse.Namespace) -> int:
 
     print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
     return DONE
+
+
+def _study(arguments: argparse.Namespace) -> int:
+    _start_warp()
+    return int(arguments.study_run(arguments))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

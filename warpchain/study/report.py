@@ -61,7 +61,7 @@ def report_html(
     Args:
         results: the study's results.
         title: heading of the page.
-        metrics: those to show; none takes the telling ones.
+        metrics: those to show; none takes the objectives and the telling ones.
         objectives: "min" or "max" by metric, for the Pareto front; None takes the first two metrics, both low.
         notes: further lines about the study, by name: its design, its drive, its seed.
 
@@ -72,7 +72,8 @@ def report_html(
         raise StudyError("the study has no variant yet: nothing to report")
     for metric in metrics:
         results.values(metric)
-    shown = tuple(metrics) or telling_metrics(results)
+    wanted = tuple(metric for metric in objectives or () if metric not in results.factors)
+    shown = tuple(metrics) or tuple(dict.fromkeys((*wanted, *telling_metrics(results))))[: max(SHOWN, len(wanted))]
     chosen = dict(objectives or {metric: "min" for metric in shown[:2]})
     enough = tuple(m for m in shown if results.rows_for(m).sum() >= 3)
     effects = {metric: main_effects(results, metric) for metric in enough}

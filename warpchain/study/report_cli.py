@@ -54,7 +54,7 @@ def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], tex
         ("--maximize", "an objective of the Pareto front, high is good"),
     ):
         parser.add_argument(option, metavar="NAME", action="append", default=[], help=f"{words} (repeatable)")
-    parser.set_defaults(run=run, study_run=run)
+    parser.set_defaults(study_run=run)
     return parser
 
 
