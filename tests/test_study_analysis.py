@@ -144,6 +144,17 @@ def test_tied_factors_count_once():
     assert fit_surface(table, "y").r2 == pytest.approx(1.0, abs=1e-12)
 
 
+def test_rows_without_a_factors_value_are_left_out():
+    a = [0.0, 1.0, None, 3.0, 4.0, 5.0]
+    table = results({"a": a, "teeth": [20, 21, 22, 23, 21, 20], "y": [0.0, 2.0, 99.0, 6.0, 8.0, 10.0]}, ["a", "teeth"])
+    assert fit_surface(table, "y", ("a",)).r2 == pytest.approx(1.0, abs=1e-12)
+    assert fit_surface(table, "y", ("a",)).rows == 5
+    assert correlation(table).pearson[0, 0] == pytest.approx(1.0, abs=1e-12)
+    effects = {effect.factor: effect for effect in main_effects(table, "y")}
+    assert effects["a"].means.tolist() == [0.0, 2.0, 6.0, 8.0, 10.0]
+    assert effects["teeth"].means.tolist() == [5.0, 5.0, 99.0, 6.0]
+
+
 def test_reasons_that_differ_in_numbers_are_one():
     status = ["infeasible"] * 3 + ["diverged", "ok"]
     reasons = ["strain 1e-3 beyond 0.05", "strain -0.2 beyond 0.05", "no place", "diverged at 0.1 s", None]

@@ -105,6 +105,17 @@ def test_few_or_no_variants_are_told_not_analyzed():
         report_html(read_results(none_ok.slice(0, 0), FACTORS))
 
 
+def test_words_and_switches_alone_make_a_page():
+    switches = pa.array([True, False, True, None, False, True])
+    table = pa.table(
+        {"law": list("ababab"), "settle": switches, "y": pa.array([1, 2, None, 4, 5, 6]), "e": pa.nulls(6)}
+    )
+    for factors in (["law"], ["law", "settle"]):
+        html = report_html(read_results(table, factors))
+        assert "Main effects" in html
+        assert "no factor holds numbers that vary" in html or "settle" in factors
+
+
 def test_scatter_without_a_cause_is_called_that():
     rng = np.random.default_rng(0)
     noise = pa.table({"a": rng.random(50), "y": rng.random(50)})

@@ -56,13 +56,14 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
     rows = results.rows_for(metric)
     if rows.sum() < 2:
         raise StudyError(f"metric {metric!r}: {int(rows.sum())} variants have a value, at least 2 are needed")
-    y = results.values(metric)[rows]
+    y = results.values(metric)
     effects = []
     tied = results.ties()
     for factor in [f for f in results.factors if f not in tied] if factors is None else factors:
-        group, labels, centers = _groups(results, factor, rows)
+        held = results.rows_for(metric, [factor])
+        group, labels, centers = _groups(results, factor, held)
         if len(labels) > 1:
-            effects.append(_effect(factor, labels, centers, group, y))
+            effects.append(_effect(factor, labels, centers, group, y[held]))
     return sorted(effects, key=lambda effect: -effect.span)
 
 
@@ -139,7 +140,7 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
     pearson, spearman, counts = np.zeros(shape), np.zeros(shape), np.zeros(len(chosen), dtype=np.int64)
     inputs = [results.values(factor) for factor in factors]
     for b, metric in enumerate(chosen):
-        rows, y = results.rows_for(metric), results.values(metric)
+        rows, y = results.rows_for(metric, factors), results.values(metric)
         counts[b] = rows.sum()
         if counts[b] < 3:
             raise StudyError(f"metric {metric!r}: {counts[b]} variants have a value, at least 3 are needed")

@@ -76,8 +76,17 @@ class Results:
         return [(alike[0], first[alike], count) for alike, count in counts.most_common()]
 
     def numeric(self, name: str) -> bool:
-        """Whether a column holds numbers."""
+        """Whether a column holds numbers.
+
+        Raises:
+            StudyError: no such column.
+        """
+        self._known(name)
         return _is_numeric(self.table, name)
+
+    def _known(self, name: str) -> None:
+        if name not in self.table.column_names:
+            raise StudyError(f"column {name!r}: not in the table; it has {_some(self.table.column_names)}")
 
     def values(self, name: str) -> Array:
         """A numeric column (R,), NaN where it is empty.
@@ -85,14 +94,13 @@ class Results:
         Raises:
             StudyError: no such column, or not a column of numbers.
         """
-        if name not in self.table.column_names:
-            raise StudyError(f"column {name!r}: not in the table; it has {_some(self.table.column_names)}")
         if not self.numeric(name):
             raise StudyError(f"column {name!r}: holds {self.table.schema.field(name).type}, numbers are needed here")
         return np.array(self.table[name].cast("float64").to_numpy(), dtype=float)
 
     def labels(self, name: str) -> list[str]:
         """Any column as words."""
+        self._known(name)
         return [str(value) for value in self.table[name].to_pylist()]
 
     def unit(self, name: str) -> str:
@@ -103,9 +111,13 @@ class Results:
         unit = noted.decode() if noted else unit_of(name) if name in self.metrics else ""
         return "" if unit == "1" else unit
 
-    def rows_for(self, metric: str) -> NDArray[np.bool_]:
-        """Rows that ran to their end and have a finite value of a metric (R,)."""
-        return self.ok & np.isfinite(self.values(metric))
+    def rows_for(self, metric: str, factors: Iterable[str] = ()) -> NDArray[np.bool_]:
+        """Rows that ran to their end and have a finite value of a metric, and of numeric factors (R,)."""
+        rows = self.ok & np.isfinite(self.values(metric))
+        for factor in factors:
+            if self.numeric(factor):
+                rows &= np.isfinite(self.values(factor))
+        return rows
 
     def numeric_factors(self) -> tuple[str, ...]:
         """The factors that hold numbers and take more than one value."""

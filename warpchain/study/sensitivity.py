@@ -168,11 +168,13 @@ def saltelli_block(results: Results, factors: Sequence[str]) -> int:
 
     A block is a row of A, the same with each factor in turn from B (and, for the longer one, the reverse), and B's row.
     """
+    count = len(factors)
+    if count < 2:
+        return 0
     order = np.argsort(results.variants, kind="stable")
     values = np.stack([results.values(name)[order] for name in factors], axis=1)
-    count = len(factors)
     for block in (count + 2, 2 * count + 2):
-        if len(values) < 2 * block or len(values) % block or count < 2:
+        if len(values) < 2 * block or len(values) % block:
             continue
         blocks = values.reshape(-1, block, count)
         own = np.eye(count, dtype=bool)

@@ -107,8 +107,8 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
         StudyError: no numeric factor, fewer variants than a plane has terms (and one more), or factors that the
             design does not tell apart.
     """
-    rows = results.rows_for(metric)
     chosen = tuple(factors or results.independent_factors())
+    rows = results.rows_for(metric, chosen)
     if not chosen:
         raise StudyError(f"response surface of {metric!r}: no factor holds numbers that vary")
     values = np.stack([results.values(factor)[rows] for factor in chosen], axis=1)
