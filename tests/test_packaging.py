@@ -65,7 +65,7 @@ def installed_files(wheel):
 def test_wheels_hold_the_sources_and_nothing_else(wheels):
     sources = {
         f"warpchain/{path.relative_to(ROOT / 'warpchain')}": path.read_bytes()
-        for folder in ("", "kernels", "drives", "study")
+        for folder in ("", "kernels", "drives", "study", "study/examples")
         for path in (ROOT / "warpchain" / folder).iterdir()
         if path.suffix in (".py", ".toml")
     }

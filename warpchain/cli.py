@@ -14,10 +14,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from warpchain import cli_commands as do
+from warpchain.cli_commands import DONE, UNFINISHED, WRONG
 from warpchain.errors import WarpchainError
 from warpchain.study.command import add_commands
-
-DONE, UNFINISHED, WRONG = 0, 1, 2
+from warpchain.study.report_cli import add_report_commands
 
 EPILOG = """examples:
   warpchain check marine
@@ -83,18 +84,18 @@ def parser() -> argparse.ArgumentParser:
     drive_help = "drive file (TOML), or the name of an example drive such as marine"
 
     check = _add(
-        commands, "check", _check, "print what a drive amounts to, without running it", "warpchain check marine"
+        commands, "check", do.check, "print what a drive amounts to, without running it", "warpchain check marine"
     )
     check.add_argument("drive", metavar="DRIVE", help=drive_help)
     check.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
     check.add_argument("--json", action="store_true", help="as JSON, in SI units")
 
-    _add(commands, "chains", _chains, "list the chains of ISO 606 that size = names", "warpchain chains")
+    _add(commands, "chains", do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
 
     fit = _add(
         commands,
         "fit",
-        _fit,
+        do.fit,
         "move a sprocket or pick the links for a wanted strain, preload or sag, in the drive file",
         "warpchain fit drive.toml --sprocket tightener --along 1,0 --preload 5000",
     )
@@ -112,7 +113,7 @@ def parser() -> argparse.ArgumentParser:
     run = _add(
         commands,
         "run",
-        _run,
+        do.run,
         "simulate a drive and write an archive",
         "warpchain run marine -o marine.mcap --set run.duration=0.5 --rate 2000",
     )
@@ -136,7 +137,7 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
 
-    view = _add(commands, "view", _view, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd")
+    view = _add(commands, "view", do.view, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd")
     view.add_argument("archive", metavar="OUT.mcap", type=Path)
     view.add_argument(
         "--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening the viewer"
@@ -154,7 +155,7 @@ def parser() -> argparse.ArgumentParser:
     view.add_argument("--web", action="store_true", help="serve the web viewer until Ctrl-C")
     view.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
 
-    plot = _add(commands, "plot", _plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
+    plot = _add(commands, "plot", do.plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
     plot.add_argument("archive", metavar="OUT.mcap", type=Path)
     plot.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the figures")
     plot.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
@@ -172,7 +173,7 @@ def parser() -> argparse.ArgumentParser:
     export = _add(
         commands,
         "export",
-        _export,
+        do.export,
         "write an archive's trajectories as numpy arrays",
         "warpchain export marine.mcap -o marine.npz",
     )
@@ -183,7 +184,7 @@ def parser() -> argparse.ArgumentParser:
     recover = _add(
         commands,
         "recover",
-        _recover,
+        do.recover,
         "restore an archive that was cut or damaged, up to its last whole chunk",
         "warpchain recover broken.mcap -o fixed.mcap",
     )
@@ -193,188 +194,13 @@ def parser() -> argparse.ArgumentParser:
     recover.add_argument("-o", "--output", metavar="FIXED.mcap", type=Path, required=True, help="archive to write")
     recover.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
 
-    study = _add(commands, "study", _study, "run a design of experiments", "warpchain study run STUDY.toml -o DIR")
-    add_commands(study.add_subparsers(dest="study_command", metavar="COMMAND", required=True), _bytes)
+    study = _add(
+        commands, "study", do.study, "run and analyze a design of experiments", "warpchain study run STUDY.toml -o DIR"
+    )
+    studies = study.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
+    add_commands(studies, _bytes)
+    add_report_commands(studies)
     return top
-
-
-def _value(word: str) -> Any:
-    """A value as TOML reads it; a word that is not TOML is a text."""
-    import tomllib
-
-    try:
-        table = tomllib.loads(f"value = {word}")
-    except tomllib.TOMLDecodeError:
-        return word
-    return table["value"] if len(table) == 1 else word
-
-
-def _load(arguments: argparse.Namespace) -> Any:
-    from warpchain.drive import load_drive
-    from warpchain.examples import drive_path
-
-    drive = load_drive(drive_path(arguments.drive))
-    changes = {}
-    for change in arguments.set:
-        path, mark, value = change.partition("=")
-        if not mark or not path.strip():
-            raise WarpchainError(f"--set {change}: must be PATH=VALUE, such as run.duration=0.5")
-        changes[path.strip()] = _value(value.strip())
-    return drive.with_values(changes) if changes else drive
-
-
-def _check(arguments: argparse.Namespace) -> int:
-    from warpchain.check import derive, report
-
-    values = derive(_load(arguments))
-    if arguments.json:
-        import json
-
-        print(json.dumps(values, indent=2))
-    else:
-        print(report(values))
-    return DONE
-
-
-def _chains(_: argparse.Namespace) -> int:
-    from warpchain.catalogue import listing
-
-    print(listing())
-    return DONE
-
-
-def _fit(arguments: argparse.Namespace) -> int:
-    from warpchain.fit_file import fit_file
-
-    for line in fit_file(arguments):
-        print(line)
-    return DONE
-
-
-def _run(arguments: argparse.Namespace) -> int:
-    from warpchain.archive_options import ArchiveOptions
-    from warpchain.record import Record
-    from warpchain.simulation import simulate
-
-    options = ArchiveOptions(
-        compression=arguments.compression,
-        values=arguments.values,
-        exact_positions=arguments.exact_positions,
-        split_size=arguments.split_size,
-    )
-    _start_warp()
-    drive = _load(arguments)
-    run = simulate(
-        drive,
-        device=arguments.device,
-        precision=arguments.precision,
-        duration=arguments.duration,
-        step=arguments.step,
-        record=Record(rate=arguments.rate),
-        progress=not arguments.quiet,
-        memory=arguments.memory,
-        archive=arguments.output,
-        archive_options=options,
-        overwrite=arguments.overwrite,
-    )
-    row = run.metrics.to_pylist()[0]
-    for line in _summary(drive, row, run.info.wall_time):
-        print(line)
-    print(f"archive: {arguments.output}; look at it with: warpchain view {arguments.output}")
-    if run.info.ended != "complete":
-        print(f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)")
-    return UNFINISHED if row["diverged"] or run.info.ended != "complete" else DONE
-
-
-def _start_warp() -> None:
-    """Starts Warp without its talk, such as that there is no GPU: the bar and the summary speak."""
-    import os
-
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_ERROR
-    sys.stderr.flush()
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        wp.init()
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
-
-
-def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
-    """What a run came to, in a few lines."""
-    if row["diverged"]:
-        return [
-            f"diverged at {row['diverged_time']:.4g} s: take a smaller step (run.step) or a higher impact_speed_floor"
-        ]
-    if row.get("tension_mean") is None:
-        return [f"{seconds:.1f} s; the window for metrics was not reached"]
-    lines = [
-        f"window {row['window_start']:g} to {row['window_end']:g} s; the run took {seconds:.1f} s",
-        f"tension: mean {row['tension_mean']:.0f} N, from {row['tension_min']:.0f} to {row['tension_max']:.0f} N",
-    ]
-    for sprocket in drive.sprockets:
-        name = sprocket.name
-        lines.append(
-            f"{name}: speed {row[f'{name}.speed_mean']:.5g} rad/s, moment {row[f'{name}.moment_mean']:.5g} N m, "
-            f"largest contact force {row[f'{name}.force_max']:.0f} N, {row[f'{name}.impacts']} impacts"
-        )
-    residual = row["energy_residual_relative"]
-    lines.append(f"energy: in {row['input_work']:.5g} J, out {row['output_work']:.5g} J, residual {residual:+.1e}")
-    if row.get("settle_residual") is not None and row["settle_residual"] > 1e-3:
-        lines.append(f"settling stopped at a residual of {row['settle_residual']:.2g} of the largest link force")
-    return lines
-
-
-def _view(arguments: argparse.Namespace) -> int:
-    from warpchain.playback import FRAMES, view
-
-    view(
-        arguments.archive,
-        variant=arguments.variant,
-        save=arguments.save,
-        compare=arguments.compare,
-        frames=FRAMES if arguments.frames is None else arguments.frames,
-        web=arguments.web,
-        bind=arguments.bind,
-        tab=arguments.tab,
-    )
-    return DONE
-
-
-def _plot(arguments: argparse.Namespace) -> int:
-    from warpchain.plots import plot_figures, plot_sweep
-
-    if arguments.sweep is not None:
-        paths = plot_sweep([arguments.archive, *arguments.sweep], arguments.output, arguments.format)
-    else:
-        chosen = {"variant": arguments.variant, "only": arguments.only, "roller": arguments.roller}
-        paths = plot_figures(arguments.archive, arguments.output, kind=arguments.format, **chosen)
-    for path in paths:
-        print(path)
-    return DONE
-
-
-def _export(arguments: argparse.Namespace) -> int:
-    from warpchain.export import export_npz
-
-    print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
-    return DONE
-
-
-def _recover(arguments: argparse.Namespace) -> int:
-    from warpchain.archive_recover import recover_archive
-
-    print(recover_archive(arguments.archive, arguments.output, arguments.overwrite))
-    return DONE
-
-
-def _study(arguments: argparse.Namespace) -> int:
-    _start_warp()
-    return int(arguments.study_run(arguments))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,7 +1,19 @@
-"""The table of metrics: one row a variant, from what the kernels added up over the window."""
+"""The table of metrics: one row a variant, from what the kernels added up over the window.
+
+Beside means and extremes there are numbers that designs are judged by (`design_row`). With E the energy that a
+partner's contacts dissipate in the window, n_d the driver's revolutions, n_s a sprocket's tooth passings, m a roller's
+mass:
+
+    peak factor    = largest over mean tension                                                                (a)
+    contact energy per revolution = E / n_d, a wear index: what the contacts have to take up                  (b)
+    impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
+
+There is no friction in the model: (b) is the work of normal impacts, not of sliding in the bushings.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +37,8 @@ UNITS = {
     "dissipated": "J",
     "work": "J",
     "energy": "J",
+    "error": "rad",
+    "hour": "1/h",
     "time": "s",
     "start": "s",
     "end": "s",
@@ -116,6 +130,42 @@ def _energy_row(drive: Drive, chain: Any, sprockets: Any, contacts: Any) -> Row:
     }
 
 
+def driver(drive: Drive) -> int:
+    """Index of the first prescribed sprocket, which revolutions are counted by."""
+    return next(s for s, sprocket in enumerate(drive.sprockets) if sprocket.prescribed is not None)
+
+
+def design_row(drive: Drive, metrics: Row) -> Row:
+    """What designs are judged by, from the other metrics of a variant; see the module's (a) to (c).
+
+    What needs turning sprockets is left out where they stand still.
+    """
+    row: Row = {}
+    if metrics["tension_mean"] > 0.0:
+        row["peak_factor"] = metrics["tension_max"] / metrics["tension_mean"]
+    for strand in drive.strand_names:
+        mean = metrics.get(f"{strand}.tension_mean")
+        if mean is not None and mean > 0.0:
+            row[f"{strand}.peak_factor"] = metrics[f"{strand}.tension_max"] / mean
+        mean, rms = metrics.get(f"{strand}.displacement_mean"), metrics.get(f"{strand}.displacement_rms")
+        if mean is not None and rms is not None:
+            row[f"{strand}.displacement_std"] = math.sqrt(max(rms * rms - mean * mean, 0.0))
+    seconds = metrics["window_end"] - metrics["window_start"]
+    turns = {s.name: abs(metrics[f"{s.name}.speed_mean"]) * seconds / (2.0 * math.pi) for s in drive.sprockets}
+    driven_by = turns[drive.sprockets[driver(drive)].name]
+    names = [s.name for s in drive.sprockets] + [g.name for g in drive.guides]
+    if driven_by > 0.0:
+        for name in names:
+            row[f"{name}.contact_energy_per_revolution"] = metrics[f"{name}.dissipated"] / driven_by
+        row["contact_energy_per_revolution"] = sum(metrics[f"{name}.dissipated"] for name in names) / driven_by
+    for sprocket in drive.sprockets:
+        passings = sprocket.teeth * turns[sprocket.name]
+        if passings > 0.0:
+            lost = max(metrics[f"{sprocket.name}.dissipated"], 0.0)
+            row[f"{sprocket.name}.impact_impulse"] = math.sqrt(2.0 * drive.chain.mass * lost / passings)
+    return row
+
+
 def row_of(drive: Drive, schedule: Schedule, sums: dict[str, Any], steps: int, diverged: bool) -> Row:
     """One variant's metrics.
 
@@ -136,7 +186,8 @@ def row_of(drive: Drive, schedule: Schedule, sums: dict[str, Any], steps: int, d
         row |= _sprocket_row(sprocket.name, values, duration)
     for name, values in zip(names, sums["contact"], strict=True):
         row |= _contact_row(name, values)
-    return row | _energy_row(drive, sums["chain"], sums["sprocket"], sums["contact"])
+    row |= _energy_row(drive, sums["chain"], sums["sprocket"], sums["contact"])
+    return row | design_row(drive, row)
 
 
 def split_sums(sums: dict[str, Any], packed: Packed, variant: int) -> dict[str, Any]:

@@ -1,0 +1,136 @@
+"""Pieces of a self-contained HTML page: tables, figures as data in the page, style. Nothing is fetched."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STYLE = """
+:root { color-scheme: light; }
+body { font: 16px/1.5 system-ui, "DejaVu Sans", Arial, sans-serif; margin: 0; }
+body { color: #22303c; background: #f6f7f9; }
+main { max-width: 1180px; margin: 0 auto; padding: 1.2rem 1.5rem 4rem; }
+h1 { font-size: 1.7rem; margin: 0.6rem 0 0.2rem; }
+h2 { font-size: 1.25rem; margin: 0 0 0.4rem; }
+h3 { font-size: 1rem; margin: 1.2rem 0 0.3rem; }
+section { background: white; border: 1px solid #dde2e7; border-radius: 8px; padding: 1rem 1.3rem; margin: 1rem 0; }
+nav a { margin-right: 1rem; white-space: nowrap; }
+a { color: #1f5f8b; }
+p, ul { margin: 0.4rem 0; max-width: 75ch; }
+.muted { color: #5d6b78; font-size: 0.92rem; }
+.counts { display: flex; gap: 0.8rem; flex-wrap: wrap; margin: 0.6rem 0; }
+.counts div { border-radius: 8px; padding: 0.5rem 1.1rem; background: #eef2f6; min-width: 7rem; }
+.counts b { font-size: 1.6rem; display: block; }
+.counts .ok { background: #e3f3e8; }
+.counts .infeasible { background: #fdf3d8; }
+.counts .diverged { background: #fbe3e4; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-size: 0.9rem; margin: 0.5rem 0; }
+th, td { border-bottom: 1px solid #e4e8ec; padding: 0.25rem 0.7rem; text-align: left; vertical-align: top; }
+th { background: #f1f4f7; font-weight: 600; }
+td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
+img { max-width: 100%; height: auto; display: block; margin: 0.6rem 0; }
+@media print { body { background: white; } section { border: 0; padding: 0; } nav { display: none; } }
+"""
+
+
+class Section(NamedTuple):
+    """A part of the page with an anchor."""
+
+    name: str
+    title: str
+    parts: tuple[str, ...]
+
+    def html(self) -> str:
+        """The section as HTML."""
+        inside = "\n".join(part for part in self.parts if part)
+        return f'<section id="{escape(self.name)}">\n<h2>{escape(self.title)}</h2>\n{inside}\n</section>'
+
+
+def page(title: str, sections: Sequence[Section]) -> str:
+    """A whole HTML document: heading, links to the sections, sections."""
+    links = " ".join(f'<a href="#{escape(s.name)}">{escape(s.title)}</a>' for s in sections)
+    body = "\n".join([f"<h1>{escape(title)}</h1>", f"<nav>{links}</nav>", *(s.html() for s in sections)])
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>{STYLE}</style>\n</head>\n'
+        f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
+    )
+
+
+def section(name: str, title: str, *parts: str) -> Section:
+    """A section of these parts; empty ones are left out."""
+    return Section(name, title, parts)
+
+
+def heading(words: str) -> str:
+    """A heading inside a section."""
+    return f"<h3>{escape(words)}</h3>"
+
+
+def text(words: str, muted: bool = False) -> str:
+    """A paragraph."""
+    return f'<p class="muted">{escape(words)}</p>' if muted else f"<p>{escape(words)}</p>"
+
+
+def bullets(lines: Iterable[str]) -> str:
+    """A list."""
+    return "<ul>\n" + "\n".join(f"<li>{escape(line)}</li>" for line in lines) + "\n</ul>"
+
+
+def number(value: float, digits: int = 5) -> str:
+    """A number as engineers write it: plain from 0.001 to a million, with a power of ten beyond."""
+    if value != value:
+        return "\N{EN DASH}"
+    size = abs(value)
+    if not 1e-3 <= size < 1e6:
+        return f"{value:.{digits}g}"
+    decimals = max(0, digits - 1 - math.floor(math.log10(size)))
+    plain = f"{value:.{decimals}f}"
+    return plain.rstrip("0").rstrip(".") if decimals else plain
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "\N{EN DASH}"
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def _breakable(word: str) -> str:
+    """A column's name that may be broken behind its dots and underscores."""
+    return re.sub(r"([._])", r"\1<wbr>", escape(word))
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A table; columns of numbers are set to the right."""
+    rows = [list(row) for row in rows]
+    right = [
+        bool(rows) and all(isinstance(row[k], int | float) or row[k] is None for row in rows) for k in range(len(heads))
+    ]
+    kinds = [' class="n"' if r else "" for r in right]
+    head = "".join(f"<th{kind}>{_breakable(word)}</th>" for word, kind in zip(heads, kinds, strict=True))
+    lines = (
+        "<tr>" + "".join(f"<td{k}>{escape(_cell(v))}</td>" for v, k in zip(row, kinds, strict=True)) + "</tr>"
+        for row in rows
+    )
+    return f'<div class="wide"><table>\n<tr>{head}</tr>\n' + "\n".join(lines) + "\n</table></div>"
+
+
+def picture(figure: Figure, words: str) -> str:
+    """A figure as SVG data in the page; `words` is what it is called by those who cannot see it."""
+    import matplotlib
+
+    buffer = io.BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "warpchain", "svg.fonttype": "path"}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=110)
+    data = base64.b64encode(buffer.getvalue()).decode()
+    width = int(72 * figure.get_figwidth() * 1.25)
+    return f'<img src="data:image/svg+xml;base64,{data}" width="{width}" alt="{escape(words)}">'

@@ -1,0 +1,208 @@
+"""A study in Rerun: scatters of its factors against its metrics, beside the variants that were recorded."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.archive_schema import tension_color
+from warpchain.errors import StudyError
+from warpchain.playback_chart import Chart, around
+from warpchain.playback_columns import TIMELINE, entity, flipped
+from warpchain.record import Trajectory
+from warpchain.scene import tooth_outline
+from warpchain.study.pareto import pareto_front
+from warpchain.study.report import telling_metrics
+from warpchain.study.results import Results, write_whole
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+INPUTS, METRICS = 3, 4
+"""Most factors and metrics that scatters are drawn for when not told."""
+FRAMES = 400
+"""Frames that a recorded variant is drawn with, evenly spaced; its curve keeps all."""
+KINDS = {
+    "variants": ((140, 140, 140), 2.5),
+    "Pareto front": ((240, 200, 60), 4.0),
+    "recorded variants": ((240, 90, 60), 5.0),
+}
+"""Color and size of each kind of dot."""
+
+
+def view_study(
+    results: Results,
+    recorded: Mapping[int, Trajectory] | None = None,
+    factors: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+    objectives: Mapping[str, str] | None = None,
+    save: str | Path | None = None,
+) -> None:
+    """Shows a study in the Rerun viewer, or saves it as a Rerun recording.
+
+    Args:
+        results: the study's results.
+        recorded: trajectories to play, by the study's variant (see `study.recorded.recorded_variants`).
+        factors: across the scatters; none takes the numeric ones that explain most.
+        metrics: up the scatters; none takes the telling ones.
+        objectives: "min" or "max" by metric: marks the Pareto front.
+        save: file (.rrd) to write instead of opening the viewer; it appears under this name only when whole.
+
+    Raises:
+        StudyError: an unknown column, nothing to draw, a file that cannot be written, no viewer to open.
+    """
+    import rerun as rr
+
+    stream = rr.RecordingStream("warpchain-study", recording_id=None)
+    if save is None:
+        try:
+            rr.spawn(connect=True, recording=stream, detach_process=True)
+        except Exception as error:  # the viewer is another program: whatever it says is for the user
+            raise StudyError(f"the Rerun viewer does not open ({error}); save a recording instead") from None
+        stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
+        stream.flush()
+        return
+    target = Path(save)
+    written = target.with_name(f".{target.stem}.{os.getpid()}.rrd")
+    try:
+        written.touch()
+        stream.save(written)
+        stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
+        stream.flush()
+        stream.disconnect()
+        write_whole(target, lambda file: file.write(written.read_bytes()))
+    except OSError as error:
+        raise StudyError(f"{target}: cannot be written ({error.strerror or error})") from None
+    finally:
+        written.unlink(missing_ok=True)
+
+
+def log_study(
+    stream: rr.RecordingStream,
+    results: Results,
+    recorded: Mapping[int, Trajectory],
+    factors: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+    objectives: Mapping[str, str] | None = None,
+) -> rrb.Blueprint:
+    """Logs the scatters and the recorded variants; returns the layout: scatters, and beside them a tab a variant."""
+    import rerun.blueprint as rrb
+
+    charts, columns = log_scatters(stream, results, list(recorded), factors, metrics, objectives)
+    scatters = rrb.Grid(*(chart.view(chart.path[-1]) for chart in charts), grid_columns=columns, name="study")
+    played = [_log_recorded(stream, f"variant {variant}", one) for variant, one in recorded.items()]
+    both = rrb.Horizontal(scatters, rrb.Tabs(*played), column_shares=[3, 2]) if played else scatters
+    return rrb.Blueprint(both, rrb.TimePanel(state="collapsed"), auto_views=False, collapse_panels=True)
+
+
+def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory) -> rrb.Container:
+    """One recorded variant: its chain colored by tension, its turning sprockets, its largest tension over time."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    drive = trajectory.drive
+    for channel in ("position", "tension", "sprocket_angle", "sprocket_center"):
+        if getattr(trajectory, channel) is None:
+            raise StudyError(f"{name} was recorded without {channel}, which this needs")
+    frames = np.unique(np.linspace(0, len(trajectory.time) - 1, FRAMES).round().astype(int))
+    time = [rr.TimeColumn(TIMELINE, duration=trajectory.time[frames])]
+    x = flipped(np.asarray(trajectory.position)[frames])
+    tension = np.asarray(trajectory.tension)
+    top = max(float(np.nanpercentile(tension, 99.9)), 1.0)
+    links = np.stack([x, np.roll(x, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    colors = tension_color(tension[frames], top).reshape(-1, 4)
+    chain = entity(name, "drive", "chain")
+    strips = rr.LineStrips2D.columns(strips=links, colors=colors).partition([drive.chain.links] * len(frames))
+    stream.send_columns(chain, time, strips)
+    stream.log(chain, rr.LineStrips2D.from_fields(radii=[0.3 * drive.chain.roller_radius]), static=True)
+    angles, centers = (
+        np.asarray(trajectory.sprocket_angle)[frames],
+        flipped(np.asarray(trajectory.sprocket_center)[frames]),
+    )
+    for s, sprocket in enumerate(drive.sprockets):
+        path = entity(name, "drive", "sprockets", sprocket.name)
+        c, d = np.cos(angles[:, s, None]), np.sin(angles[:, s, None])
+        outline = np.vstack([[0.0, 0.0], tooth_outline(drive, s, arc_points=4)])
+        turned = np.stack([c * outline[:, 0] - d * outline[:, 1], -d * outline[:, 0] - c * outline[:, 1]], axis=2)
+        teeth = rr.LineStrips2D.columns(strips=(turned + centers[:, None, s]).astype(np.float32)).partition(
+            [1] * len(frames)
+        )
+        stream.send_columns(path, time, teeth)
+        look = rr.LineStrips2D.from_fields(colors=[(130, 130, 130)], radii=rr.Radius.ui_points(0.6), draw_order=-1.0)
+        stream.log(path, look, static=True)
+    curve = entity(name, "tension")
+    stream.log(curve, rr.SeriesLines(names=["largest tension [N]"]), static=True)
+    whole = [rr.TimeColumn(TIMELINE, duration=trajectory.time)]
+    stream.send_columns(curve, whole, rr.Scalars.columns(scalars=tension.max(axis=1).astype(float)))
+    title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
+    moving = rrb.Spatial2DView(origin=entity(name, "drive"), name=title)
+    over_time = rrb.TimeSeriesView(origin=curve, name="largest link tension [N]")
+    return rrb.Vertical(moving, over_time, row_shares=[3, 1], name=name)
+
+
+def log_scatters(
+    stream: rr.RecordingStream,
+    results: Results,
+    recorded: Sequence[int],
+    factors: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+    objectives: Mapping[str, str] | None = None,
+) -> tuple[list[Chart], int]:
+    """Logs one scatter for each factor and metric, a dot a variant that is ok.
+
+    A dot selected in the viewer tells its variant and values.
+
+    Returns:
+        The charts, a factor a row, and the number of columns.
+
+    Raises:
+        StudyError: an unknown column, or no factor or metric that varies.
+    """
+    across = tuple(factors) or _most_telling(results)
+    up = tuple(metrics) or telling_metrics(results)[:METRICS]
+    if not across or not up:
+        raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
+    front = pareto_front(results, objectives) if objectives else np.zeros(0, dtype=np.intp)
+    played = np.flatnonzero(np.isin(results.variants, list(recorded)))
+    members = {  # each variant once, so that dots do not cover each other
+        "variants": np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played)),
+        "Pareto front": np.setdiff1d(front, played),
+        "recorded variants": played,
+    }
+    charts = []
+    for factor in across:
+        x = results.values(factor)
+        for metric in up:
+            y, unit = results.values(metric), results.unit(metric)
+            title = f"{metric} [{unit}]" if unit else metric
+            chart = Chart(stream, ("study", factor, title), around(x, factor), around(y[results.ok], ""), 1.1, few=True)
+            chart.frame()
+            for kind, rows in members.items():
+                rows = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
+                if len(rows):
+                    words = [
+                        f"variant {results.variants[r]}: {factor} = {x[r]:.6g}, {metric} = {y[r]:.6g} {unit}".rstrip()
+                        for r in rows
+                    ]
+                    chart.dots(kind, x[rows], y[rows], words, *KINDS[kind])
+            charts.append(chart)
+    return charts, len(up) if len(across) > 1 else math.ceil(math.sqrt(len(up)))
+
+
+def _most_telling(results: Results) -> tuple[str, ...]:
+    """The numeric factors that explain most of any telling metric, in the study's order."""
+    from warpchain.study.analysis import main_effects
+
+    numeric = results.independent_factors()
+    weights = dict.fromkeys(numeric, 0.0)
+    for metric in telling_metrics(results)[:METRICS]:
+        for effect in main_effects(results, metric, numeric):
+            weights[effect.factor] = max(weights[effect.factor], effect.explained)
+    best = sorted(numeric, key=lambda name: -weights[name])[:INPUTS]
+    return tuple(name for name in numeric if name in best)

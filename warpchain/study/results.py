@@ -1,0 +1,276 @@
+"""A study's results as a table: one row a variant, a column a factor and a metric, and how each variant ended."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import StudyError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Array = NDArray[np.float64]
+STATUSES = ("ok", "infeasible", "diverged")
+BOOKKEEPING = (
+    *("variant", "status", "reason", "archive", "archive_variant", "adjusted_links", "adjusted_travel"),
+    *("diverged", "diverged_time", "window_start", "window_end", "settle_steps", "settle_residual"),
+)
+"""Columns that are neither a factor nor a metric."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """A study's table with its columns told apart.
+
+    Attributes:
+        table: one row a variant.
+        factors: names of the columns that were varied.
+        metrics: names of the numeric columns that were measured.
+    """
+
+    table: pa.Table
+    factors: tuple[str, ...]
+    metrics: tuple[str, ...]
+
+    @property
+    def variants(self) -> NDArray[np.int64]:
+        """Number of each row's variant; the row's own number where the table has none."""
+        if "variant" in self.table.column_names:
+            return np.asarray(self.table["variant"].to_pylist(), dtype=np.int64)
+        return np.arange(self.table.num_rows)
+
+    @property
+    def status(self) -> list[str]:
+        """How each variant ended; "ok" where the table does not tell."""
+        if "status" not in self.table.column_names:
+            return ["ok"] * self.table.num_rows
+        return [str(word) for word in self.table["status"].to_pylist()]
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Whether each variant ran to its end (R,)."""
+        return np.array([word == "ok" for word in self.status], dtype=bool)
+
+    def reasons(self) -> list[tuple[str, str, int]]:
+        """(status, reason, how many) of the variants that are not ok, the most frequent first.
+
+        Reasons that differ in their numbers only count as one, told by its first.
+        """
+        reasons = self.table["reason"].to_pylist() if "reason" in self.table.column_names else [None] * len(self.status)
+        counts: Counter[tuple[str, str]] = Counter()
+        first: dict[tuple[str, str], str] = {}
+        for status, reason in zip(self.status, reasons, strict=True):
+            if status != "ok":
+                alike = status, re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", reason or "not told")
+                counts[alike] += 1
+                first.setdefault(alike, reason or "not told")
+        return [(alike[0], first[alike], count) for alike, count in counts.most_common()]
+
+    def numeric(self, name: str) -> bool:
+        """Whether a column holds numbers.
+
+        Raises:
+            StudyError: no such column.
+        """
+        self._known(name)
+        return _is_numeric(self.table, name)
+
+    def _known(self, name: str) -> None:
+        if name not in self.table.column_names:
+            raise StudyError(f"column {name!r}: not in the table; it has {_some(self.table.column_names)}")
+
+    def values(self, name: str) -> Array:
+        """A numeric column (R,), NaN where it is empty.
+
+        Raises:
+            StudyError: no such column, or not a column of numbers.
+        """
+        if not self.numeric(name):
+            raise StudyError(f"column {name!r}: holds {self.table.schema.field(name).type}, numbers are needed here")
+        return np.array(self.table[name].cast("float64").to_numpy(), dtype=float)
+
+    def labels(self, name: str) -> list[str]:
+        """Any column as words."""
+        self._known(name)
+        return [str(value) for value in self.table[name].to_pylist()]
+
+    def unit(self, name: str) -> str:
+        """Unit of a column: its field's metadata, or else what the name of a metric says; "" for none."""
+        from warpchain.metrics import unit_of
+
+        noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
+        unit = noted.decode() if noted else unit_of(name) if name in self.metrics else ""
+        return "" if unit == "1" else unit
+
+    def rows_for(self, metric: str, factors: Iterable[str] = ()) -> NDArray[np.bool_]:
+        """Rows that ran to their end and have a finite value of a metric, and of numeric factors (R,)."""
+        rows = self.ok & np.isfinite(self.values(metric))
+        for factor in factors:
+            if self.numeric(factor):
+                rows &= np.isfinite(self.values(factor))
+        return rows
+
+    def numeric_factors(self) -> tuple[str, ...]:
+        """The factors that hold numbers and take more than one value."""
+        return tuple(f for f in self.factors if self.numeric(f) and varies(self.values(f)))
+
+    def ties(self) -> dict[str, str]:
+        """The numeric factors that go along with an earlier one in a straight line, and with which."""
+        kept: dict[str, Array] = {}
+        tied: dict[str, str] = {}
+        for name in self.numeric_factors():
+            x = _normal(self.values(name))
+            with_one = next((other for other, y in kept.items() if abs(float(x @ y)) > 1.0 - 1e-9), None)
+            if with_one is None:
+                kept[name] = x
+            else:
+                tied[name] = with_one
+        return tied
+
+    def independent_factors(self) -> tuple[str, ...]:
+        """The numeric factors without those tied to others."""
+        tied = self.ties()
+        return tuple(name for name in self.numeric_factors() if name not in tied)
+
+    def varying_metrics(self) -> tuple[str, ...]:
+        """The metrics that take more than one value among the variants that are ok."""
+        return tuple(m for m in self.metrics if varies(self.values(m)[self.ok]))
+
+
+def _normal(values: Array) -> Array:
+    """Values less their mean, of length one, so that a product of two is their correlation; nothing where empty."""
+    x = np.nan_to_num(values - np.nanmean(values))
+    return x / np.sqrt(x @ x)
+
+
+def varies(values: Array) -> bool:
+    """Whether at least two finite values differ by more than round-off."""
+    finite = values[np.isfinite(values)]
+    return len(finite) > 1 and bool(np.ptp(finite) > 1e-12 * np.abs(finite).max())
+
+
+def _some(names: Iterable[str], most: int = 12) -> str:
+    names = list(names)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _is_numeric(table: pa.Table, name: str) -> bool:
+    import pyarrow.types as kinds
+
+    kind = table.schema.field(name).type
+    return bool(kinds.is_integer(kind) or kinds.is_floating(kind) or kinds.is_boolean(kind))
+
+
+def read_table(source: pa.Table | str | Path) -> pa.Table:
+    """A table as it is, or read from a Parquet (.parquet) or CSV (.csv) file.
+
+    Raises:
+        StudyError: a file that is missing, of another kind, or cannot be read.
+    """
+    import pyarrow as pa
+
+    if isinstance(source, pa.Table):
+        return source
+    path = Path(source)
+    try:
+        if path.suffix == ".parquet":
+            import pyarrow.parquet as parquet
+
+            return parquet.read_table(path)
+        if path.suffix == ".csv":
+            from pyarrow import csv
+
+            return csv.read_csv(path)
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except pa.ArrowInvalid as error:
+        raise StudyError(f"{path}: not a table ({str(error).splitlines()[0]})") from None
+    raise StudyError(f"{path}: allowed are tables that end in .parquet or .csv")
+
+
+def read_results(
+    source: pa.Table | str | Path, factors: Iterable[str] | None = None, metrics: Iterable[str] | None = None
+) -> Results:
+    """A study's results from a table.
+
+    Args:
+        source: a pyarrow table, or the path of a Parquet or CSV file.
+        factors: the columns that were varied; None takes those whose field says role = "factor".
+        metrics: the columns that were measured; None takes every other numeric column.
+
+    Raises:
+        StudyError: a table that cannot be read, a column that it lacks, or factors that nothing tells.
+    """
+    table = read_table(source)
+    chosen = tuple(factors) if factors is not None else _with_role(table, b"factor")
+    if not chosen:
+        raise StudyError(f"factors: none given, and the table marks none; its columns are {_some(table.column_names)}")
+    noted = _with_role(table, b"metric")
+    if metrics is not None:
+        measured = tuple(metrics)
+    else:
+        names = noted or table.column_names
+        measured = tuple(n for n in names if n not in chosen and n not in BOOKKEEPING and _is_numeric(table, n))
+    for kind, names in (("factors", chosen), ("metrics", measured)):
+        for name in names:
+            if name not in table.column_names:
+                raise StudyError(f"{kind}: {name!r} is not in the table; it has {_some(table.column_names)}")
+    results = Results(table, chosen, measured)
+    for word in sorted(set(results.status) - set(STATUSES)):
+        raise StudyError(f"column 'status': {word!r} is unknown; allowed are {', '.join(STATUSES)}")
+    return results
+
+
+def _with_role(table: pa.Table, role: bytes) -> tuple[str, ...]:
+    return tuple(field.name for field in table.schema if (field.metadata or {}).get(b"role") == role)
+
+
+def export_table(table: pa.Table, path: str | Path) -> Path:
+    """Writes a table as Parquet or CSV, by the file's ending; it appears under its name only when whole.
+
+    Raises:
+        StudyError: another ending, or a folder or disk that refuses.
+    """
+    target = Path(path)
+    if target.suffix not in (".parquet", ".csv"):
+        raise StudyError(f"{target}: allowed endings are .parquet and .csv")
+
+    def write(file: Any) -> None:
+        if target.suffix == ".csv":
+            from pyarrow import csv
+
+            csv.write_csv(table, file)
+        else:
+            import pyarrow.parquet as parquet
+
+            parquet.write_table(table, file)
+
+    write_whole(target, write)
+    return target
+
+
+def write_whole(target: Path, write: Any) -> None:
+    """Calls `write` with a temporary binary file beside `target`, flushes it to the disk and renames it.
+
+    Raises:
+        StudyError: a folder or disk that refuses.
+    """
+    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    try:
+        with partial.open("wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(target)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise StudyError(f"{target}: cannot be written ({error.strerror or error})") from None

@@ -1,0 +1,150 @@
+"""A quadratic response surface: what a metric would be between the variants that were run.
+
+With factors scaled to -1 .. 1 over the range that was run (x), by least squares,
+
+    y(x) = b + sum_i b_i x_i + sum_i b_ii x_i^2 + sum_{i<j} b_ij x_i x_j.                                    (a)
+
+A factor of two values has no square. R2 tells how much of the variance the surface takes up; the predicted R2, from
+what each variant would be if it had been left out (PRESS), tells how much it would take up of new ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import StudyError
+from warpchain.study.results import Array, Results
+
+TRUSTED = 0.8
+"""Predicted R2 from which a surface is good enough to stand for the metric."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A fitted response surface.
+
+    Attributes:
+        metric: its name.
+        factors: (A,) names.
+        low: (A,) smallest value of each factor.
+        high: (A,) largest value of each factor.
+        powers: (T, A) exponent of each scaled factor in each term.
+        coefficients: (T,) b of eq. (a), in the metric's unit.
+        r2: part of the variance that the surface takes up [-].
+        r2_predicted: the same for variants left out one at a time [-]; can be negative.
+        rows: number of variants that it stands on.
+    """
+
+    metric: str
+    factors: tuple[str, ...]
+    low: Array
+    high: Array
+    powers: NDArray[np.int64]
+    coefficients: Array
+    r2: float
+    r2_predicted: float
+    rows: int
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the surface predicts well enough to stand for the metric."""
+        return self.r2_predicted >= TRUSTED
+
+    def predict(self, values: Array) -> Array:
+        """The metric at factor values (..., A)."""
+        x = _scaled(np.asarray(values, dtype=float), self.low, self.high)
+        flat = _terms(x.reshape(-1, len(self.factors)), self.powers) @ self.coefficients
+        return flat.reshape(x.shape[:-1])
+
+    def slice(self, factor: str, points: int = 41) -> tuple[Array, Array]:
+        """The metric along one factor (P,), (P,), the others midway between their ends."""
+        a = self.factors.index(factor)
+        values = np.tile(0.5 * (self.low + self.high), (points, 1))
+        values[:, a] = np.linspace(self.low[a], self.high[a], points)
+        return values[:, a], self.predict(values)
+
+    def plane(self, first: str, second: str, points: int = 41) -> tuple[Array, Array, Array]:
+        """The metric over two factors: their values (P,), (P,) and the metric (P, P), [second, first]."""
+        a, b = self.factors.index(first), self.factors.index(second)
+        x, y = (np.linspace(self.low[k], self.high[k], points) for k in (a, b))
+        values = np.tile(0.5 * (self.low + self.high), (points, points, 1))
+        values[..., a], values[..., b] = np.meshgrid(x, y)
+        return x, y, self.predict(values)
+
+
+def _scaled(values: Array, low: Array, high: Array) -> Array:
+    return (2.0 * values - low - high) / (high - low)
+
+
+def _terms(x: Array, powers: NDArray[np.int64]) -> Array:
+    """Each term of eq. (a) at scaled values (R, A) -> (R, T)."""
+    return np.prod(x[:, None, :] ** powers[None], axis=2)
+
+
+def _powers(levels: list[int], order: int) -> NDArray[np.int64]:
+    """Exponents of the terms of a polynomial of order 1 or 2 (T, A)."""
+    unit = np.eye(len(levels), dtype=np.int64)
+    rows = [np.zeros(len(levels), dtype=np.int64), *unit]
+    if order == 2:
+        rows += [2 * unit[a] for a, count in enumerate(levels) if count > 2]
+        rows += [unit[a] + unit[b] for a, b in combinations(range(len(levels)), 2)]
+    return np.array(rows)
+
+
+def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None = None) -> Surface:
+    """Fits a quadratic response surface to a metric, or a plane where variants are too few for the quadratic one.
+
+    Args:
+        results: the study's results.
+        metric: the metric.
+        factors: numeric factors; None takes all that vary independently.
+
+    Raises:
+        StudyError: no numeric factor, fewer variants than a plane has terms (and one more), or factors that the
+            design does not tell apart.
+    """
+    chosen = tuple(factors or results.independent_factors())
+    rows = results.rows_for(metric, chosen)
+    if not chosen:
+        raise StudyError(f"response surface of {metric!r}: no factor holds numbers that vary")
+    values = np.stack([results.values(factor)[rows] for factor in chosen], axis=1)
+    y = results.values(metric)[rows]
+    if len(y) < len(chosen) + 2:
+        raise StudyError(
+            f"response surface of {metric!r}: {len(y)} variants, {len(chosen)} factors need {len(chosen) + 2}"
+        )
+    low, high = values.min(axis=0), values.max(axis=0)
+    for factor, a, b in zip(chosen, low, high, strict=True):
+        if not b > a:
+            raise StudyError(f"response surface of {metric!r}: factor {factor!r} has one value, {a:g}")
+    levels = [len(np.unique(column)) for column in values.T]
+    x = _scaled(values, low, high)
+    for order in (2, 1):
+        powers = _powers(levels, order)
+        terms = _terms(x, powers)
+        if len(powers) < len(y) and np.linalg.matrix_rank(terms) == len(powers):
+            break
+    else:
+        raise StudyError(f"response surface of {metric!r}: the design does not tell {', '.join(chosen)} apart")
+    q, r = np.linalg.qr(terms)
+    coefficients = np.linalg.solve(r, q.T @ y)
+    residual = y - terms @ coefficients
+    leverage = np.clip((q * q).sum(axis=1), 0.0, 1.0)
+    total = float(((y - y.mean()) ** 2).sum())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        press = np.where(leverage < 1.0 - 1e-9, residual / (1.0 - leverage), np.inf)
+    return Surface(
+        metric,
+        chosen,
+        low,
+        high,
+        powers,
+        coefficients,
+        1.0 - float(residual @ residual) / total if total > 0.0 else 1.0,
+        1.0 - float(press @ press) / total if total > 0.0 else 1.0,
+        len(y),
+    )
