@@ -1,12 +1,17 @@
-"""Sprockets as bodies: their prescribed motion, their load and their acceleration, for one variant of an ensemble."""
+"""Sprockets as bodies: how one is moved over a step, from the chain's force and moment on it.
+
+A sprocket with a fixed center and no balance wheel only turns (`Mount.active` = 0); the others follow `mount`. What is
+prescribed takes its mean speed over a leapfrog step, which leads it exactly from place to place.
+"""
 
 from functools import cache
 from types import SimpleNamespace
 
 import warp as wp
 
-from .motion import load_moment, prescribed_motion
-from .structs import Drive, Motion, types
+from .motion import load_moment, prescribed_acceleration, prescribed_motion
+from .mount import PRESCRIBED, accelerations, prescribed_center
+from .structs import CenterStages, Drive, Motion, Mount, SprocketState, Totals, types, vec2d, vec3d
 
 Harmonics = wp.array(dtype=wp.types.vector(3, wp.float64))
 
@@ -30,30 +35,263 @@ def load_at(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Moti
     )
 
 
+@wp.func
+def angular_acceleration(
+    time: wp.float64, body: SprocketState, moment: wp.float64, motion: Motion, harmonics: Harmonics
+):
+    """Angular acceleration of a sprocket that only turns, eq. (4) [rad/s^2]; 0 if its angle is prescribed."""
+    if motion.prescribed == 1:
+        return wp.float64(0.0)
+    return (moment + load_at(time, body.angle, body.speed, motion, harmonics)) * motion.inverse_inertia
+
+
+@wp.func
+def body_accelerations(
+    time: wp.float64, body: SprocketState, contacts: Totals, motion: Motion, mount: Mount, harmonics: Harmonics
+):
+    """Acceleration of an active mount's center (x, y) [m/s^2] and of the sprocket's angle [rad/s^2]."""
+    turning = vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(0.0))
+    if motion.prescribed == 1:
+        h = motion.drive_harmonics
+        growth = prescribed_acceleration(time, motion.sign, motion.speed, motion.ramp_time, harmonics, h.first, h.count)
+        angle, speed = prescribed_at(time, motion, harmonics)
+        body.speed = speed
+        turning = vec3d(wp.float64(1.0), growth, wp.float64(0.0))
+    else:
+        turning[2] = load_at(time, body.angle, body.speed, motion, harmonics)
+    return accelerations(time, body, contacts, turning, mount)
+
+
+@wp.func
+def leapfrog_turn(
+    time: wp.float64,
+    kick: wp.float64,
+    h: wp.float64,
+    body: SprocketState,
+    acceleration: wp.float64,
+    motion: Motion,
+    harmonics: Harmonics,
+):
+    """The sprocket with its angle and speed a step `h` after `time`; `kick` is h, or h / 2 from the initial state."""
+    if motion.prescribed == 1:
+        angle, speed = prescribed_at(time + h, motion, harmonics)
+        body.speed = (angle - body.angle) / h
+        body.angle = angle
+    else:
+        body.speed = body.speed + kick * acceleration
+        body.angle = body.angle + h * body.speed
+    return body
+
+
+@wp.func
+def leapfrog_center(time: wp.float64, kick: wp.float64, h: wp.float64, body: SprocketState, rates: vec3d, mount: Mount):
+    """The sprocket with its center a step `h` after `time`, as `leapfrog_turn`."""
+    if mount.moves == PRESCRIBED:
+        center, velocity, growth = prescribed_center(time + h, mount)
+        body.velocity = (center - body.center) / h
+        body.center = center
+    else:
+        body.velocity = body.velocity + kick * vec2d(rates[0], rates[1])
+        body.center = body.center + h * body.velocity
+    return body
+
+
+@wp.func
+def leapfrog_body(
+    time: wp.float64,
+    kick: wp.float64,
+    h: wp.float64,
+    body: SprocketState,
+    contacts: Totals,
+    motion: Motion,
+    mount: Mount,
+    harmonics: Harmonics,
+):
+    """A sprocket on an active mount a step `h` after `time`."""
+    rates = body_accelerations(time, body, contacts, motion, mount, harmonics)
+    body = leapfrog_turn(time, kick, h, body, rates[2], motion, harmonics)
+    return leapfrog_center(time, kick, h, body, rates, mount)
+
+
+@wp.func
+def rk4_turn(
+    next_time: wp.float64,
+    weight: wp.float64,
+    reach: wp.float64,
+    stage: int,
+    body: SprocketState,
+    acceleration: wp.float64,
+    motion: Motion,
+    harmonics: Harmonics,
+):
+    """The sprocket with its angle and speed after one of the four stages of a step.
+
+    `weight` is the stage's in the sum of slopes [s]; `reach` is how far from the step's start it goes, to `next_time`.
+    """
+    if motion.prescribed == 1:
+        angle, speed = prescribed_at(next_time, motion, harmonics)
+        body.angle = angle
+        body.speed = speed
+    else:
+        speed = body.speed
+        if stage == 0:
+            body.base_angle = body.angle
+            body.base_speed = speed
+            body.sum_angle = wp.float64(0.0)
+            body.sum_speed = wp.float64(0.0)
+        body.sum_angle = body.sum_angle + weight * speed
+        body.sum_speed = body.sum_speed + weight * acceleration
+        if stage == 3:
+            body.angle = body.base_angle + body.sum_angle
+            body.speed = body.base_speed + body.sum_speed
+        else:
+            body.angle = body.base_angle + reach * speed
+            body.speed = body.base_speed + reach * acceleration
+    return body
+
+
+@wp.func
+def rk4_center(
+    next_time: wp.float64,
+    weight: wp.float64,
+    reach: wp.float64,
+    stage: int,
+    body: SprocketState,
+    stages: CenterStages,
+    rates: vec3d,
+    mount: Mount,
+):
+    """The sprocket with its center after one of the four stages, as `rk4_turn`, and what the stages have in common."""
+    if mount.moves == PRESCRIBED:
+        center, velocity, growth = prescribed_center(next_time, mount)
+        body.center = center
+        body.velocity = velocity
+    else:
+        straight = vec2d(rates[0], rates[1])
+        velocity = body.velocity
+        if stage == 0:
+            stages = CenterStages()
+            stages.base_center = body.center
+            stages.base_velocity = velocity
+        stages.sum_center = stages.sum_center + weight * velocity
+        stages.sum_velocity = stages.sum_velocity + weight * straight
+        if stage == 3:
+            body.center = stages.base_center + stages.sum_center
+            body.velocity = stages.base_velocity + stages.sum_velocity
+        else:
+            body.center = stages.base_center + reach * velocity
+            body.velocity = stages.base_velocity + reach * straight
+    return body, stages
+
+
+@wp.func
+def body_at(
+    time: wp.float64,
+    back: wp.float64,
+    body: SprocketState,
+    contacts: Totals,
+    motion: Motion,
+    mount: Mount,
+    harmonics: Harmonics,
+):
+    """A sprocket on an active mount with its speed and velocity at `time`, `back` after the instant of its own."""
+    rates = body_accelerations(time, body, contacts, motion, mount, harmonics)
+    body.speed = body.speed + back * rates[2]
+    if motion.prescribed == 1:
+        angle, speed = prescribed_at(time, motion, harmonics)
+        body.speed = speed
+    if mount.moves == PRESCRIBED:
+        center, velocity, growth = prescribed_center(time, mount)
+        body.velocity = velocity
+    else:
+        body.velocity = body.velocity + back * vec2d(rates[0], rates[1])
+    return body
+
+
 @cache
 def bodies(Real: type) -> SimpleNamespace:
-    """The functions of one variant's sprockets."""
+    """The functions that move the sprockets of one variant of an ensemble, and look at them."""
     kinds = types(Real)
 
     @wp.func
-    def sprocket_acceleration(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64):
-        """Angular acceleration of free sprocket `s` of the drive, eq. (4)."""
+    def own_acceleration(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64):
+        """Angular acceleration of sprocket `s` of the drive, which only turns."""
         i = drive.first_sprocket + s
+        moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+        return angular_acceleration(time, state.sprockets[i], moment, ensemble.motions[i], ensemble.harmonics)
+
+    @wp.func
+    def leapfrog_sprocket(
+        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, kick: wp.float64
+    ):
+        """Sprocket `s` of the drive a step after `time`."""
+        i = drive.first_sprocket + s
+        if ensemble.mounts[i].active == 1:
+            contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
+            state.sprockets[i] = leapfrog_body(
+                time,
+                kick,
+                drive.step,
+                state.sprockets[i],
+                contacts,
+                ensemble.motions[i],
+                ensemble.mounts[i],
+                ensemble.harmonics,
+            )
+        else:
+            acceleration = own_acceleration(ensemble, state, drive, s, time)
+            state.sprockets[i] = leapfrog_turn(
+                time, kick, drive.step, state.sprockets[i], acceleration, ensemble.motions[i], ensemble.harmonics
+            )
+
+    @wp.func
+    def rk4_sprocket(
+        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, step_time: wp.float64, stage: int
+    ):
+        """Sprocket `s` of the drive after one of the four stages of the step that begins at `step_time`."""
+        i = drive.first_sprocket + s
+        h = drive.step
+        weight = wp.where(stage == 1 or stage == 2, h / wp.float64(3.0), h / wp.float64(6.0))
+        reach = wp.where(stage < 2, wp.float64(0.5) * h, h)
+        time = step_time + wp.where(stage == 0, wp.float64(0.0), wp.where(stage == 3, h, wp.float64(0.5) * h))
         motion = ensemble.motions[i]
         body = state.sprockets[i]
-        load_part = load_at(time, body.angle, body.speed, motion, ensemble.harmonics)
-        return (state.totals[drive.first_sprocket + drive.first_guide + s].moment + load_part) * motion.inverse_inertia
+        after = step_time + reach
+        if ensemble.mounts[i].active == 1:
+            mount = ensemble.mounts[i]
+            contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
+            rates = body_accelerations(time, body, contacts, motion, mount, ensemble.harmonics)
+            body = rk4_turn(after, weight, reach, stage, body, rates[2], motion, ensemble.harmonics)
+            moved, stages = rk4_center(after, weight, reach, stage, body, state.centers[i], rates, mount)
+            state.centers[i] = stages
+            state.sprockets[i] = moved
+        else:
+            acceleration = own_acceleration(ensemble, state, drive, s, time)
+            state.sprockets[i] = rk4_turn(after, weight, reach, stage, body, acceleration, motion, ensemble.harmonics)
+
+    @wp.func
+    def true_body(
+        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, back: wp.float64
+    ):
+        """Sprocket `s` of the drive, on an active mount, with its speeds at `time`, `back` after their instant."""
+        i = drive.first_sprocket + s
+        contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
+        return body_at(
+            time, back, state.sprockets[i], contacts, ensemble.motions[i], ensemble.mounts[i], ensemble.harmonics
+        )
 
     @wp.func
     def true_speed(
         ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, back: wp.float64
     ):
         """Angular velocity of sprocket `s` of the drive at `time`, `back` after its speed's instant."""
-        motion = ensemble.motions[drive.first_sprocket + s]
+        i = drive.first_sprocket + s
+        motion = ensemble.motions[i]
         if motion.prescribed == 1:
             angle, speed = prescribed_at(time, motion, ensemble.harmonics)
             return speed
-        body = state.sprockets[drive.first_sprocket + s]
-        return body.speed + back * sprocket_acceleration(ensemble, state, drive, s, time)
+        if ensemble.mounts[i].active == 1:
+            return true_body(ensemble, state, drive, s, time, back).speed
+        return state.sprockets[i].speed + back * own_acceleration(ensemble, state, drive, s, time)
 
     return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

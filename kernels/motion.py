@@ -26,6 +26,15 @@ def ramp(time: wp.float64, duration: wp.float64):
 
 
 @wp.func
+def ramp_slope(time: wp.float64, duration: wp.float64):
+    """Derivative of `ramp` [1/s]."""
+    if time >= duration:
+        return wp.float64(0.0)
+    u = time / duration
+    return wp.float64(6.0) * u * (wp.float64(1.0) - u) / duration
+
+
+@wp.func
 def ramp_integral(time: wp.float64, duration: wp.float64):
     """Integral of `ramp` from 0 to `time` [s]."""
     if time >= duration:
@@ -57,6 +66,29 @@ def prescribed_motion(
         angle = angle + harmonic[1] / harmonic[0] * (wp.sin(argument) - wp.sin(harmonic[2]))
         factor = factor + harmonic[1] * wp.cos(argument)
     return start_angle + sign * angle, sign * speed * ramp(time, ramp_time) * factor
+
+
+@wp.func
+def prescribed_acceleration(
+    time: wp.float64,
+    sign: wp.float64,
+    speed: wp.float64,
+    ramp_time: wp.float64,
+    harmonics: wp.array(dtype=vec3),
+    first: int,
+    count: int,
+):
+    """Angular acceleration [rad/s^2] of `prescribed_motion`, with its arguments."""
+    phi = speed * ramp_integral(time, ramp_time)
+    rate = speed * ramp(time, ramp_time)
+    factor = wp.float64(1.0)
+    slope = wp.float64(0.0)
+    for j in range(first, first + count):
+        harmonic = harmonics[j]
+        argument = harmonic[0] * phi + harmonic[2]
+        factor = factor + harmonic[1] * wp.cos(argument)
+        slope = slope - harmonic[0] * harmonic[1] * wp.sin(argument)
+    return sign * (speed * ramp_slope(time, ramp_time) * factor + rate * rate * slope)
 
 
 @wp.func

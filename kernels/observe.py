@@ -5,10 +5,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .body import bodies, load_at
+from .body import bodies, body_accelerations, load_at
+from .mount import body_energy, holding_force, prescribing_power
 from .rollers import accessors, passes, rows
 from .structs import Drive, Sums, types
-from .sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_sprocket, tallies
+from .sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_mount, add_sprocket, tallies
 
 
 @cache
@@ -18,7 +19,7 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
     tally = tallies(Real, capacity)
     load = accessors(Real).load
     acceleration = passes(Real, capacity).acceleration
-    true_speed = bodies(Real).true_speed
+    true_body, true_speed = bodies(Real).true_body, bodies(Real).true_speed
     at = rows(capacity)
     X, Y, VX, VY = at.x, at.y, at.vx, at.vy
     TENSION, SPROCKET_FORCE, GUIDE_FORCE = at.tension, at.sprocket_force, at.guide_force
@@ -33,13 +34,16 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
         time: wp.float64,
         back: wp.float64,
     ):
-        """Energy of chain, contacts and free sprockets at an evaluated step [J]."""
+        """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
         total = tally.roller_energy(w, drive.rollers, chain, Real(back))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for s in range(drive.sprockets):
             motion = ensemble.motions[drive.first_sprocket + s]
-            if motion.prescribed == 0:
+            mount = ensemble.mounts[drive.first_sprocket + s]
+            if mount.active == 1:
+                total += body_energy(true_body(ensemble, state, drive, s, time, back), mount)
+            elif motion.prescribed == 0:
                 speed = true_speed(ensemble, state, drive, s, time, back)
                 total += wp.float64(0.5) * speed * speed / motion.inverse_inertia
         return total
@@ -80,6 +84,14 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             if motion.prescribed == 0:
                 load_part = load_at(time, state.sprockets[i].angle, speed, motion, ensemble.harmonics)
             sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
+            if ensemble.mounts[i].active == 1:
+                mount = ensemble.mounts[i]
+                body = true_body(ensemble, state, drive, s, time, back)
+                contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
+                rates = body_accelerations(time, body, contacts, motion, mount, ensemble.harmonics)
+                held = holding_force(body, contacts, rates, mount)
+                power = prescribing_power(body, held, rates, motion.prescribed, mount)
+                sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
             strand = state.strands[i]
             if step % STRAND_LOOK_EVERY == 0 or step == drive.window_start:
                 strand = tally.follow(w, n, strand)

@@ -11,6 +11,7 @@ import warp as wp
 
 vec2d = wp.types.vector(2, wp.float64)
 vec3d = wp.types.vector(3, wp.float64)
+mat22d = wp.types.matrix((2, 2), wp.float64)
 
 
 @wp.struct
@@ -60,12 +61,36 @@ class Motion:
 
 
 @wp.struct
+class Mount:
+    """How a sprocket's center is held, and its balance wheel; all zero for a fixed center without a wheel."""
+
+    active: wp.int32  # 1: the center can move or there is a wheel
+    moves: wp.int32  # 0 held, 1 prescribed, 2 on springs
+    home: vec2d  # stated center r_0 [m]
+    direction: vec2d  # of prescribed motion, a unit vector
+    offset: wp.float64  # [m]
+    amplitude: wp.float64  # [m]
+    frequency: wp.float64  # 2 pi f [rad/s]
+    phase: wp.float64  # [rad]
+    mass: wp.float64  # of sprocket and wheel [kg]
+    inverse_mass: mat22d  # 1 / mass along the free directions, else 0 [1/kg]
+    stiffness: mat22d  # [N/m]
+    damping: mat22d  # [N s/m]
+    preload: vec2d  # [N]
+    gravity: vec2d  # [m/s^2]
+    wheel: wp.float64  # m_b r_b [kg m]
+    wheel_phase: wp.float64  # psi_b [rad]
+    inertia: wp.float64  # of sprocket and wheel; of the wheel alone if the angle is prescribed [kg m^2]
+
+
+@wp.struct
 class SprocketState:
-    """A sprocket in motion; leapfrog keeps the speed at half steps."""
+    """A sprocket in motion; leapfrog keeps speed and velocity at half steps."""
 
     angle: wp.float64  # theta [rad]
     speed: wp.float64  # omega [rad/s]
     center: vec2d  # [m]
+    velocity: vec2d  # of the center [m/s]
     base_angle: wp.float64  # rk4: at the step's start, and the sum of weighted slopes
     base_speed: wp.float64
     sum_angle: wp.float64
@@ -73,10 +98,21 @@ class SprocketState:
 
 
 @wp.struct
+class CenterStages:
+    """rk4's center and velocity of a moving sprocket at the step's start, and the sum of their weighted slopes."""
+
+    base_center: vec2d
+    base_velocity: vec2d
+    sum_center: vec2d
+    sum_velocity: vec2d
+
+
+@wp.struct
 class Totals:
     """What the contacts of one sprocket or guide-bar add up to at one instant."""
 
     moment: wp.float64  # on the sprocket [N m]
+    push: vec2d  # force on the sprocket [N]
     force: wp.float64  # sum of magnitudes [N]
     force_max: wp.float64  # [N]
     dissipated: wp.float64  # power [W]
@@ -105,6 +141,17 @@ class SprocketSums:
     moment: wp.float64  # [N m s]
     contact_work: wp.float64  # done by the chain on the sprocket [J]
     load_work: wp.float64  # done by the load moment [J]
+
+
+@wp.struct
+class MountSums:
+    """Sums over the window of a sprocket on an active mount."""
+
+    travel: vec2d  # displacement from the stated center [m s]
+    travel_max: wp.float64  # largest distance from it [m]
+    force: wp.float64  # magnitude of what holds the center [N s]
+    dissipated: wp.float64  # in its damper [J]
+    work: wp.float64  # done on sprocket and wheel by what prescribes center and angle [J]
 
 
 @wp.struct
@@ -164,6 +211,7 @@ class Sums:
     chain: wp.array(dtype=ChainSums)  # (variants,)
     strand: wp.array(dtype=StrandSums)  # (all sprockets,)
     sprocket: wp.array(dtype=SprocketSums)  # (all sprockets,)
+    mount: wp.array(dtype=MountSums)  # (all sprockets,)
     contact: wp.array(dtype=ContactSums)  # (all sprockets and guide-bars,), a variant's sprockets first
 
 
@@ -227,6 +275,7 @@ def types(Real: type) -> SimpleNamespace:
         chains: wp.array(dtype=Chain)  # (variants,)
         sprockets: wp.array(dtype=Sprocket)  # (all sprockets,)
         motions: wp.array(dtype=Motion)  # (all sprockets,)
+        mounts: wp.array(dtype=Mount)  # (all sprockets,)
         guides: wp.array(dtype=Guide)  # (all guide-bars,)
         harmonics: wp.array(dtype=vec3d)  # (order, amplitude, phase)
         seats: wp.array(dtype=vec2d)  # directions of the seats of each number of teeth in use
@@ -237,6 +286,7 @@ def types(Real: type) -> SimpleNamespace:
 
         rollers: wp.array(dtype=Real)  # (6 * all rollers,): a variant's x, y, vx, vy rows, and x, y's low parts
         sprockets: wp.array(dtype=SprocketState)  # (all sprockets,)
+        centers: wp.array(dtype=CenterStages)  # (all sprockets,), for rk4
         strands: wp.array(dtype=Strand)  # (all sprockets,)
         seat: wp.array(dtype=wp.int32)  # (contact memories,): seat of an engaged roller, else -1
         impact_speed: wp.array(dtype=Real)  # (contact memories,): v0 of a contact, 0 while open [m/s]

@@ -33,7 +33,8 @@ def chain(
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = Packed(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
-        sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, wheels), guides=zeros(kinds.Guide),
+        sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, wheels),
+        mounts=zeros(structs.Mount, wheels), guides=zeros(kinds.Guide),
         harmonics=np.zeros((1, 3)), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
         bodies=zeros(structs.SprocketState, wheels), strands=zeros(structs.Strand, wheels),

@@ -19,6 +19,7 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("chains", packed.chains, kinds.Chain),
         ("sprockets", packed.sprockets, kinds.Sprocket),
         ("motions", packed.motions, structs.Motion),
+        ("mounts", packed.mounts, structs.Mount),
         ("guides", packed.guides, kinds.Guide),
         ("harmonics", packed.harmonics, structs.vec3d),
         ("seats", packed.seats, structs.vec2d),
@@ -40,5 +41,6 @@ def upload_state(packed: Packed, device: str) -> Any:
     state.impact_speed = wp.zeros(len(packed.seat), dtype=packed.real, device=device)
     partners = len(packed.sprockets) + len(packed.guides)
     state.totals = wp.zeros(partners, dtype=structs.Totals, device=device)
+    state.centers = wp.zeros(len(packed.sprockets), dtype=structs.CenterStages, device=device)
     state.progress = wp.zeros(packed.variants, dtype=structs.Progress, device=device)
     return state

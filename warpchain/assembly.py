@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.geometry import ChainPath, chain_path, check_fit
+from warpchain.mounts import initial_center, initial_velocity
 from warpchain.seating import Seating, seat_chain
 
 if TYPE_CHECKING:
@@ -96,8 +97,8 @@ def assemble(drive: Drive) -> Assembly:
         seat = (first_seat[s] + sprocket.sign * np.arange(seating.seats[s])) % sprocket.teeth
         polar = angle[s] + seat * (2.0 * math.pi / sprocket.teeth)
         arm = path.pitch_radius[s] * np.stack([np.cos(polar), np.sin(polar)], axis=1)
-        position[rollers] = np.asarray(sprocket.center, dtype=float) + arm
-        velocity[rollers] = speed[s] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        position[rollers] = initial_center(sprocket) + arm
+        velocity[rollers] = initial_velocity(sprocket) + speed[s] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
         seat_sprocket[rollers], seat_index[rollers] = s, seat
     slack = seating.strain < -_STRAIGHT
     for k, links in enumerate(seating.links):

@@ -111,6 +111,7 @@ def _sums(variants: int, sprockets: int, guides: int) -> structs.Sums:
         ("chain", structs.ChainSums, variants),
         ("strand", structs.StrandSums, sprockets),
         ("sprocket", structs.SprocketSums, sprockets),
+        ("mount", structs.MountSums, sprockets),
         ("contact", structs.ContactSums, sprockets + guides),
     ):
         values = np.zeros(count, dtype=struct.numpy_dtype())

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from warpchain.contact import largest_load
-from warpchain.drive_base import BARE, Problem, elements, get, numbers, valid
+from warpchain.drive_base import BARE, Problem, elements, get, valid
 from warpchain.drive_contact import LAWS, MATERIALS, GuideContact, ImpactLaw, SprocketContact, merged, stiffness_given
 from warpchain.drive_parts import NO_SIZE, Chain
 
@@ -84,14 +84,6 @@ def unsupported(drive: Any) -> Iterator[Problem]:
     """What a drive file may ask for but this version cannot simulate: the one place that knows."""
     if get(get(drive, "chain"), "size") is not None:
         yield Problem(("chain", "size"), get(get(drive, "chain"), "size"), NO_SIZE)
-    for i, sprocket in enumerate(elements(drive, "sprockets")):
-        kind = get(get(sprocket, "mount"), "kind")
-        if kind in ("prescribed", "elastic", "slider"):
-            yield Problem(("sprockets", i, "mount", "kind"), kind, 'not supported in this version; use "fixed" instead')
-        mass = get(get(sprocket, "balance_wheel"), "mass")
-        if numbers(mass) and mass > 0:
-            text = "not supported in this version; use 0 and add mass * radius^2 to the inertia instead"
-            yield Problem(("sprockets", i, "balance_wheel", "mass"), mass, text)
     contact = get(drive, "contact")
     if get(get(contact, "sprocket"), "profile") == "iso606":
         text = 'not supported in this version; use "circular" with clearance and seat_angle instead'

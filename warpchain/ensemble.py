@@ -19,6 +19,7 @@ from warpchain.drive import Drive
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels import structs
 from warpchain.kernels.rollers import STATE_ROWS
+from warpchain.mounts import farthest, fill_mount, initial_center, initial_velocity, wheel_inertia
 
 INTEGRATORS = {"leapfrog": 0, "rk4": 1}
 REAL = {"float64": wp.float64, "float32": wp.float32}
@@ -57,6 +58,7 @@ class Packed:
     chains: NDArray[Any]
     sprockets: NDArray[Any]
     motions: NDArray[Any]
+    mounts: NDArray[Any]
     guides: NDArray[Any]
     harmonics: NDArray[np.float64]
     seats: NDArray[np.floating]
@@ -182,7 +184,7 @@ def _fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: _Table
         row["drive_harmonics"]["first"], row["drive_harmonics"]["count"] = harmonics.add(rows)
         return
     assert sprocket.inertia is not None  # the drive's own check
-    row["inverse_inertia"] = 1.0 / sprocket.inertia
+    row["inverse_inertia"] = 1.0 / (sprocket.inertia + wheel_inertia(sprocket))
     if sprocket.load is not None:
         load = sprocket.load
         row["load"] = (load.torque, load.viscous, load.quadratic)
@@ -220,8 +222,10 @@ def _fill_drive(row: Any, drive: Drive, schedule: Schedule, assembly: Assembly) 
     row["window_start"], row["window_end"] = schedule.window_start, schedule.window_end
     row["sample_every"] = schedule.sample_every
     margin = ESCAPE_PITCHES * drive.chain.pitch
-    reach = np.array([[s.center[0], s.center[1]] for s in drive.sprockets])
-    radius = np.array([drive.pitch_radius(s) for s in range(len(drive.sprockets))])[:, None]
+    reach = np.array([sprocket.center for sprocket in drive.sprockets])
+    radius = np.array([drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)])[
+        :, None
+    ]
     row["low"] = np.minimum((reach - radius).min(axis=0), assembly.position.min(axis=0)) - margin
     row["high"] = np.maximum((reach + radius).max(axis=0), assembly.position.max(axis=0)) + margin
 
@@ -243,6 +247,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         chains=_zeros(kinds.Chain, count),
         sprockets=_zeros(kinds.Sprocket, int(wheels.sum())),
         motions=_zeros(structs.Motion, int(wheels.sum())),
+        mounts=_zeros(structs.Mount, int(wheels.sum())),
         guides=_zeros(kinds.Guide, int(bars.sum())),
         harmonics=np.zeros(0),
         seats=np.zeros(0),
@@ -260,13 +265,14 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         row["first_guide"], row["first_contact"] = guide, memory
         _fill_drive(row, drive, schedule, assembly)
         _fill_chain(packed.chains[v], drive)
-        for s in range(len(drive.sprockets)):
+        for s, wheel in enumerate(drive.sprockets):
             _fill_sprocket(packed.sprockets[sprocket + s], drive, s, seats)
             _fill_motion(packed.motions[sprocket + s], drive, s, float(assembly.sprocket_angle[s]), harmonics)
             _fill_strand(packed.strands[sprocket + s], assembly, s, drive.chain.links)
             body = packed.bodies[sprocket + s]
             body["angle"], body["speed"] = assembly.sprocket_angle[s], assembly.sprocket_speed[s]
-            body["center"] = drive.sprockets[s].center
+            body["center"], body["velocity"] = initial_center(wheel), initial_velocity(wheel)
+            fill_mount(packed.mounts[sprocket + s], wheel, drive.run.gravity)
             held = np.flatnonzero(assembly.seat_sprocket == s)
             packed.seat[memory + s * drive.chain.links + held] = assembly.seat_index[held]
         for g in range(len(drive.guides)):

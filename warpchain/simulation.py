@@ -223,7 +223,7 @@ def _rows(
     engine: CpuEngine, drives: Sequence[Drive], schedules: Sequence[Schedule], settled: NDArray[Any]
 ) -> list[dict[str, Any]]:
     """The metrics of all variants."""
-    sums = {name: getattr(engine.sums, name).numpy() for name in ("chain", "strand", "sprocket", "contact")}
+    sums = {name: getattr(engine.sums, name).numpy() for name in ("chain", "strand", "sprocket", "mount", "contact")}
     state = engine.progress()
     rows = []
     for v, (drive, schedule) in enumerate(zip(drives, schedules, strict=True)):

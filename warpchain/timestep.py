@@ -1,4 +1,4 @@
-"""The time step's limit: omega_max^2 = (4 k + K_max) / m bounds how fast a roller oscillates on links and a contact."""
+"""The time step's limit: how fast a roller can oscillate on links and a contact, and a sprocket on its mount."""
 
 from __future__ import annotations
 
@@ -7,26 +7,43 @@ import math
 from warpchain.contact import guide_stiffness, sprocket_stiffness
 from warpchain.drive import Drive
 from warpchain.errors import DriveError
+from warpchain.mounts import moving_mass, on_springs, spring
 
 AUTOMATIC = 0.2
 """omega_max h of the automatic step."""
 
 
 def highest_frequency(drive: Drive) -> float:
-    """omega_max [rad/s]: a roller of the chain's mass on two links and the stiffest contact."""
+    """omega_max [rad/s]: a roller of the chain's mass on two links and the stiffest contact, (4 k + K_max) / m.
+
+    A sprocket of mass M on springs adds (k_b + K z / 2) / M: two coupled parts oscillate no faster than the root of the
+    sum of their squares, and of z teeth all around half can push along one line.
+    """
     contacts = [sprocket_stiffness(drive, s) for s in range(len(drive.sprockets))]
     contacts += [guide_stiffness(drive, g) for g in range(len(drive.guides))]
-    return math.sqrt((4.0 * drive.chain.stiffness + max(contacts)) / drive.chain.mass)
+    rollers = (4.0 * drive.chain.stiffness + max(contacts)) / drive.chain.mass
+    centers = [
+        (spring(sprocket)[0] + 0.5 * sprocket.teeth * contacts[s]) / moving_mass(sprocket)
+        for s, sprocket in enumerate(drive.sprockets)
+        if on_springs(sprocket)
+    ]
+    return math.sqrt(rollers + max(centers, default=0.0))
 
 
 def step_limit(drive: Drive) -> float:
-    """Steps must be shorter than this [s]: 2 / omega_max, leapfrog's limit of stability."""
-    return 2.0 / highest_frequency(drive)
+    """Steps must be shorter than this [s]: 2 / omega_max, leapfrog's limit of stability.
+
+    Leapfrog takes a mount's damper c_b half a step late, which needs omega_max^2 h^2 + 2 h c_b / M < 4.
+    """
+    omega = highest_frequency(drive)
+    rates = [spring(sprocket)[1] / moving_mass(sprocket) for sprocket in drive.sprockets if on_springs(sprocket)]
+    rate = max(rates, default=0.0)
+    return 4.0 / (rate + math.sqrt(rate * rate + 4.0 * omega * omega))
 
 
 def automatic_step(drive: Drive) -> float:
-    """The step that "auto" stands for [s]: omega_max h = 0.2."""
-    return AUTOMATIC / highest_frequency(drive)
+    """The step that "auto" stands for [s]: omega_max h = 0.2 without mount dampers, a tenth of the limit."""
+    return 0.5 * AUTOMATIC * step_limit(drive)
 
 
 def resolve_step(drive: Drive, step: float | None = None) -> float:
@@ -39,9 +56,10 @@ def resolve_step(drive: Drive, step: float | None = None) -> float:
     if isinstance(asked, str):
         return automatic_step(drive)
     limit = step_limit(drive)
+    mounts = " with what mounts on springs add" if any(map(on_springs, drive.sprockets)) else ""
     if not (math.isfinite(asked) and 0.0 < asked < limit):
         raise DriveError(
-            f'run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m); or "auto", '
-            f"{automatic_step(drive):.6g} s"
+            f"run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m){mounts}; or "
+            f'"auto", {automatic_step(drive):.6g} s'
         )
     return asked
