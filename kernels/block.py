@@ -166,11 +166,11 @@ def block_kernel(Real: type, threads: int, sprockets: int, guides: int, blocks: 
                 time = wp.float64(step) * drive.step
                 before = body.angle
                 if motion.prescribed == 1:
-                    angle, exact = prescribed_at(time + drive.step, motion, ensemble.harmonics)
+                    angle, exact = prescribed_at(time + drive.step, motion, ensemble.harmonics, ensemble.tables)
                     body.speed = (angle - body.angle) / drive.step
                     body.angle = angle
                 else:
-                    load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics)
+                    load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
                     body.speed = body.speed + wp.float64(kick) * (wp.float64(total) + load) * motion.inverse_inertia
                     body.angle = body.angle + drive.step * body.speed
                 heading = rotated(heading, body.angle - before)

@@ -9,56 +9,79 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .motion import load_moment, prescribed_acceleration, prescribed_motion
+from .motion import load_moment, prescribed_acceleration, prescribed_motion, ramped
 from .mount import PRESCRIBED, accelerations, prescribed_center
 from .structs import CenterStages, Drive, Motion, Mount, SprocketState, Totals, types, vec2d, vec3d
+from .table import table_at
 
 Harmonics = wp.array(dtype=wp.types.vector(3, wp.float64))
+Tables = wp.array(dtype=wp.float64)
 
 
 @wp.func
-def prescribed_at(time: wp.float64, motion: Motion, harmonics: Harmonics):
+def course_at(time: wp.float64, motion: Motion, tables: Tables):
+    """phi, phi' and phi'' of a prescribed sprocket, before its harmonics."""
+    phi, rate, growth = ramped(time, motion.speed, motion.ramp_time)
+    if motion.drive_table.cells > 0:
+        rate, phi, growth = table_at(time, motion.drive_table, tables)
+    return phi, rate, growth
+
+
+@wp.func
+def prescribed_at(time: wp.float64, motion: Motion, harmonics: Harmonics, tables: Tables):
     """Angle and speed of a prescribed sprocket."""
     h = motion.drive_harmonics
-    return prescribed_motion(
-        time, motion.start_angle, motion.sign, motion.speed, motion.ramp_time, harmonics, h.first, h.count
-    )
+    phi, rate, growth = course_at(time, motion, tables)
+    return prescribed_motion(phi, rate, motion.start_angle, motion.sign, harmonics, h.first, h.count)
 
 
 @wp.func
-def load_at(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, harmonics: Harmonics):
+def load_at(
+    time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, harmonics: Harmonics, tables: Tables
+):
     """Load moment of a free sprocket [N m], counter-clockwise."""
     h = motion.load_harmonics
     turned = angle - motion.start_angle
-    return load_moment(
-        time, turned, speed, motion.sign, motion.load, motion.load_ramp_time, harmonics, h.first, h.count
-    )
+    torque = motion.load[0]
+    if motion.load_table.cells > 0:
+        x = wp.where(motion.load_table.over_angle == 1, motion.sign * turned, time)
+        tabulated, integral, slope = table_at(x, motion.load_table, tables)
+        torque = torque + tabulated
+    load = vec3d(torque, motion.load[1], motion.load[2])
+    return load_moment(time, turned, speed, motion.sign, load, motion.load_ramp_time, harmonics, h.first, h.count)
 
 
 @wp.func
 def angular_acceleration(
-    time: wp.float64, body: SprocketState, moment: wp.float64, motion: Motion, harmonics: Harmonics
+    time: wp.float64, body: SprocketState, moment: wp.float64, motion: Motion, harmonics: Harmonics, tables: Tables
 ):
     """Angular acceleration of a sprocket that only turns, eq. (4) [rad/s^2]; 0 if its angle is prescribed."""
     if motion.prescribed == 1:
         return wp.float64(0.0)
-    return (moment + load_at(time, body.angle, body.speed, motion, harmonics)) * motion.inverse_inertia
+    return (moment + load_at(time, body.angle, body.speed, motion, harmonics, tables)) * motion.inverse_inertia
 
 
 @wp.func
 def body_accelerations(
-    time: wp.float64, body: SprocketState, contacts: Totals, motion: Motion, mount: Mount, harmonics: Harmonics
+    time: wp.float64,
+    body: SprocketState,
+    contacts: Totals,
+    motion: Motion,
+    mount: Mount,
+    harmonics: Harmonics,
+    tables: Tables,
 ):
     """Acceleration of an active mount's center (x, y) [m/s^2] and of the sprocket's angle [rad/s^2]."""
     turning = vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(0.0))
     if motion.prescribed == 1:
         h = motion.drive_harmonics
-        growth = prescribed_acceleration(time, motion.sign, motion.speed, motion.ramp_time, harmonics, h.first, h.count)
-        angle, speed = prescribed_at(time, motion, harmonics)
+        phi, rate, growth = course_at(time, motion, tables)
+        given = prescribed_acceleration(phi, rate, growth, motion.sign, harmonics, h.first, h.count)
+        angle, speed = prescribed_at(time, motion, harmonics, tables)
         body.speed = speed
-        turning = vec3d(wp.float64(1.0), growth, wp.float64(0.0))
+        turning = vec3d(wp.float64(1.0), given, wp.float64(0.0))
     else:
-        turning[2] = load_at(time, body.angle, body.speed, motion, harmonics)
+        turning[2] = load_at(time, body.angle, body.speed, motion, harmonics, tables)
     return accelerations(time, body, contacts, turning, mount)
 
 
@@ -68,31 +91,20 @@ def leapfrog_turn(
     kick: wp.float64,
     h: wp.float64,
     body: SprocketState,
-    acceleration: wp.float64,
+    moment: wp.float64,
     motion: Motion,
     harmonics: Harmonics,
+    tables: Tables,
 ):
-    """The sprocket with its angle and speed a step `h` after `time`; `kick` is h, or h / 2 from the initial state."""
+    """A sprocket that only turns a step `h` after `time`; `kick` is h, or h / 2 from the initial state."""
     if motion.prescribed == 1:
-        angle, speed = prescribed_at(time + h, motion, harmonics)
+        angle, speed = prescribed_at(time + h, motion, harmonics, tables)
         body.speed = (angle - body.angle) / h
         body.angle = angle
     else:
-        body.speed = body.speed + kick * acceleration
+        load = load_at(time, body.angle, body.speed, motion, harmonics, tables)
+        body.speed = body.speed + kick * (moment + load) * motion.inverse_inertia
         body.angle = body.angle + h * body.speed
-    return body
-
-
-@wp.func
-def leapfrog_center(time: wp.float64, kick: wp.float64, h: wp.float64, body: SprocketState, rates: vec3d, mount: Mount):
-    """The sprocket with its center a step `h` after `time`, as `leapfrog_turn`."""
-    if mount.moves == PRESCRIBED:
-        center, velocity, growth = prescribed_center(time + h, mount)
-        body.velocity = (center - body.center) / h
-        body.center = center
-    else:
-        body.velocity = body.velocity + kick * vec2d(rates[0], rates[1])
-        body.center = body.center + h * body.velocity
     return body
 
 
@@ -106,11 +118,25 @@ def leapfrog_body(
     motion: Motion,
     mount: Mount,
     harmonics: Harmonics,
+    tables: Tables,
 ):
-    """A sprocket on an active mount a step `h` after `time`."""
-    rates = body_accelerations(time, body, contacts, motion, mount, harmonics)
-    body = leapfrog_turn(time, kick, h, body, rates[2], motion, harmonics)
-    return leapfrog_center(time, kick, h, body, rates, mount)
+    """A sprocket on an active mount a step `h` after `time`, as `leapfrog_turn`."""
+    rates = body_accelerations(time, body, contacts, motion, mount, harmonics, tables)
+    if motion.prescribed == 1:
+        angle, speed = prescribed_at(time + h, motion, harmonics, tables)
+        body.speed = (angle - body.angle) / h
+        body.angle = angle
+    else:
+        body.speed = body.speed + kick * rates[2]
+        body.angle = body.angle + h * body.speed
+    if mount.moves == PRESCRIBED:
+        center, velocity, growth = prescribed_center(time + h, mount)
+        body.velocity = (center - body.center) / h
+        body.center = center
+    else:
+        body.velocity = body.velocity + kick * vec2d(rates[0], rates[1])
+        body.center = body.center + h * body.velocity
+    return body
 
 
 @wp.func
@@ -123,13 +149,14 @@ def rk4_turn(
     acceleration: wp.float64,
     motion: Motion,
     harmonics: Harmonics,
+    tables: Tables,
 ):
     """The sprocket with its angle and speed after one of the four stages of a step.
 
     `weight` is the stage's in the sum of slopes [s]; `reach` is how far from the step's start it goes, to `next_time`.
     """
     if motion.prescribed == 1:
-        angle, speed = prescribed_at(next_time, motion, harmonics)
+        angle, speed = prescribed_at(next_time, motion, harmonics, tables)
         body.angle = angle
         body.speed = speed
     else:
@@ -193,12 +220,13 @@ def body_at(
     motion: Motion,
     mount: Mount,
     harmonics: Harmonics,
+    tables: Tables,
 ):
     """A sprocket on an active mount with its speed and velocity at `time`, `back` after the instant of its own."""
-    rates = body_accelerations(time, body, contacts, motion, mount, harmonics)
+    rates = body_accelerations(time, body, contacts, motion, mount, harmonics, tables)
     body.speed = body.speed + back * rates[2]
     if motion.prescribed == 1:
-        angle, speed = prescribed_at(time, motion, harmonics)
+        angle, speed = prescribed_at(time, motion, harmonics, tables)
         body.speed = speed
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(time, mount)
@@ -218,7 +246,9 @@ def bodies(Real: type) -> SimpleNamespace:
         """Angular acceleration of sprocket `s` of the drive, which only turns."""
         i = drive.first_sprocket + s
         moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
-        return angular_acceleration(time, state.sprockets[i], moment, ensemble.motions[i], ensemble.harmonics)
+        return angular_acceleration(
+            time, state.sprockets[i], moment, ensemble.motions[i], ensemble.harmonics, ensemble.tables
+        )
 
     @wp.func
     def leapfrog_sprocket(
@@ -237,11 +267,18 @@ def bodies(Real: type) -> SimpleNamespace:
                 ensemble.motions[i],
                 ensemble.mounts[i],
                 ensemble.harmonics,
+                ensemble.tables,
             )
         else:
-            acceleration = own_acceleration(ensemble, state, drive, s, time)
             state.sprockets[i] = leapfrog_turn(
-                time, kick, drive.step, state.sprockets[i], acceleration, ensemble.motions[i], ensemble.harmonics
+                time,
+                kick,
+                drive.step,
+                state.sprockets[i],
+                state.totals[drive.first_sprocket + drive.first_guide + s].moment,
+                ensemble.motions[i],
+                ensemble.harmonics,
+                ensemble.tables,
             )
 
     @wp.func
@@ -260,14 +297,16 @@ def bodies(Real: type) -> SimpleNamespace:
         if ensemble.mounts[i].active == 1:
             mount = ensemble.mounts[i]
             contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
-            rates = body_accelerations(time, body, contacts, motion, mount, ensemble.harmonics)
-            body = rk4_turn(after, weight, reach, stage, body, rates[2], motion, ensemble.harmonics)
+            rates = body_accelerations(time, body, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
+            body = rk4_turn(after, weight, reach, stage, body, rates[2], motion, ensemble.harmonics, ensemble.tables)
             moved, stages = rk4_center(after, weight, reach, stage, body, state.centers[i], rates, mount)
             state.centers[i] = stages
             state.sprockets[i] = moved
         else:
             acceleration = own_acceleration(ensemble, state, drive, s, time)
-            state.sprockets[i] = rk4_turn(after, weight, reach, stage, body, acceleration, motion, ensemble.harmonics)
+            state.sprockets[i] = rk4_turn(
+                after, weight, reach, stage, body, acceleration, motion, ensemble.harmonics, ensemble.tables
+            )
 
     @wp.func
     def true_body(
@@ -277,21 +316,26 @@ def bodies(Real: type) -> SimpleNamespace:
         i = drive.first_sprocket + s
         contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
         return body_at(
-            time, back, state.sprockets[i], contacts, ensemble.motions[i], ensemble.mounts[i], ensemble.harmonics
+            time,
+            back,
+            state.sprockets[i],
+            contacts,
+            ensemble.motions[i],
+            ensemble.mounts[i],
+            ensemble.harmonics,
+            ensemble.tables,
         )
 
     @wp.func
     def true_speed(
         ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, back: wp.float64
     ):
-        """Angular velocity of sprocket `s` of the drive at `time`, `back` after its speed's instant."""
+        """Angular velocity of sprocket `s` of the drive, which only turns, at `time`, `back` after its instant."""
         i = drive.first_sprocket + s
         motion = ensemble.motions[i]
         if motion.prescribed == 1:
-            angle, speed = prescribed_at(time, motion, ensemble.harmonics)
+            angle, speed = prescribed_at(time, motion, ensemble.harmonics, ensemble.tables)
             return speed
-        if ensemble.mounts[i].active == 1:
-            return true_body(ensemble, state, drive, s, time, back).speed
         return state.sprockets[i].speed + back * own_acceleration(ensemble, state, drive, s, time)
 
     return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

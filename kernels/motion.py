@@ -1,10 +1,11 @@
 r"""Sprocket motion: prescribed angle and speed, and the load moment of a free sprocket (Pedersen et al. 2004, eq. (4)).
 
-Prescribed, w = +1 or -1 the wrap's sign, S(u) = u^2 (3 - 2 u) the smooth ramp, phi' = Omega S(t / t_ramp):
+Prescribed, w = +1 or -1 the wrap's sign, S(u) = u^2 (3 - 2 u) the smooth ramp, phi' = Omega S(t / t_ramp) or tabulated:
 
     theta = theta_0 + w [phi + sum_h (a_h / h) (sin(h phi + psi_h) - sin psi_h)],    omega = theta'
 
-Load, phi_f = w (theta - theta_0) the forward angle; viscous and quadratic parts oppose the actual speed:
+Load, phi_f = w (theta - theta_0) the forward angle; T0 may be tabulated over time or phi_f; viscous and quadratic parts
+oppose the actual speed:
 
     M = -{w [T0 + sum_h T_h cos(h phi_f + psi_h)] + b omega + q omega |omega|} S(t / t_load)
 
@@ -44,20 +45,24 @@ def ramp_integral(time: wp.float64, duration: wp.float64):
 
 
 @wp.func
+def ramped(time: wp.float64, speed: wp.float64, ramp_time: wp.float64):
+    """phi, phi' and phi'' of a speed that is ramped up."""
+    return speed * ramp_integral(time, ramp_time), speed * ramp(time, ramp_time), speed * ramp_slope(time, ramp_time)
+
+
+@wp.func
 def prescribed_motion(
-    time: wp.float64,
+    phi: wp.float64,
+    rate: wp.float64,
     start_angle: wp.float64,
     sign: wp.float64,
-    speed: wp.float64,
-    ramp_time: wp.float64,
     harmonics: wp.array(dtype=vec3),
     first: int,
     count: int,
 ):
-    """Angle [rad] and angular velocity [rad/s] of a prescribed sprocket at `time`; harmonics are (order,
+    """Angle [rad] and angular velocity [rad/s] of a prescribed sprocket at phi and phi'; harmonics are (order,
     amplitude, phase).
     """
-    phi = speed * ramp_integral(time, ramp_time)
     angle = phi
     factor = wp.float64(1.0)
     for j in range(first, first + count):
@@ -65,22 +70,20 @@ def prescribed_motion(
         argument = harmonic[0] * phi + harmonic[2]
         angle = angle + harmonic[1] / harmonic[0] * (wp.sin(argument) - wp.sin(harmonic[2]))
         factor = factor + harmonic[1] * wp.cos(argument)
-    return start_angle + sign * angle, sign * speed * ramp(time, ramp_time) * factor
+    return start_angle + sign * angle, sign * rate * factor
 
 
 @wp.func
 def prescribed_acceleration(
-    time: wp.float64,
+    phi: wp.float64,
+    rate: wp.float64,
+    growth: wp.float64,
     sign: wp.float64,
-    speed: wp.float64,
-    ramp_time: wp.float64,
     harmonics: wp.array(dtype=vec3),
     first: int,
     count: int,
 ):
-    """Angular acceleration [rad/s^2] of `prescribed_motion`, with its arguments."""
-    phi = speed * ramp_integral(time, ramp_time)
-    rate = speed * ramp(time, ramp_time)
+    """Angular acceleration [rad/s^2] of `prescribed_motion` at phi, phi' and phi''."""
     factor = wp.float64(1.0)
     slope = wp.float64(0.0)
     for j in range(first, first + count):
@@ -88,7 +91,7 @@ def prescribed_acceleration(
         argument = harmonic[0] * phi + harmonic[2]
         factor = factor + harmonic[1] * wp.cos(argument)
         slope = slope - harmonic[0] * harmonic[1] * wp.sin(argument)
-    return sign * (speed * ramp_slope(time, ramp_time) * factor + rate * rate * slope)
+    return sign * (growth * factor + rate * rate * slope)
 
 
 @wp.func

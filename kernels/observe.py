@@ -49,6 +49,29 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
         return total
 
     @wp.func
+    def add_body(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        drive: Drive,
+        s: int,
+        time: wp.float64,
+        back: wp.float64,
+        weight: wp.float64,
+    ):
+        """Adds a sprocket on an active mount to the sums of the window; returns its angular velocity."""
+        i = drive.first_sprocket + s
+        motion = ensemble.motions[i]
+        mount = ensemble.mounts[i]
+        body = true_body(ensemble, state, drive, s, time, back)
+        contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
+        rates = body_accelerations(time, body, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
+        held = holding_force(body, contacts, rates, mount)
+        power = prescribing_power(body, held, rates, motion.prescribed, mount)
+        sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
+        return body.speed
+
+    @wp.func
     def measure(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -80,18 +103,12 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             motion = ensemble.motions[i]
             speed = true_speed(ensemble, state, drive, s, time, back)
             moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+            if ensemble.mounts[i].active == 1:
+                speed = add_body(ensemble, state, sums, drive, s, time, back, weight)
             load_part = wp.float64(0.0)
             if motion.prescribed == 0:
-                load_part = load_at(time, state.sprockets[i].angle, speed, motion, ensemble.harmonics)
+                load_part = load_at(time, state.sprockets[i].angle, speed, motion, ensemble.harmonics, ensemble.tables)
             sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
-            if ensemble.mounts[i].active == 1:
-                mount = ensemble.mounts[i]
-                body = true_body(ensemble, state, drive, s, time, back)
-                contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
-                rates = body_accelerations(time, body, contacts, motion, mount, ensemble.harmonics)
-                held = holding_force(body, contacts, rates, mount)
-                power = prescribing_power(body, held, rates, motion.prescribed, mount)
-                sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
             strand = state.strands[i]
             if step % STRAND_LOOK_EVERY == 0 or step == drive.window_start:
                 strand = tally.follow(w, n, strand)
@@ -126,9 +143,12 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             frames[at_roller + 6 * n] = load(w, GUIDE_FORCE + i)
         for s in range(drive.sprockets):
             body = state.sprockets[drive.first_sprocket + s]
+            speed = true_speed(ensemble, state, drive, s, time, back)
+            if ensemble.mounts[drive.first_sprocket + s].active == 1:
+                speed = true_body(ensemble, state, drive, s, time, back).speed
             at_sprocket = int(first) + 7 * n + 5 * s
             frames[at_sprocket] = Real(body.angle)
-            frames[at_sprocket + 1] = Real(true_speed(ensemble, state, drive, s, time, back))
+            frames[at_sprocket + 1] = Real(speed)
             frames[at_sprocket + 2] = Real(state.totals[drive.first_sprocket + drive.first_guide + s].moment)
             frames[at_sprocket + 3] = Real(body.center[0])
             frames[at_sprocket + 4] = Real(body.center[1])

@@ -23,6 +23,18 @@ class Harmonics:
 
 
 @wp.struct
+class Table:
+    """Where a sprocket's speed or torque table stands in the ensemble's list (see `kernels.table`)."""
+
+    cells: wp.int32  # 0: no table
+    first: wp.int32
+    over_angle: wp.int32  # 1: over the sprocket's own forward angle [rad], 0: over time [s]
+    repeats: wp.int32  # 1: begins anew beyond its ends, 0: keeps the value there
+    start: wp.float64  # [rad] or [s]
+    spacing: wp.float64  # of the cells [rad] or [s]
+
+
+@wp.struct
 class Drive:
     """One variant: where its parts begin in the ensemble's arrays, and its settings."""
 
@@ -58,6 +70,8 @@ class Motion:
     load_ramp_time: wp.float64  # [s]
     drive_harmonics: Harmonics
     load_harmonics: Harmonics
+    drive_table: Table  # speed [rad/s] over time, instead of `speed` and `ramp_time`
+    load_table: Table  # torque [N m], on top of `load`
 
 
 @wp.struct
@@ -278,6 +292,7 @@ def types(Real: type) -> SimpleNamespace:
         mounts: wp.array(dtype=Mount)  # (all sprockets,)
         guides: wp.array(dtype=Guide)  # (all guide-bars,)
         harmonics: wp.array(dtype=vec3d)  # (order, amplitude, phase)
+        tables: wp.array(dtype=wp.float64)  # five values a cell (`kernels.table`)
         seats: wp.array(dtype=vec2d)  # directions of the seats of each number of teeth in use
 
     @wp.struct

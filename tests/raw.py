@@ -35,7 +35,7 @@ def chain(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, wheels),
         mounts=zeros(structs.Mount, wheels), guides=zeros(kinds.Guide),
-        harmonics=np.zeros((1, 3)), seats=np.zeros((1, 2)),
+        harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
         bodies=zeros(structs.SprocketState, wheels), strands=zeros(structs.Strand, wheels),
         seat=np.full(max(n * wheels, 1), -1, dtype=np.int32), assemblies=(None,),

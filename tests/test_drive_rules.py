@@ -85,7 +85,11 @@ RULES = [
     ("sprockets/2/inertia", 0.0, f"sprockets.camshaft.inertia = 0.0: {POSITIVE}"),
     ("sprockets/2/inertia", None, f"sprockets.camshaft.inertia: missing; {POSITIVE}; needed unless the sprocket is "),
     ("sprockets/0/prescribed/speed", -1.0, f"sprockets.crankshaft.prescribed.speed = -1.0: {NOT_NEGATIVE}"),
-    ("sprockets/0/prescribed/speed", None, f"sprockets.crankshaft.prescribed.speed: missing; {NOT_NEGATIVE}"),
+    (
+        "sprockets/0/prescribed/speed",
+        None,
+        f"sprockets.crankshaft.prescribed.speed: missing; {NOT_NEGATIVE}, or give table instead",
+    ),
     ("sprockets/0/prescribed/ramp_time", -1.0, f"sprockets.crankshaft.prescribed.ramp_time = -1.0: {NOT_NEGATIVE}"),
     (
         "sprockets/0/prescribed/harmonics/0/order",

@@ -22,6 +22,7 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("mounts", packed.mounts, structs.Mount),
         ("guides", packed.guides, kinds.Guide),
         ("harmonics", packed.harmonics, structs.vec3d),
+        ("tables", packed.tables, wp.float64),
         ("seats", packed.seats, structs.vec2d),
     ):
         setattr(ensemble, name, wp.array(values, dtype=dtype, device=device, copy=True))

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from warpchain.geometry import ChainPath, chain_path, check_fit
 from warpchain.mounts import initial_center, initial_velocity
 from warpchain.seating import Seating, seat_chain
+from warpchain.tables import initial_speed
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Sprocket
@@ -161,7 +162,8 @@ def _prescribed_speed(sprocket: Sprocket) -> float:
     motion = sprocket.prescribed
     if motion is None or motion.ramp_time > 0.0:
         return 0.0
-    return motion.speed * (1.0 + sum(h.amplitude * math.cos(h.phase) for h in motion.harmonics))
+    speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
+    return speed * (1.0 + sum(h.amplitude * math.cos(h.phase) for h in motion.harmonics))
 
 
 def _arc(chord: NDArray[np.float64], links: int, path: ChainPath, gravity: Sequence[float]) -> NDArray[np.float64]:

@@ -32,7 +32,7 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     count = len(drive.sprockets)
     travel = drive.sprockets[drive.driver].prescribed
     assert travel is not None
-    chain_speed = travel.speed * drive.pitch_radius(drive.driver)
+    chain_speed = travel.top_speed * drive.pitch_radius(drive.driver)
     rise = [0.0] * count
     for turn in range(1, count):
         s = (drive.driver + turn) % count
@@ -58,7 +58,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     preload = max(0.0, drive.chain.stiffness * drive.chain.pitch * assembly.strain)
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
-    speed = driver.prescribed.speed
+    speed = driver.prescribed.top_speed
     links = [int(n) for n in assembly.strand_links]
     tensions = working_tensions(drive, preload, links)
     return {

@@ -46,7 +46,8 @@ from warpchain.drive_motion import (
     SliderMount,
 )
 from warpchain.drive_parts import Chain, Guide, RunSettings, Sprocket
-from warpchain.drive_rules import guide_rules, size_rules, sprocket_rules, unsupported
+from warpchain.drive_rules import guide_rules, shaft_rules, size_rules, sprocket_rules, unsupported
+from warpchain.drive_tables import SpeedTable, TorqueTable, with_files
 from warpchain.drive_values import changed, lookup, settable
 from warpchain.teeth import default_seat_angle, releasing_seat_angle
 
@@ -68,8 +69,10 @@ __all__ = [
     "PrescribedMount",
     "RunSettings",
     "SliderMount",
+    "SpeedTable",
     "Sprocket",
     "SprocketContact",
+    "TorqueTable",
     "dumps_drive",
     "load_drive",
     "loads_drive",
@@ -170,6 +173,7 @@ class Drive(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from sprocket_rules(node)
+        yield from shaft_rules(node)
         yield from guide_rules(node)
         yield from size_rules(node)
         yield from unsupported(node)
@@ -194,17 +198,20 @@ class Drive(Part):
         return drive
 
 
-def loads_drive(text: str, source: str = "<text>") -> Drive:
+def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str] | None = None) -> Drive:
     """Reads a drive from TOML text.
 
     Args:
         text: the drive file's contents.
         source: what error lines call it.
+        folder: where the CSV files of its tables stand; None allows no such files.
 
     Raises:
         DriveError: with one line for each error of the text, all of them.
     """
     values = drive_toml.parse(text, source)
+    if folder is not None:
+        values = with_files(values, Path(folder), source)
     try:
         return Drive(**values)
     except DriveError as error:
@@ -223,7 +230,7 @@ def load_drive(path: str | os.PathLike[str]) -> Drive:
         raise drive_error([f"cannot be read: {_reason(error)}"], str(path)) from None
     except UnicodeDecodeError as error:
         raise drive_error([f"not TOML: byte {error.start} is not UTF-8"], str(path)) from None
-    return loads_drive(text, str(path))
+    return loads_drive(text, str(path), Path(path).parent)
 
 
 def _reason(error: OSError) -> str:

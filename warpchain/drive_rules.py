@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from warpchain.contact import largest_load
-from warpchain.drive_base import BARE, Problem, elements, get, valid
+from warpchain.drive_base import BARE, Problem, elements, get, is_name, nearest, valid
 from warpchain.drive_contact import LAWS, MATERIALS, GuideContact, ImpactLaw, SprocketContact, merged, stiffness_given
 from warpchain.drive_parts import NO_SIZE, Chain
 
@@ -30,6 +30,22 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
                 yield Problem((kind, i, "name"), name, "must be unique among sprockets and guides")
             elif isinstance(name, str):
                 seen.add(name)
+
+
+def shaft_rules(drive: Any) -> Iterator[Problem]:
+    """Shafts that tables and harmonics refer to must be sprockets."""
+    sprockets = elements(drive, "sprockets")
+    names = [get(sprocket, "name") for sprocket in sprockets]
+    for s, sprocket in enumerate(sprockets):
+        for kind in ("prescribed", "load"):
+            motion = get(sprocket, kind)
+            parts: list[tuple[tuple[str | int, ...], Any]] = [(("table",), get(motion, "table"))]
+            parts += [(("harmonics", h), harmonic) for h, harmonic in enumerate(elements(motion, "harmonics"))]
+            for keys, part in parts:
+                shaft = get(part, "shaft")
+                if isinstance(shaft, str) and shaft not in names:
+                    text = f"must be the name of a sprocket; {nearest(shaft, filter(is_name, names))}"
+                    yield Problem(("sprockets", s, kind, *keys, "shaft"), shaft, text)
 
 
 def guide_rules(drive: Any) -> Iterator[Problem]:

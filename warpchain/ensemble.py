@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly, assemble
 from warpchain.contact import guide_stiffness, sprocket_stiffness
-from warpchain.drive import Drive
+from warpchain.drive import Drive, Harmonic
+from warpchain.drive_tables import Table
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels import structs
 from warpchain.kernels.rollers import STATE_ROWS
 from warpchain.mounts import farthest, fill_mount, initial_center, initial_velocity, wheel_inertia
+from warpchain.tables import TableList, shaft_ratio
 
 INTEGRATORS = {"leapfrog": 0, "rk4": 1}
 REAL = {"float64": wp.float64, "float32": wp.float32}
@@ -61,6 +63,7 @@ class Packed:
     mounts: NDArray[Any]
     guides: NDArray[Any]
     harmonics: NDArray[np.float64]
+    tables: NDArray[np.float64]
     seats: NDArray[np.floating]
     rollers: NDArray[np.floating]
     bodies: NDArray[Any]
@@ -172,15 +175,22 @@ def _fill_sprocket(row: Any, drive: Drive, s: int, seats: _Table) -> None:
     _fill_law(row["law"], drive.contact.sprocket, sprocket_stiffness(drive, s))
 
 
-def _fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: _Table) -> None:
+def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
+    """(order, amplitude, phase) of sprocket s's harmonics, orders by its own revolutions."""
+    rows = [(h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase) for h in harmonics]
+    return np.array(rows, dtype=float)
+
+
+def _fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: _Table, tables: TableList) -> None:
     sprocket = drive.sprockets[s]
     row["sign"] = sprocket.sign
     row["start_angle"] = angle
     if sprocket.prescribed is not None:
         row["prescribed"] = 1
-        row["speed"] = sprocket.prescribed.speed
+        row["speed"] = sprocket.prescribed.top_speed
         row["ramp_time"] = sprocket.prescribed.ramp_time
-        rows = np.array([(h.order, h.amplitude, h.phase) for h in sprocket.prescribed.harmonics], dtype=float)
+        _fill_table(row["drive_table"], drive, s, sprocket.prescribed.table, tables)
+        rows = _harmonic_rows(drive, s, sprocket.prescribed.harmonics)
         row["drive_harmonics"]["first"], row["drive_harmonics"]["count"] = harmonics.add(rows)
         return
     assert sprocket.inertia is not None  # the drive's own check
@@ -189,8 +199,14 @@ def _fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: _Table
         load = sprocket.load
         row["load"] = (load.torque, load.viscous, load.quadratic)
         row["load_ramp_time"] = load.ramp_time
-        rows = np.array([(h.order, h.amplitude, h.phase) for h in load.harmonics], dtype=float)
+        _fill_table(row["load_table"], drive, s, load.table, tables)
+        rows = _harmonic_rows(drive, s, load.harmonics)
         row["load_harmonics"]["first"], row["load_harmonics"]["count"] = harmonics.add(rows)
+
+
+def _fill_table(row: Any, drive: Drive, s: int, table: Table | None, tables: TableList) -> None:
+    if table is not None:
+        tables.add(row, table, shaft_ratio(drive, s, table.shaft))
 
 
 def _fill_guide(row: Any, drive: Drive, g: int) -> None:
@@ -250,6 +266,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         mounts=_zeros(structs.Mount, int(wheels.sum())),
         guides=_zeros(kinds.Guide, int(bars.sum())),
         harmonics=np.zeros(0),
+        tables=np.zeros(0),
         seats=np.zeros(0),
         rollers=np.zeros(STATE_ROWS * int(links.sum())),
         bodies=_zeros(structs.SprocketState, int(wheels.sum())),
@@ -257,7 +274,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         seat=np.full(int((links * (wheels + bars)).sum()), -1, dtype=np.int32),
         assemblies=tuple(_assembled(v, drive) for v, drive in enumerate(drives)),
     )
-    harmonics, seats = _Table(3), _Table(2)
+    harmonics, seats, tables = _Table(3), _Table(2), TableList()
     roller = sprocket = guide = memory = 0
     for v, (drive, schedule, assembly) in enumerate(zip(drives, schedules, packed.assemblies, strict=True)):
         row = packed.drives[v]
@@ -267,7 +284,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         _fill_chain(packed.chains[v], drive)
         for s, wheel in enumerate(drive.sprockets):
             _fill_sprocket(packed.sprockets[sprocket + s], drive, s, seats)
-            _fill_motion(packed.motions[sprocket + s], drive, s, float(assembly.sprocket_angle[s]), harmonics)
+            _fill_motion(packed.motions[sprocket + s], drive, s, float(assembly.sprocket_angle[s]), harmonics, tables)
             _fill_strand(packed.strands[sprocket + s], assembly, s, drive.chain.links)
             body = packed.bodies[sprocket + s]
             body["angle"], body["speed"] = assembly.sprocket_angle[s], assembly.sprocket_speed[s]
@@ -284,6 +301,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         roller, sprocket, guide = roller + n, sprocket + len(drive.sprockets), guide + len(drive.guides)
         memory += n * (len(drive.sprockets) + len(drive.guides))
     packed.harmonics = harmonics.array()
+    packed.tables = tables.array()
     packed.seats = seats.array()
     return packed
 
