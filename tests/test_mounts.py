@@ -6,6 +6,7 @@ from raw import chain, polygon, run, state
 from test_drive_physics import two_sprockets
 
 from warpchain import Record, simulate
+from warpchain.check import derive, report
 from warpchain.drive import loads_drive
 from warpchain.geometry import chain_path
 from warpchain.mounts import FREE
@@ -316,3 +317,14 @@ def test_time_step_limit_counts_springs_and_dampers_of_mounts():
         on_springs(packed, mass=mass, stiffness=(stiffness,) * 2, damping=(damping,) * 2, preload=(1.0, 0.0))
         _, frames = run(packed)
         assert bool(np.abs(frames[-1, -2] - 10.0) < 1e-6) is stable
+
+
+def test_check_tells_mounts_and_wheels():
+    drive = balance_shaft()
+    values = derive(drive)
+    (shaft,) = values["mounts"]
+    assert shaft["frequencies"] == pytest.approx([np.sqrt(4e7 / 32.0) / (2 * np.pi)] * 2)
+    ratio = np.sin(np.pi / 20) / np.sin(np.pi / 40)  # of the pitch radii: 40 teeth against 20
+    assert shaft["wheel_force"] == pytest.approx(2.0 * 0.05 * (40.0 * ratio) ** 2)
+    assert "shaft     elastic        32 kg  177.9 Hz, 177.9 Hz" in report(values)
+    assert "moving centers" not in report(derive(two_sprockets()))

@@ -8,6 +8,7 @@ from typing import Any
 from warpchain.assembly import assemble
 from warpchain.contact import guide_stiffness, sprocket_stiffness
 from warpchain.drive import Drive
+from warpchain.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.timestep import automatic_step, resolve_step, step_limit
 
 
@@ -96,6 +97,17 @@ def derive(drive: Drive) -> dict[str, Any]:
         "guides": [
             {"name": guide.name, "contact_stiffness": guide_stiffness(drive, g)} for g, guide in enumerate(drive.guides)
         ],
+        "mounts": [
+            {
+                "name": sprocket.name,
+                "kind": sprocket.mount.kind,
+                "mass": moving_mass(sprocket),
+                "frequencies": list(own_frequencies(sprocket)),
+                "wheel_force": wheel_force(sprocket, speed * drive.pitch_radius(drive.driver) / drive.pitch_radius(s)),
+            }
+            for s, sprocket in enumerate(drive.sprockets)
+            if active(sprocket)
+        ],
         "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
         "step": resolve_step(drive),
         "step_limit": step_limit(drive),
@@ -161,6 +173,24 @@ def report(values: dict[str, Any]) -> str:
             *_table(
                 ("guide-bar", "contact stiffness"),
                 [(g["name"], f"{g['contact_stiffness']:.4g} N/m^n") for g in values["guides"]],
+            ),
+        ]
+    if values["mounts"]:
+        lines += [
+            "",
+            "moving centers and balance wheels; frequencies of the mount without the chain:",
+            *_table(
+                ("sprocket", "mount", "moving mass", "own frequency", "wheel's centrifugal force"),
+                [
+                    (
+                        m["name"],
+                        m["kind"],
+                        f"{m['mass']:.4g} kg" if m["mass"] else "-",
+                        ", ".join(f"{f:.4g} Hz" for f in m["frequencies"]) or "-",
+                        f"{m['wheel_force']:.4g} N" if m["wheel_force"] else "-",
+                    )
+                    for m in values["mounts"]
+                ],
             ),
         ]
     lines += [

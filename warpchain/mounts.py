@@ -98,6 +98,13 @@ def own_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
     return tuple(math.sqrt(k / moving_mass(sprocket)) / (2.0 * math.pi) for k in stiffness)
 
 
+def wheel_force(sprocket: Sprocket, speed: float) -> float:
+    """Centrifugal force of the balance wheel at an angular speed, m_b r_b omega^2 [N]."""
+    return (
+        wheel_mass(sprocket) * sprocket.balance_wheel.radius * speed**2 if sprocket.balance_wheel is not None else 0.0
+    )
+
+
 def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float]) -> None:
     """Fills a sprocket's `kernels.structs.Mount`; it stays zero for a fixed center without a wheel."""
     if not active(sprocket):
