@@ -338,4 +338,14 @@ def bodies(Real: type) -> SimpleNamespace:
             return speed
         return state.sprockets[i].speed + back * own_acceleration(ensemble, state, drive, s, time)
 
+    @wp.func
+    def centers_inside(state: kinds.State, drive: Drive):
+        """1 while every sprocket's center is finite and within the drive's box, else 0."""
+        good = int(1)
+        for s in range(drive.sprockets):
+            c = state.sprockets[drive.first_sprocket + s].center
+            if not (c[0] > drive.low[0] and c[0] < drive.high[0] and c[1] > drive.low[1] and c[1] < drive.high[1]):
+                good = int(0)
+        return good
+
     return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

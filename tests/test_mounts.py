@@ -5,7 +5,7 @@ import pytest
 from raw import chain, polygon, run, state
 from test_drive_physics import two_sprockets
 
-from warpchain import Record, simulate
+from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.check import derive, report
 from warpchain.drive import loads_drive
 from warpchain.geometry import chain_path
@@ -328,3 +328,24 @@ def test_check_tells_mounts_and_wheels():
     assert shaft["wheel_force"] == pytest.approx(2.0 * 0.05 * (40.0 * ratio) ** 2)
     assert "shaft     elastic        32 kg  177.9 Hz, 177.9 Hz" in report(values)
     assert "moving centers" not in report(derive(two_sprockets()))
+
+
+def test_archive_keeps_moving_centers_and_tables(tmp_path):
+    table = {"time": [0.0, 0.01], "torque": [200.0, 400.0], "interpolation": "cubic"}
+    drive = two_sprockets(duration=0.005).with_values(
+        CASES["elastic with wheel"] | {"sprockets.driven.load.table": table}
+    )
+    run = simulate(drive)
+    back = read_archive(write_archive(run, tmp_path / "a.mcap"))
+    assert back.drives == (drive,)
+    assert np.ptp(back[0].sprocket_center[:, 1], axis=0).min() > 1e-6
+    np.testing.assert_array_equal(back[0].sprocket_center, run[0].sprocket_center)
+
+
+def test_center_that_runs_away_ends_the_variant_as_diverged():
+    # a preload that pulls the sprocket out of its chain at once: the rollers stay where they were
+    drive = two_sprockets(duration=0.05).with_values(
+        {"sprockets.driven.mount": SLIDER | {"preload": 1e12}, "sprockets.driven.mass": 1.0}
+    )
+    row = simulate(drive, record=Record(variants="none")).metrics.to_pylist()[0]
+    assert row["diverged"]
