@@ -68,7 +68,7 @@ class Prescribed(Part):
         if self.speed is not None:
             return self.speed
         assert self.table is not None  # the rule below
-        return max(self.table.values)
+        return self.table.factor * max(self.table.speed)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

@@ -62,17 +62,24 @@ class TableList:
         self.blocks: list[Array] = []
         self.length = 0
         self.known: dict[tuple[Table, float], tuple[Cells, int]] = {}
+        self.seen: dict[tuple[int, float], tuple[Table, Cells, int]] = {}  # by identity: long tables are slow to hash
 
     def add(self, row: Any, table: Table, ratio: float) -> None:
         """Fills a `kernels.structs.Table`; `ratio` is the sprocket's own angle over that of the table."""
+        if (id(table), ratio) not in self.seen:
+            self.seen[id(table), ratio] = (table, *self._find(table, ratio))
+        _, cells, first = self.seen[id(table), ratio]
+        cells.fill(row, first)
+
+    def _find(self, table: Table, ratio: float) -> tuple[Cells, int]:
+        """The table's cells and where their values stand."""
         key = (table, ratio)
         if key not in self.known:
             cells = cells_of(table, ratio)
             self.known[key] = cells, self.length
             self.blocks.append(cells.values())
             self.length += len(self.blocks[-1])
-        cells, first = self.known[key]
-        cells.fill(row, first)
+        return self.known[key]
 
     def array(self) -> Array:
         """All values; a zero where there are none, since Warp reads no empty array."""
@@ -89,6 +96,8 @@ def shaft_ratio(drive: Drive, s: int, shaft: str | None) -> float:
 
 def initial_speed(table: SpeedTable) -> float:
     """Forward speed at t = 0 [rad/s]: at angle 0, or at time 0."""
+    if table.time is not None and table.over[0] >= 0.0:
+        return table.factor * table.speed[0]
     over, values = np.array(table.over), np.array(table.values)
     at = 0.0 if table.time is not None else over[0] + np.mod(-over[0], 2.0 * math.pi * table.revolutions)
     return float(hermite(over, values, slopes_of(table), np.clip([at], over[0], over[-1]))[0][0])
