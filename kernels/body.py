@@ -62,6 +62,25 @@ def angular_acceleration(
 
 
 @wp.func
+def own_motion(
+    time: wp.float64,
+    back: wp.float64,
+    body: SprocketState,
+    moment: wp.float64,
+    motion: Motion,
+    harmonics: Harmonics,
+    tables: Tables,
+):
+    """Angular velocity of a sprocket that only turns, at `time`, `back` after its own instant, and its load moment."""
+    if motion.prescribed == 1:
+        angle, driven = prescribed_at(time, motion, harmonics, tables)
+        return driven, wp.float64(0.0)
+    load = load_at(time, body.angle, body.speed, motion, harmonics, tables)
+    speed = body.speed + back * (moment + load) * motion.inverse_inertia
+    return speed, load_at(time, body.angle, speed, motion, harmonics, tables)
+
+
+@wp.func
 def body_accelerations(
     time: wp.float64,
     body: SprocketState,
@@ -325,18 +344,6 @@ def bodies(Real: type) -> SimpleNamespace:
             ensemble.harmonics,
             ensemble.tables,
         )
-
-    @wp.func
-    def true_speed(
-        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, back: wp.float64
-    ):
-        """Angular velocity of sprocket `s` of the drive, which only turns, at `time`, `back` after its instant."""
-        i = drive.first_sprocket + s
-        motion = ensemble.motions[i]
-        if motion.prescribed == 1:
-            angle, speed = prescribed_at(time, motion, ensemble.harmonics, ensemble.tables)
-            return speed
-        return state.sprockets[i].speed + back * own_acceleration(ensemble, state, drive, s, time)
 
     @wp.func
     def centers_inside(state: kinds.State, drive: Drive):

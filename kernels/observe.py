@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .body import bodies, body_accelerations, load_at
+from .body import bodies, body_accelerations, load_at, own_motion
 from .mount import body_energy, holding_force, prescribing_power
 from .rollers import accessors, passes, rows
 from .structs import Drive, Sums, types
@@ -19,7 +19,7 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
     tally = tallies(Real, capacity)
     load = accessors(Real).load
     acceleration = passes(Real, capacity).acceleration
-    true_body, true_speed = bodies(Real).true_body, bodies(Real).true_speed
+    true_body = bodies(Real).true_body
     at = rows(capacity)
     X, Y, VX, VY = at.x, at.y, at.vx, at.vy
     TENSION, SPROCKET_FORCE, GUIDE_FORCE = at.tension, at.sprocket_force, at.guide_force
@@ -44,7 +44,9 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             if mount.active == 1:
                 total += body_energy(true_body(ensemble, state, drive, s, time, back), mount)
             elif motion.prescribed == 0:
-                speed = true_speed(ensemble, state, drive, s, time, back)
+                moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+                body = state.sprockets[drive.first_sprocket + s]
+                speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
                 total += wp.float64(0.5) * speed * speed / motion.inverse_inertia
         return total
 
@@ -101,13 +103,13 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
             motion = ensemble.motions[i]
-            speed = true_speed(ensemble, state, drive, s, time, back)
             moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+            body = state.sprockets[i]
+            speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
             if ensemble.mounts[i].active == 1:
                 speed = add_body(ensemble, state, sums, drive, s, time, back, weight)
-            load_part = wp.float64(0.0)
-            if motion.prescribed == 0:
-                load_part = load_at(time, state.sprockets[i].angle, speed, motion, ensemble.harmonics, ensemble.tables)
+                if motion.prescribed == 0:
+                    load_part = load_at(time, body.angle, speed, motion, ensemble.harmonics, ensemble.tables)
             sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
             strand = state.strands[i]
             if step % STRAND_LOOK_EVERY == 0 or step == drive.window_start:
@@ -143,13 +145,15 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             frames[at_roller + 6 * n] = load(w, GUIDE_FORCE + i)
         for s in range(drive.sprockets):
             body = state.sprockets[drive.first_sprocket + s]
-            speed = true_speed(ensemble, state, drive, s, time, back)
+            moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+            motion = ensemble.motions[drive.first_sprocket + s]
+            speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
             if ensemble.mounts[drive.first_sprocket + s].active == 1:
                 speed = true_body(ensemble, state, drive, s, time, back).speed
             at_sprocket = int(first) + 7 * n + 5 * s
             frames[at_sprocket] = Real(body.angle)
             frames[at_sprocket + 1] = Real(speed)
-            frames[at_sprocket + 2] = Real(state.totals[drive.first_sprocket + drive.first_guide + s].moment)
+            frames[at_sprocket + 2] = Real(moment)
             frames[at_sprocket + 3] = Real(body.center[0])
             frames[at_sprocket + 4] = Real(body.center[1])
 

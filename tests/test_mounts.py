@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from raw import chain, polygon, run, state
 from test_drive_physics import two_sprockets
 
@@ -9,6 +10,8 @@ from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.check import derive, report
 from warpchain.drive import loads_drive
 from warpchain.geometry import chain_path
+from warpchain.kernels import structs
+from warpchain.kernels.body import leapfrog_body
 from warpchain.mounts import FREE
 from warpchain.timestep import automatic_step, step_limit
 
@@ -349,3 +352,24 @@ def test_center_that_runs_away_ends_the_variant_as_diverged():
     )
     row = simulate(drive, record=Record(variants="none")).metrics.to_pylist()[0]
     assert row["diverged"]
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def move_sprockets(
+    bodies: wp.array(dtype=structs.SprocketState),
+    contacts: wp.array(dtype=structs.Totals),
+    motions: wp.array(dtype=structs.Motion),
+    mounts: wp.array(dtype=structs.Mount),
+    harmonics: wp.array(dtype=structs.vec3d),
+    tables: wp.array(dtype=wp.float64),
+    time: wp.float64,
+    h: wp.float64,
+):
+    s = wp.tid()
+    bodies[s] = leapfrog_body(time, h, h, bodies[s], contacts[s], motions[s], mounts[s], harmonics, tables)
+
+
+def test_moving_a_sprocket_compiles_for_cuda_without_a_gpu(tmp_path):
+    # one thread a sprocket, from the contacts' sums: what a kernel for GPUs needs
+    wp.compile_aot_module(move_sprockets.module, device=None, arch=80, module_dir=str(tmp_path))
+    assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
