@@ -131,6 +131,11 @@ def test_float32_follows_a_moving_sprocket():
     assert travel > 2e-5
     assert np.abs(single.sprocket_center - exact.sprocket_center).max() < 2e-7  # recorded in float32: 1 m to 6e-8 m
     assert np.abs(single.tension - exact.tension).max() < 2e-3 * exact.tension.mean()
+    residuals = [
+        abs(simulate(drive, precision=precision, duration=0.1).metrics["energy_residual_relative"][0].as_py())
+        for precision in ("float64", "float32")
+    ]
+    assert residuals[1] < 2 * residuals[0]
 
 
 @pytest.mark.parametrize("case", CASES)
