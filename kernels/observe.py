@@ -111,6 +111,8 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
                 if motion.prescribed == 0:
                     load_part = load_at(time, body.angle, speed, motion, ensemble.harmonics, ensemble.tables)
             sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
+        for s in range(drive.sprockets):
+            i = drive.first_sprocket + s
             strand = state.strands[i]
             if step % STRAND_LOOK_EVERY == 0 or step == drive.window_start:
                 strand = tally.follow(w, n, strand)
