@@ -81,9 +81,16 @@ def own_motion(
 
 
 @wp.func
+def heading_of(body: SprocketState):
+    """Cosine and sine of a sprocket's angle."""
+    return vec2d(wp.cos(body.angle), wp.sin(body.angle))
+
+
+@wp.func
 def body_accelerations(
     time: wp.float64,
     body: SprocketState,
+    heading: vec2d,
     contacts: Totals,
     motion: Motion,
     mount: Mount,
@@ -101,7 +108,7 @@ def body_accelerations(
         turning = vec3d(wp.float64(1.0), given, wp.float64(0.0))
     else:
         turning[2] = load_at(time, body.angle, body.speed, motion, harmonics, tables)
-    return accelerations(time, body, contacts, turning, mount)
+    return accelerations(time, body, heading, contacts, turning, mount)
 
 
 @wp.func
@@ -133,14 +140,15 @@ def leapfrog_body(
     kick: wp.float64,
     h: wp.float64,
     body: SprocketState,
+    heading: vec2d,
     contacts: Totals,
     motion: Motion,
     mount: Mount,
     harmonics: Harmonics,
     tables: Tables,
 ):
-    """A sprocket on an active mount a step `h` after `time`, as `leapfrog_turn`."""
-    rates = body_accelerations(time, body, contacts, motion, mount, harmonics, tables)
+    """A sprocket on an active mount a step `h` after `time`, as `leapfrog_turn`; `heading` is that at `time`."""
+    rates = body_accelerations(time, body, heading, contacts, motion, mount, harmonics, tables)
     if motion.prescribed == 1:
         angle, speed = prescribed_at(time + h, motion, harmonics, tables)
         body.speed = (angle - body.angle) / h
@@ -242,7 +250,7 @@ def body_at(
     tables: Tables,
 ):
     """A sprocket on an active mount with its speed and velocity at `time`, `back` after the instant of its own."""
-    rates = body_accelerations(time, body, contacts, motion, mount, harmonics, tables)
+    rates = body_accelerations(time, body, heading_of(body), contacts, motion, mount, harmonics, tables)
     body.speed = body.speed + back * rates[2]
     if motion.prescribed == 1:
         angle, speed = prescribed_at(time, motion, harmonics, tables)
@@ -277,11 +285,13 @@ def bodies(Real: type) -> SimpleNamespace:
         i = drive.first_sprocket + s
         if ensemble.mounts[i].active == 1:
             contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
+            body = state.sprockets[i]
             state.sprockets[i] = leapfrog_body(
                 time,
                 kick,
                 drive.step,
-                state.sprockets[i],
+                body,
+                heading_of(body),
                 contacts,
                 ensemble.motions[i],
                 ensemble.mounts[i],
@@ -316,7 +326,9 @@ def bodies(Real: type) -> SimpleNamespace:
         if ensemble.mounts[i].active == 1:
             mount = ensemble.mounts[i]
             contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
-            rates = body_accelerations(time, body, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
+            rates = body_accelerations(
+                time, body, heading_of(body), contacts, motion, mount, ensemble.harmonics, ensemble.tables
+            )
             body = rk4_turn(after, weight, reach, stage, body, rates[2], motion, ensemble.harmonics, ensemble.tables)
             moved, stages = rk4_center(after, weight, reach, stage, body, state.centers[i], rates, mount)
             state.centers[i] = stages

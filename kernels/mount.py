@@ -33,16 +33,16 @@ def prescribed_center(time: wp.float64, mount: Mount):
 
 
 @wp.func
-def wheel_direction(angle: wp.float64, mount: Mount):
-    """Unit vector from the center to the balance wheel's mass."""
-    return vec2d(wp.cos(angle + mount.wheel_phase), wp.sin(angle + mount.wheel_phase))
+def eccentric(heading: vec2d, mount: Mount):
+    """m_b r_b e [kg m], the wheel's arm from the center; `heading` is (cos theta, sin theta)."""
+    w = mount.wheel
+    return vec2d(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
 
 
 @wp.func
-def wheel_arm(angle: wp.float64, mount: Mount):
-    """q = m_b r_b tau [kg m]."""
-    e = wheel_direction(angle, mount)
-    return vec2d(-mount.wheel * e[1], mount.wheel * e[0])
+def left(v: vec2d):
+    """`v` turned by +90 degrees."""
+    return vec2d(-v[1], v[0])
 
 
 @wp.func
@@ -52,20 +52,24 @@ def spring_force(center: vec2d, velocity: vec2d, mount: Mount):
 
 
 @wp.func
-def accelerations(time: wp.float64, body: SprocketState, contacts: Totals, turning: vec3d, mount: Mount):
+def accelerations(
+    time: wp.float64, body: SprocketState, heading: vec2d, contacts: Totals, turning: vec3d, mount: Mount
+):
     """Acceleration of a sprocket's center (x, y) [m/s^2] and of its angle [rad/s^2]; (a) to (c) above.
 
     Args:
         time: for a prescribed center [s].
         body: the sprocket; its angle and speed must be those of `time`.
+        heading: cosine and sine of its angle.
         contacts: the chain's force and moment on it.
         turning: (1 if the angle is prescribed else 0, its angular acceleration [rad/s^2], load moment [N m]).
     """
-    q = wheel_arm(body.angle, mount)
+    arm = eccentric(heading, mount)
+    q = left(arm)
     driven = vec2d()
     if mount.moves == PRESCRIBED:
         place, velocity, driven = prescribed_center(time, mount)
-    outward = mount.wheel * body.speed * body.speed * wheel_direction(body.angle, mount)
+    outward = body.speed * body.speed * arm
     force = contacts.push + mount.mass * mount.gravity + outward + spring_force(body.center, body.velocity, mount)
     straight = driven + mount.inverse_mass * force
     angular = turning[1]
@@ -77,29 +81,30 @@ def accelerations(time: wp.float64, body: SprocketState, contacts: Totals, turni
 
 
 @wp.func
-def body_energy(body: SprocketState, mount: Mount):
+def body_energy(body: SprocketState, heading: vec2d, mount: Mount):
     """Kinetic and potential energy of a sprocket on its mount, with its wheel and its preload [J]."""
     half = wp.float64(0.5)
     apart = body.center - mount.home
+    arm = eccentric(heading, mount)
     energy = half * mount.mass * wp.dot(body.velocity, body.velocity) + half * mount.inertia * body.speed * body.speed
-    energy += body.speed * wp.dot(wheel_arm(body.angle, mount), body.velocity)
-    energy -= wp.dot(mount.gravity, mount.mass * body.center + mount.wheel * wheel_direction(body.angle, mount))
+    energy += body.speed * wp.dot(left(arm), body.velocity)
+    energy -= wp.dot(mount.gravity, mount.mass * body.center + arm)
     return energy + half * wp.dot(apart, mount.stiffness * apart) - wp.dot(mount.preload, apart)
 
 
 @wp.func
-def holding_force(body: SprocketState, contacts: Totals, rates: vec3d, mount: Mount):
+def holding_force(body: SprocketState, heading: vec2d, contacts: Totals, rates: vec3d, mount: Mount):
     """Force on the center of what holds it [N]: spring, damper and preload, or whatever prescribes or fixes it."""
     held = spring_force(body.center, body.velocity, mount)
     if mount.moves != FREE:
-        outward = mount.wheel * body.speed * body.speed * wheel_direction(body.angle, mount)
+        arm = eccentric(heading, mount)
         straight = vec2d(rates[0], rates[1]) - mount.gravity
-        held = mount.mass * straight + rates[2] * wheel_arm(body.angle, mount) - outward - contacts.push
+        held = mount.mass * straight + rates[2] * left(arm) - body.speed * body.speed * arm - contacts.push
     return held
 
 
 @wp.func
-def prescribing_power(body: SprocketState, held: vec2d, rates: vec3d, turned: int, mount: Mount):
+def prescribing_power(body: SprocketState, heading: vec2d, held: vec2d, rates: vec3d, turned: int, mount: Mount):
     """Power that keeps a prescribed center moving, and a wheel turning at a prescribed angle (`turned` = 1) [W].
 
     The chain's moment against a prescribed angle is not in it; it is counted with the contacts' work.
@@ -109,5 +114,5 @@ def prescribing_power(body: SprocketState, held: vec2d, rates: vec3d, turned: in
         power += wp.dot(held, body.velocity)
     if turned == 1:
         straight = vec2d(rates[0], rates[1]) - mount.gravity
-        power += body.speed * (mount.inertia * rates[2] + wp.dot(wheel_arm(body.angle, mount), straight))
+        power += body.speed * (mount.inertia * rates[2] + wp.dot(left(eccentric(heading, mount)), straight))
     return power

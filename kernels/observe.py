@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .body import bodies, body_accelerations, load_at, own_motion
+from .body import bodies, body_accelerations, heading_of, load_at, own_motion
 from .mount import body_energy, holding_force, prescribing_power
 from .rollers import accessors, passes, rows
 from .structs import Drive, Sums, types
@@ -42,7 +42,8 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             motion = ensemble.motions[drive.first_sprocket + s]
             mount = ensemble.mounts[drive.first_sprocket + s]
             if mount.active == 1:
-                total += body_energy(true_body(ensemble, state, drive, s, time, back), mount)
+                moved = true_body(ensemble, state, drive, s, time, back)
+                total += body_energy(moved, heading_of(moved), mount)
             elif motion.prescribed == 0:
                 moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
                 body = state.sprockets[drive.first_sprocket + s]
@@ -67,9 +68,10 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
         mount = ensemble.mounts[i]
         body = true_body(ensemble, state, drive, s, time, back)
         contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
-        rates = body_accelerations(time, body, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
-        held = holding_force(body, contacts, rates, mount)
-        power = prescribing_power(body, held, rates, motion.prescribed, mount)
+        heading = heading_of(body)
+        rates = body_accelerations(time, body, heading, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
+        held = holding_force(body, heading, contacts, rates, mount)
+        power = prescribing_power(body, heading, held, rates, motion.prescribed, mount)
         sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
         return body.speed
 

@@ -92,8 +92,7 @@ class Mount:
     damping: mat22d  # [N s/m]
     preload: vec2d  # [N]
     gravity: vec2d  # [m/s^2]
-    wheel: wp.float64  # m_b r_b [kg m]
-    wheel_phase: wp.float64  # psi_b [rad]
+    wheel: vec2d  # m_b r_b (cos psi_b, sin psi_b) [kg m]
     inertia: wp.float64  # of sprocket and wheel; of the wheel alone if the angle is prescribed [kg m^2]
 
 

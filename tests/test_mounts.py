@@ -11,7 +11,7 @@ from warpchain.check import derive, report
 from warpchain.drive import loads_drive
 from warpchain.geometry import chain_path
 from warpchain.kernels import structs
-from warpchain.kernels.body import leapfrog_body
+from warpchain.kernels.body import heading_of, leapfrog_body
 from warpchain.mounts import FREE
 from warpchain.timestep import automatic_step, step_limit
 
@@ -63,7 +63,7 @@ def test_free_eccentric_wheel_turns_about_its_center_of_mass(turning):
     # about it is constant: exact for rk4 but for h^4
     packed = apart(1e-4, 4000, "rk4", every=4000)
     row = on_springs(packed, mass=8.0)
-    row["wheel"], row["inertia"] = 3.0 * 0.2, 1.0 + 3.0 * 0.2**2
+    row["wheel"][0], row["inertia"] = 3.0 * 0.2, 1.0 + 3.0 * 0.2**2
     packed.bodies[0]["speed"], packed.bodies[0]["velocity"] = turning, (0.3, -0.1)
     engine, _ = run(packed)
     body = engine.state.sprockets.numpy()[0]
@@ -371,7 +371,8 @@ def move_sprockets(
     h: wp.float64,
 ):
     s = wp.tid()
-    bodies[s] = leapfrog_body(time, h, h, bodies[s], contacts[s], motions[s], mounts[s], harmonics, tables)
+    body = bodies[s]
+    bodies[s] = leapfrog_body(time, h, h, body, heading_of(body), contacts[s], motions[s], mounts[s], harmonics, tables)
 
 
 def test_moving_a_sprocket_compiles_for_cuda_without_a_gpu(tmp_path):

@@ -117,8 +117,9 @@ def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float]) -> None:
     own = sprocket.inertia if sprocket.prescribed is None else None
     row["inertia"] = (own or 0.0) + wheel_inertia(sprocket)
     if sprocket.balance_wheel is not None:
-        row["wheel"] = wheel_mass(sprocket) * sprocket.balance_wheel.radius
-        row["wheel_phase"] = sprocket.balance_wheel.phase
+        phase = sprocket.balance_wheel.phase
+        arm = wheel_mass(sprocket) * sprocket.balance_wheel.radius
+        row["wheel"] = arm * np.array([math.cos(phase), math.sin(phase)])
     if isinstance(mount, PrescribedMount):
         row["moves"] = PRESCRIBED
         row["direction"] = unit(mount.direction)
