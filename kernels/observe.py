@@ -25,6 +25,14 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
     TENSION, SPROCKET_FORCE, GUIDE_FORCE = at.tension, at.sprocket_force, at.guide_force
 
     @wp.func
+    def energy_of(
+        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, back: wp.float64
+    ):
+        """Energy of sprocket `s` of the drive on its active mount [J]."""
+        moved = true_body(ensemble, state, drive, s, time, back)
+        return body_energy(moved, heading_of(moved), ensemble.mounts[drive.first_sprocket + s])
+
+    @wp.func
     def mechanical_energy(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -40,10 +48,8 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for s in range(drive.sprockets):
             motion = ensemble.motions[drive.first_sprocket + s]
-            mount = ensemble.mounts[drive.first_sprocket + s]
-            if mount.active == 1:
-                moved = true_body(ensemble, state, drive, s, time, back)
-                total += body_energy(moved, heading_of(moved), mount)
+            if ensemble.mounts[drive.first_sprocket + s].active == 1:
+                total += energy_of(ensemble, state, drive, s, time, back)
             elif motion.prescribed == 0:
                 moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
                 body = state.sprockets[drive.first_sprocket + s]
@@ -62,7 +68,7 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
         back: wp.float64,
         weight: wp.float64,
     ):
-        """Adds a sprocket on an active mount to the sums of the window; returns its angular velocity."""
+        """Adds a sprocket on an active mount to the sums of the window."""
         i = drive.first_sprocket + s
         motion = ensemble.motions[i]
         mount = ensemble.mounts[i]
@@ -73,7 +79,10 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
         held = holding_force(body, heading, contacts, rates, mount)
         power = prescribing_power(body, heading, held, rates, motion.prescribed, mount)
         sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
-        return body.speed
+        load_part = wp.float64(0.0)
+        if motion.prescribed == 0:
+            load_part = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
+        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, contacts.moment, load_part, weight)
 
     @wp.func
     def measure(
@@ -104,15 +113,14 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             sums.contact[i] = add_contact(sums.contact[i], state.totals[i], weight)
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
-            motion = ensemble.motions[i]
-            moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
-            body = state.sprockets[i]
-            speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
             if ensemble.mounts[i].active == 1:
-                speed = add_body(ensemble, state, sums, drive, s, time, back, weight)
-                if motion.prescribed == 0:
-                    load_part = load_at(time, body.angle, speed, motion, ensemble.harmonics, ensemble.tables)
-            sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
+                add_body(ensemble, state, sums, drive, s, time, back, weight)
+            else:
+                motion = ensemble.motions[i]
+                moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+                body = state.sprockets[i]
+                speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
+                sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
             strand = state.strands[i]
