@@ -16,7 +16,8 @@ from .exchange import any_thread, barrier
 from .rollers import STATE_ROWS
 from .root import reciprocal
 from .serial import DIVERGENCE_CHECK
-from .structs import Drive, Sums, Tallies, Wheel, types, vec2d
+from .structs import Drive, Wheel, types, vec2d
+from .sum_structs import Sums, Tallies
 from .sums import STRAND_LOOK_EVERY
 from .trigonometry import sine_cosine
 
@@ -164,7 +165,9 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         drive = ensemble.drives[variant]
         mine = drive.first_sprocket + s
         body = state.sprockets[mine]
-        angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[mine], ensemble.harmonics)
+        angle, exact = prescribed_at(
+            wp.float64(step) * drive.step, ensemble.motions[mine], ensemble.harmonics, ensemble.tables
+        )
         wheel = Wheel()
         wheel.angle = body.angle
         wheel.speed = body.speed
@@ -206,11 +209,13 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         time = wp.float64(step) * drive.step
         wheel = shared.wheels[s]
         if motion.prescribed == 1:
-            target, exact = prescribed_at(time + drive.step, motion, ensemble.harmonics)
+            target, exact = prescribed_at(time + drive.step, motion, ensemble.harmonics, ensemble.tables)
             shared.wheels[s].target = target
             shared.wheels[s].next_speed = exact
         else:
-            shared.wheels[s].target = load_at(time, wheel.angle, wheel.speed, motion, ensemble.harmonics)
+            shared.wheels[s].target = load_at(
+                time, wheel.angle, wheel.speed, motion, ensemble.harmonics, ensemble.tables
+            )
 
     @wp.func
     def turn(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, step: int, going: bool):

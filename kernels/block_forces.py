@@ -9,7 +9,8 @@ from .contact import closed_contact, gap_approach, guide_approach, in_gap, moved
 from .exchange import any_lane, exchange, lanes, lowest_bit
 from .link import link_force
 from .rollers import STATE_ROWS
-from .structs import ContactSums, Drive, Tallies, types, vec2d
+from .structs import Drive, types, vec2d
+from .sum_structs import ContactSums, Tallies
 from .tooth import nearest_seat, seat_step
 
 

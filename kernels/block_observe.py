@@ -11,7 +11,8 @@ import warp as wp
 
 from .block_forces import block_forces
 from .body import load_at
-from .structs import ContactSums, Drive, StrandSums, Sums, Tallies, Wheel, types
+from .structs import Drive, Wheel, types
+from .sum_structs import ContactSums, StrandSums, Sums, Tallies
 from .sums import add_displacement, add_sprocket, displacement, following
 
 EVENT = wp.constant(1)
@@ -166,7 +167,7 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         motion = shared.motions[s]
         load = wp.float64(0.0)
         if motion.prescribed == 0:
-            load = load_at(wp.float64(step) * drive.step, angle, speed, motion, ensemble.harmonics)
+            load = load_at(wp.float64(step) * drive.step, angle, speed, motion, ensemble.harmonics, ensemble.tables)
             if flags & ENDS != 0:
                 energy = wp.float64(0.5) * speed * speed / motion.inverse_inertia
                 add_energy(ensemble, tallies, variant, i, flags & START, energy)

@@ -7,7 +7,8 @@ import warp as wp
 from .block_forces import block_forces
 from .exchange import barrier, lanes
 from .relax import LOOK_EVERY, Settling
-from .structs import Tallies, Wheel, types
+from .structs import Wheel, types
+from .sum_structs import Tallies
 from .trigonometry import sine_cosine
 
 

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .structs import ContactSums, Motion, SprocketSums, StrandSums, Wheel, types
+from .structs import Motion, Wheel, types
+from .sum_structs import ContactSums, SprocketSums, StrandSums
 
 NAMES = {wp.float64: "double", wp.float32: "float"}
 STATE = 6

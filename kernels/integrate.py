@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .body import bodies, prescribed_at
+from .body import bodies
 from .rollers import accessors, passes, rows
 from .structs import Drive, types
 from .trigonometry import sine_cosine
@@ -21,7 +21,7 @@ def stepping(Real: type, capacity: int) -> SimpleNamespace:
     kinds = types(Real)
     part = passes(Real, capacity)
     load, store = accessors(Real).load, accessors(Real).store
-    sprocket_acceleration = bodies(Real).sprocket_acceleration
+    leapfrog_sprocket, rk4_sprocket = bodies(Real).leapfrog_sprocket, bodies(Real).rk4_sprocket
     at = rows(capacity)
     X, Y, VX, VY, X_LOW, Y_LOW = at.x, at.y, at.vx, at.vy, at.x_low, at.y_low
     X0_LOW, Y0_LOW, move = at.x0_low, at.y0_low, part.move
@@ -92,17 +92,7 @@ def stepping(Real: type, capacity: int) -> SimpleNamespace:
         """One step from evaluated forces; `kick` is h, or h / 2 from the initial state."""
         h = drive.step
         for s in range(drive.sprockets):
-            i = drive.first_sprocket + s
-            motion = ensemble.motions[i]
-            body = state.sprockets[i]
-            if motion.prescribed == 1:
-                angle, speed = prescribed_at(time + h, motion, ensemble.harmonics)
-                body.speed = (angle - body.angle) / h
-                body.angle = angle
-            else:
-                body.speed = body.speed + kick * sprocket_acceleration(ensemble, state, drive, s, time)
-                body.angle = body.angle + h * body.speed
-            state.sprockets[i] = body
+            leapfrog_sprocket(ensemble, state, drive, s, time, kick)
         kick_drift(w, drive.rollers, chain, Real(kick), Real(h))
 
     @wp.func
@@ -157,32 +147,8 @@ def stepping(Real: type, capacity: int) -> SimpleNamespace:
         h = drive.step
         weight = wp.where(stage == 1 or stage == 2, h / wp.float64(3.0), h / wp.float64(6.0))
         reach = wp.where(stage < 2, wp.float64(0.5) * h, h)
-        time = step_time + wp.where(stage == 0, wp.float64(0.0), wp.where(stage == 3, h, wp.float64(0.5) * h))
         for s in range(drive.sprockets):
-            i = drive.first_sprocket + s
-            motion = ensemble.motions[i]
-            body = state.sprockets[i]
-            if motion.prescribed == 1:
-                angle, speed = prescribed_at(step_time + reach, motion, ensemble.harmonics)
-                body.angle = angle
-                body.speed = speed
-            else:
-                slope = sprocket_acceleration(ensemble, state, drive, s, time)
-                speed = body.speed
-                if stage == 0:
-                    body.base_angle = body.angle
-                    body.base_speed = speed
-                    body.sum_angle = wp.float64(0.0)
-                    body.sum_speed = wp.float64(0.0)
-                body.sum_angle = body.sum_angle + weight * speed
-                body.sum_speed = body.sum_speed + weight * slope
-                if stage == 3:
-                    body.angle = body.base_angle + body.sum_angle
-                    body.speed = body.base_speed + body.sum_speed
-                else:
-                    body.angle = body.base_angle + reach * speed
-                    body.speed = body.base_speed + reach * slope
-            state.sprockets[i] = body
+            rk4_sprocket(ensemble, state, drive, s, step_time, stage)
         rk4_rollers(w, drive.rollers, chain, stage, Real(weight), Real(reach))
 
     return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

@@ -13,7 +13,8 @@ import warp as wp
 
 from .contact import guide_contact, sprocket_contact
 from .link import link_force
-from .structs import SprocketState, Totals, types, vec2d
+from .structs import SprocketState, types, vec2d
+from .sum_structs import Totals
 from .tooth import nearest_seat
 
 ROWS = (
@@ -179,7 +180,9 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
         """
         totals = Totals()
         center = vec2(Real(body.center[0]), Real(body.center[1]))
+        center_velocity = vec2(Real(body.velocity[0]), Real(body.velocity[1]))
         omega = Real(body.speed)
+        push = vec2(Real(0.0), Real(0.0))
         i = int(0)
         while i < n:
             r = vec2(load(w, X + i), load(w, Y + i)) - center
@@ -189,7 +192,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
                 if held < 0:
                     held = nearest_seat(place(w, i) - body.center, cosine, sine, sprocket.teeth)
                 before = load(impact_speed, memory + i)
-                v = vec2(load(w, VX + i), load(w, VY + i))
+                v = vec2(load(w, VX + i), load(w, VY + i)) - center_velocity
                 f, force, now, first, dissipated, energy = sprocket_contact(
                     place(w, i) - body.center, v, omega, cosine, sine, held, before, sprocket, seats
                 )
@@ -201,6 +204,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
                     store(w, FY + i, load(w, FY + i) + f[1])
                     store(w, SPROCKET_FORCE + i, load(w, SPROCKET_FORCE + i) + force)
                     totals.moment += wp.float64(r[1] * f[0] - r[0] * f[1])
+                    push -= f
                     totals.force += wp.float64(force)
                     totals.force_max = wp.max(totals.force_max, wp.float64(force))
                     totals.dissipated += wp.float64(dissipated)
@@ -212,6 +216,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
                     seat[memory + i] = -1
                     store(impact_speed, memory + i, Real(0.0))
             i = i + 1
+        totals.push = vec2d(wp.float64(push[0]), wp.float64(push[1]))
         return totals
 
     @wp.func

@@ -8,10 +8,12 @@ from functools import cache
 
 import warp as wp
 
+from .body import bodies
 from .integrate import stepping
 from .observe import observing
 from .rollers import RK4_ROWS, ROWS, STATE_ROWS, passes
-from .structs import Sums, types
+from .structs import types
+from .sum_structs import Sums
 
 SCRATCH_ROWS = len(ROWS) + len(RK4_ROWS)
 DIVERGENCE_CHECK = wp.constant(32)  # steps between two looks at whether a variant has left its box
@@ -24,7 +26,7 @@ def advance_kernel(Real: type, capacity: int) -> wp.Kernel:
     part = passes(Real, capacity)
     do = stepping(Real, capacity)
     look = observing(Real, capacity)
-    inside = part.inside
+    inside, centers_inside = part.inside, bodies(Real).centers_inside
 
     @wp.kernel(enable_backward=False, module="unique")
     def advance(
@@ -66,7 +68,7 @@ def advance_kernel(Real: type, capacity: int) -> wp.Kernel:
                             look.sample(ensemble, state, drive, chain, w, frames, frame, time, back)
                             frame = frame + wp.int64(7 * n + 5 * drive.sprockets)
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
-                        if inside(w, n, drive.low, drive.high) == 0:
+                        if inside(w, n, drive.low, drive.high) == 0 or centers_inside(state, drive) == 0:
                             progress.diverged = 1
                 if step == drive.steps or progress.diverged == 1:
                     stage = 4

@@ -9,8 +9,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from .sum_structs import ContactSums, SprocketSums, StrandSums, Totals
+
 vec2d = wp.types.vector(2, wp.float64)
 vec3d = wp.types.vector(3, wp.float64)
+mat22d = wp.types.matrix((2, 2), wp.float64)
 
 
 @wp.struct
@@ -19,6 +22,18 @@ class Harmonics:
 
     first: wp.int32
     count: wp.int32
+
+
+@wp.struct
+class Table:
+    """Where a sprocket's speed or torque table stands in the ensemble's list (see `kernels.table`)."""
+
+    cells: wp.int32  # 0: no table
+    first: wp.int32
+    over_angle: wp.int32  # 1: over the sprocket's own forward angle [rad], 0: over time [s]
+    repeats: wp.int32  # 1: begins anew beyond its ends, 0: keeps the value there
+    start: wp.float64  # [rad] or [s]
+    spacing: wp.float64  # of the cells [rad] or [s]
 
 
 @wp.struct
@@ -58,15 +73,40 @@ class Motion:
     load_ramp_time: wp.float64  # [s]
     drive_harmonics: Harmonics
     load_harmonics: Harmonics
+    drive_table: Table  # speed [rad/s] over time, instead of `speed` and `ramp_time`
+    load_table: Table  # torque [N m], on top of `load`
+
+
+@wp.struct
+class Mount:
+    """How a sprocket's center is held, and its balance wheel; all zero for a fixed center without a wheel."""
+
+    active: wp.int32  # 1: the center can move or there is a wheel
+    moves: wp.int32  # 0 held, 1 prescribed, 2 on springs
+    home: vec2d  # stated center r_0 [m]
+    direction: vec2d  # of prescribed motion, a unit vector
+    offset: wp.float64  # [m]
+    amplitude: wp.float64  # [m]
+    frequency: wp.float64  # 2 pi f [rad/s]
+    phase: wp.float64  # [rad]
+    mass: wp.float64  # of sprocket and wheel [kg]
+    inverse_mass: mat22d  # 1 / mass along the free directions, else 0 [1/kg]
+    stiffness: mat22d  # [N/m]
+    damping: mat22d  # [N s/m]
+    preload: vec2d  # [N]
+    gravity: vec2d  # [m/s^2]
+    wheel: vec2d  # m_b r_b (cos psi_b, sin psi_b) [kg m]
+    inertia: wp.float64  # of sprocket and wheel; of the wheel alone if the angle is prescribed [kg m^2]
 
 
 @wp.struct
 class SprocketState:
-    """A sprocket in motion; leapfrog keeps the speed at half steps."""
+    """A sprocket in motion; leapfrog keeps speed and velocity at half steps."""
 
     angle: wp.float64  # theta [rad]
     speed: wp.float64  # omega [rad/s]
     center: vec2d  # [m]
+    velocity: vec2d  # of the center [m/s]
     base_angle: wp.float64  # rk4: at the step's start, and the sum of weighted slopes
     base_speed: wp.float64
     sum_angle: wp.float64
@@ -88,68 +128,13 @@ class Wheel:
 
 
 @wp.struct
-class Totals:
-    """What the contacts of one sprocket or guide-bar add up to at one instant."""
+class CenterStages:
+    """rk4's center and velocity of a moving sprocket at the step's start, and the sum of their weighted slopes."""
 
-    moment: wp.float64  # on the sprocket [N m]
-    force: wp.float64  # sum of magnitudes [N]
-    force_max: wp.float64  # [N]
-    dissipated: wp.float64  # power [W]
-    energy: wp.float64  # elastic [J]
-    impacts: wp.int32  # contacts that began
-
-
-@wp.struct
-class ContactSums:
-    """Sums over the window of one sprocket's or guide-bar's contacts."""
-
-    force_max: wp.float64  # [N]
-    impacts: wp.int32
-    impulse: wp.float64  # [N s]
-    dissipated: wp.float64  # [J]
-
-
-@wp.struct
-class SprocketSums:
-    """Sums over the window of a sprocket's motion (time integrals, trapezoidal)."""
-
-    speed_min: wp.float64  # [rad/s]
-    speed_max: wp.float64
-    speed: wp.float64  # [rad]
-    speed_square: wp.float64
-    moment: wp.float64  # [N m s]
-    contact_work: wp.float64  # done by the chain on the sprocket [J]
-    load_work: wp.float64  # done by the load moment [J]
-
-
-@wp.struct
-class StrandSums:
-    """Sums over the window of one strand: its links' tension and its mid-strand transverse displacement."""
-
-    links: wp.int64  # tension samples
-    tension_min: wp.float64  # [N]
-    tension_max: wp.float64
-    tension: wp.float64
-    tension_square: wp.float64
-    samples: wp.int64  # displacement samples
-    displacement_min: wp.float64  # [m]
-    displacement_max: wp.float64
-    displacement: wp.float64
-    displacement_square: wp.float64
-
-
-@wp.struct
-class ChainSums:
-    """Sums over the window of the whole chain, and the energy balance's two ends."""
-
-    tension_min: wp.float64  # [N]
-    tension_max: wp.float64
-    tension: wp.float64  # sum over links and steps
-    tension_square: wp.float64
-    samples: wp.int64  # steps in the window
-    dissipated: wp.float64  # in the links [J]
-    energy_start: wp.float64  # mechanical energy at the window's start [J]
-    energy_end: wp.float64
+    base_center: vec2d
+    base_velocity: vec2d
+    sum_center: vec2d
+    sum_velocity: vec2d
 
 
 @wp.struct
@@ -165,50 +150,11 @@ class Strand:
 
 
 @wp.struct
-class LinkTally:
-    """What one link added up while it was on one strand, or on none."""
-
-    samples: wp.int64
-    tension_min: wp.float64  # [N]
-    tension_max: wp.float64
-    tension: wp.float64
-    tension_square: wp.float64
-
-
-@wp.struct
-class RollerTally:
-    """What one link dissipated, and the energy of one roller, its link and its contacts at the window's two ends."""
-
-    dissipated: wp.float64  # [J]
-    energy_start: wp.float64  # [J]
-    energy_end: wp.float64
-
-
-@wp.struct
-class Tallies:
-    """Sums that the block kernels keep roller by roller, so that no thread waits for another."""
-
-    link: wp.array(dtype=LinkTally)  # (sum of (S + 1) N,)
-    contact: wp.array(dtype=ContactSums)  # (contact memories,)
-    roller: wp.array(dtype=RollerTally)  # (all rollers,)
-
-
-@wp.struct
 class Progress:
     """How far a variant has come."""
 
     step: wp.int32  # the next step to evaluate
     diverged: wp.int32  # 1: stopped, at `step`
-
-
-@wp.struct
-class Sums:
-    """What is added up over the window; S sprockets (and strands) and G guide-bars a variant."""
-
-    chain: wp.array(dtype=ChainSums)  # (variants,)
-    strand: wp.array(dtype=StrandSums)  # (all sprockets,)
-    sprocket: wp.array(dtype=SprocketSums)  # (all sprockets,)
-    contact: wp.array(dtype=ContactSums)  # (all sprockets and guide-bars,), a variant's sprockets first
 
 
 @cache
@@ -282,8 +228,10 @@ def types(Real: type) -> SimpleNamespace:
         lengths: wp.array(dtype=Real)  # (all rollers,) unloaded length of each link [m]
         sprockets: wp.array(dtype=Sprocket)  # (all sprockets,)
         motions: wp.array(dtype=Motion)  # (all sprockets,)
+        mounts: wp.array(dtype=Mount)  # (all sprockets,)
         guides: wp.array(dtype=Guide)  # (all guide-bars,)
         harmonics: wp.array(dtype=vec3d)  # (order, amplitude, phase)
+        tables: wp.array(dtype=wp.float64)  # five values a cell (`kernels.table`)
         seats: wp.array(dtype=vec2d)  # directions of the seats of each number of teeth in use
 
     @wp.struct
@@ -292,6 +240,7 @@ def types(Real: type) -> SimpleNamespace:
 
         rollers: wp.array(dtype=Real)  # (6 * all rollers,): a variant's x, y, vx, vy rows, and x, y's low parts
         sprockets: wp.array(dtype=SprocketState)  # (all sprockets,)
+        centers: wp.array(dtype=CenterStages)  # (all sprockets,), for rk4
         strands: wp.array(dtype=Strand)  # (all sprockets,)
         seat: wp.array(dtype=wp.int32)  # (contact memories,): seat of an engaged roller, else -1
         impact_speed: wp.array(dtype=Real)  # (contact memories,): v0 of a contact, 0 while open [m/s]

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from .rollers import accessors, rows
-from .structs import ChainSums, ContactSums, SprocketSums, Strand, StrandSums, Totals, types
+from .structs import Mount, SprocketState, Strand, types, vec2d
+from .sum_structs import ChainSums, ContactSums, MountSums, SprocketSums, StrandSums, Totals
 
 STRAND_LOOK_EVERY = wp.constant(16)
 """Steps between two looks at which links lie on a strand; the chain moves a small part of a pitch in between."""
@@ -46,6 +47,18 @@ def add_sprocket(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load
     sums.moment = sums.moment + weight * moment
     sums.contact_work = sums.contact_work + weight * moment * speed
     sums.load_work = sums.load_work + weight * load * speed
+    return sums
+
+
+@wp.func
+def add_mount(sums: MountSums, body: SprocketState, mount: Mount, held: vec2d, power: wp.float64, weight: wp.float64):
+    """One moving sprocket's displacement, the force `held` on its center, its damper's and its prescription's power."""
+    apart = body.center - mount.home
+    sums.travel = sums.travel + weight * apart
+    sums.travel_max = wp.max(sums.travel_max, wp.length(apart))
+    sums.force = sums.force + weight * wp.length(held)
+    sums.dissipated = sums.dissipated + weight * wp.dot(body.velocity, mount.damping * body.velocity)
+    sums.work = sums.work + weight * power
     return sums
 
 

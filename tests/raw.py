@@ -34,8 +34,9 @@ def chain(
     packed = Packed(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
         lengths=np.full(n, pitch, dtype=precision),
-        sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, wheels), guides=zeros(kinds.Guide),
-        harmonics=np.zeros((1, 3)), seats=np.zeros((1, 2)),
+        sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, wheels),
+        mounts=zeros(structs.Mount, wheels), guides=zeros(kinds.Guide),
+        harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
         bodies=zeros(structs.SprocketState, wheels), strands=zeros(structs.Strand, wheels),
         seat=np.full(max(n * wheels, 1), -1, dtype=np.int32), assemblies=(None,),

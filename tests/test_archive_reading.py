@@ -16,7 +16,7 @@ from warpchain.archive_file import Chunk, McapFile
 from warpchain.archive_index import McapIndex
 from warpchain.archive_parts import Parts
 from warpchain.errors import ArchiveError, SimulationError, WarpchainError
-from warpchain.tables import DIMENSIONS, UNITS
+from warpchain.trajectory_tables import DIMENSIONS, UNITS
 
 
 @pytest.fixture(scope="module")

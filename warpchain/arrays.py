@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from warpchain.ensemble import Packed
-from warpchain.kernels import structs
+from warpchain.kernels import structs, sum_structs
 
 
 def upload_ensemble(packed: Packed, device: str) -> Any:
@@ -21,8 +21,10 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("lengths", packed.lengths, packed.real),
         ("sprockets", packed.sprockets, kinds.Sprocket),
         ("motions", packed.motions, structs.Motion),
+        ("mounts", packed.mounts, structs.Mount),
         ("guides", packed.guides, kinds.Guide),
         ("harmonics", packed.harmonics, structs.vec3d),
+        ("tables", packed.tables, wp.float64),
         ("seats", packed.seats, structs.vec2d),
     ):
         setattr(ensemble, name, wp.array(values, dtype=dtype, device=device, copy=True))
@@ -41,23 +43,25 @@ def upload_state(packed: Packed, device: str) -> Any:
         setattr(state, name, wp.array(values, dtype=dtype, device=device, copy=True))
     state.impact_speed = wp.zeros(len(packed.seat), dtype=packed.real, device=device)
     partners = len(packed.sprockets) + len(packed.guides)
-    state.totals = wp.zeros(partners, dtype=structs.Totals, device=device)
+    state.totals = wp.zeros(partners, dtype=sum_structs.Totals, device=device)
+    state.centers = wp.zeros(len(packed.sprockets), dtype=structs.CenterStages, device=device)
     state.progress = wp.zeros(packed.variants, dtype=structs.Progress, device=device)
     return state
 
 
-SUMS = ("chain", "strand", "sprocket", "contact")
-"""The fields of `kernels.structs.Sums`."""
+SUMS = ("chain", "strand", "sprocket", "mount", "contact")
+"""The fields of `kernels.sum_structs.Sums`."""
 
 
-def empty_sums(packed: Packed, device: str) -> structs.Sums:
+def empty_sums(packed: Packed, device: str) -> sum_structs.Sums:
     """Sums to which nothing has been added: minima at +infinity, maxima at -infinity."""
-    sums = structs.Sums()
+    sums = sum_structs.Sums()
     for name, struct, count in (
-        ("chain", structs.ChainSums, packed.variants),
-        ("strand", structs.StrandSums, len(packed.sprockets)),
-        ("sprocket", structs.SprocketSums, len(packed.sprockets)),
-        ("contact", structs.ContactSums, len(packed.sprockets) + len(packed.guides)),
+        ("chain", sum_structs.ChainSums, packed.variants),
+        ("strand", sum_structs.StrandSums, len(packed.sprockets)),
+        ("sprocket", sum_structs.SprocketSums, len(packed.sprockets)),
+        ("mount", sum_structs.MountSums, len(packed.sprockets)),
+        ("contact", sum_structs.ContactSums, len(packed.sprockets) + len(packed.guides)),
     ):
         values = np.zeros(count, dtype=struct.numpy_dtype())
         for field in values.dtype.names or ():
@@ -69,11 +73,11 @@ def empty_sums(packed: Packed, device: str) -> structs.Sums:
     return sums
 
 
-def empty_tallies(packed: Packed, device: str) -> structs.Tallies:
+def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     """Tallies to which nothing has been added, for the block kernels."""
     links, wheels = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
-    tallies = structs.Tallies()
-    tallies.link = wp.zeros(int((links * (wheels + 1)).sum()), dtype=structs.LinkTally, device=device)
-    tallies.contact = wp.zeros(len(packed.seat), dtype=structs.ContactSums, device=device)
-    tallies.roller = wp.zeros(int(links.sum()), dtype=structs.RollerTally, device=device)
+    tallies = sum_structs.Tallies()
+    tallies.link = wp.zeros(int((links * (wheels + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
+    tallies.contact = wp.zeros(len(packed.seat), dtype=sum_structs.ContactSums, device=device)
+    tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
     return tallies

@@ -28,7 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.geometry import ChainPath, chain_path, check_fit
+from warpchain.mounts import initial_center, initial_velocity
 from warpchain.seating import Seating, seat_chain
+from warpchain.tables import initial_speed
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Sprocket
@@ -97,8 +99,8 @@ def assemble(drive: Drive) -> Assembly:
         seat = (first_seat[s] + sprocket.sign * np.arange(seating.seats[s])) % sprocket.teeth
         polar = angle[s] + seat * (2.0 * math.pi / sprocket.teeth)
         arm = path.radius[s] * np.stack([np.cos(polar), np.sin(polar)], axis=1)
-        position[rollers] = np.asarray(sprocket.center, dtype=float) + arm
-        velocity[rollers] = speed[s] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        position[rollers] = initial_center(sprocket) + arm
+        velocity[rollers] = initial_velocity(sprocket) + speed[s] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
         seat_sprocket[rollers], seat_index[rollers] = s, seat
     slack = seating.strain < -_STRAIGHT
     for k, links in enumerate(seating.links):
@@ -162,7 +164,8 @@ def _prescribed_speed(sprocket: Sprocket) -> float:
     motion = sprocket.prescribed
     if motion is None or motion.ramp_time > 0.0:
         return 0.0
-    return motion.speed * (1.0 + sum(h.amplitude * math.cos(h.phase) for h in motion.harmonics))
+    speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
+    return speed * (1.0 + sum(h.amplitude * math.cos(h.phase) for h in motion.harmonics))
 
 
 def _arc(

@@ -9,6 +9,7 @@ from warpchain.assembly import assemble
 from warpchain.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.contact import contact_rebound, guide_stiffness, sprocket_stiffness
 from warpchain.drive import Drive
+from warpchain.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.timestep import automatic_step, resolve_step, step_limit
 
 
@@ -33,7 +34,7 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     count = len(drive.sprockets)
     travel = drive.sprockets[drive.driver].prescribed
     assert travel is not None
-    chain_speed = travel.speed * drive.pitch_radius(drive.driver)
+    chain_speed = travel.top_speed * drive.pitch_radius(drive.driver)
     rise = [0.0] * count
     for turn in range(1, count):
         s = (drive.driver + turn) % count
@@ -59,7 +60,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     preload = max(0.0, drive.chain.stiffness * path.pitch * assembly.strain)
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
-    speed = driver.prescribed.speed
+    speed = driver.prescribed.top_speed
     links = [int(n) for n in assembly.strand_links]
     tensions = working_tensions(drive, preload, links)
     return {
@@ -110,6 +111,17 @@ def derive(drive: Drive) -> dict[str, Any]:
                 "rebound": contact_rebound(drive.guide_contact(g)),
             }
             for g, guide in enumerate(drive.guides)
+        ],
+        "mounts": [
+            {
+                "name": sprocket.name,
+                "kind": sprocket.mount.kind,
+                "mass": moving_mass(sprocket),
+                "frequencies": list(own_frequencies(sprocket)),
+                "wheel_force": wheel_force(sprocket, speed * drive.pitch_radius(drive.driver) / drive.pitch_radius(s)),
+            }
+            for s, sprocket in enumerate(drive.sprockets)
+            if active(sprocket)
         ],
         "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
         "step": resolve_step(drive),
@@ -197,6 +209,24 @@ def report(values: dict[str, Any]) -> str:
                 [
                     (g["name"], f"{g['contact_stiffness']:.4g} N/m^n", g["law"], f"{g['rebound']:.3f}")
                     for g in values["guides"]
+                ],
+            ),
+        ]
+    if values["mounts"]:
+        lines += [
+            "",
+            "moving centers and balance wheels; frequencies of the mount without the chain:",
+            *_table(
+                ("sprocket", "mount", "moving mass", "own frequency", "wheel's centrifugal force"),
+                [
+                    (
+                        m["name"],
+                        m["kind"],
+                        f"{m['mass']:.4g} kg" if m["mass"] else "-",
+                        ", ".join(f"{f:.4g} Hz" for f in m["frequencies"]) or "-",
+                        f"{m['wheel_force']:.4g} N" if m["wheel_force"] else "-",
+                    )
+                    for m in values["mounts"]
                 ],
             ),
         ]

@@ -136,6 +136,11 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
             f"{name}: speed {row[f'{name}.speed_mean']:.5g} rad/s, moment {row[f'{name}.moment_mean']:.5g} N m, "
             f"largest contact force {row[f'{name}.force_max']:.0f} N, {row[f'{name}.impacts']} impacts"
         )
+        if row.get(f"{name}.travel_max") is not None:
+            lines.append(
+                f"{name}: center up to {row[f'{name}.travel_max']:.4g} m from its place, mean mount force "
+                f"{row[f'{name}.mount_force_mean']:.0f} N"
+            )
     residual = row["energy_residual_relative"]
     lines.append(f"energy: in {row['input_work']:.5g} J, out {row['output_work']:.5g} J, residual {residual:+.1e}")
     if row.get("settle_residual") is not None and row["settle_residual"] > 1e-3:

@@ -94,7 +94,7 @@ class CpuEngine:
         return np.array(self.state.progress.numpy(), copy=True)
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """The window's sums, by name as in `kernels.structs.Sums`."""
+        """The window's sums, by name as in `kernels.sum_structs.Sums`."""
         return {name: np.array(getattr(self.cpu_sums, name).numpy(), copy=True) for name in SUMS}
 
     def frame_buffer(self, values: int) -> wp.array:

@@ -46,7 +46,8 @@ from warpchain.drive_motion import (
     SliderMount,
 )
 from warpchain.drive_parts import Chain, Guide, RunSettings, Sprocket, WornLink
-from warpchain.drive_rules import guide_rules, size_rules, sprocket_rules, unsupported
+from warpchain.drive_rules import guide_rules, shaft_rules, size_rules, sprocket_rules
+from warpchain.drive_tables import SpeedTable, TorqueTable, with_files
 from warpchain.drive_values import changed, lookup, settable
 from warpchain.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 
@@ -68,14 +69,15 @@ __all__ = [
     "PrescribedMount",
     "RunSettings",
     "SliderMount",
+    "SpeedTable",
     "Sprocket",
     "SprocketContact",
+    "TorqueTable",
     "WornLink",
     "dumps_drive",
     "load_drive",
     "loads_drive",
     "save_drive",
-    "unsupported",
 ]
 
 
@@ -90,7 +92,7 @@ class Drive(Part):
         run: run settings.
 
     Raises:
-        DriveError: with one line for each value that is missing, unknown, not allowed or not supported.
+        DriveError: with one line for each value that is missing, unknown or not allowed.
     """
 
     chain: Chain
@@ -197,9 +199,9 @@ class Drive(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from sprocket_rules(node)
+        yield from shaft_rules(node)
         yield from guide_rules(node)
         yield from size_rules(node)
-        yield from unsupported(node)
 
     @model_validator(mode="wrap")
     @classmethod
@@ -221,17 +223,20 @@ class Drive(Part):
         return drive
 
 
-def loads_drive(text: str, source: str = "<text>") -> Drive:
+def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str] | None = None) -> Drive:
     """Reads a drive from TOML text.
 
     Args:
         text: the drive file's contents.
         source: what error lines call it.
+        folder: where the CSV files of its tables stand; None allows no such files.
 
     Raises:
         DriveError: with one line for each error of the text, all of them.
     """
     values = drive_toml.parse(text, source)
+    if folder is not None:
+        values = with_files(values, Path(folder), source)
     try:
         return Drive(**values)
     except DriveError as error:
@@ -244,7 +249,7 @@ def load_drive(path: str | os.PathLike[str]) -> Drive:
     Raises:
         DriveError: if it cannot be read, in one line, or with one line for each of its errors.
     """
-    return loads_drive(read_drive_text(path), str(path))
+    return loads_drive(read_drive_text(path), str(path), Path(path).parent)
 
 
 def read_drive_text(path: str | os.PathLike[str]) -> str:

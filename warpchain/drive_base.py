@@ -124,6 +124,12 @@ NonNegativePair = Annotated[
     BeforeValidator(_plain_sequence),
     Value("must be two numbers [x, y] of at least 0"),
 ]
+Column = Annotated[
+    tuple[_Real, ...],
+    Field(strict=True, min_length=2),
+    BeforeValidator(_plain_sequence),
+    Value("must be a list of at least 2 finite numbers"),
+]
 
 # ------------------------------------------------------------------------------------------------------- problems
 

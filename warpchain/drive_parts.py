@@ -202,12 +202,12 @@ class Sprocket(Part):
         center: [m].
         wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
         pitch: of its teeth, where worn [m]; None is the chain's.
-        mass: [kg]; needed when the mount is elastic or a slider.
-        inertia: [kg m^2]; needed unless prescribed.
+        mass: without the balance wheel [kg]; needed when the mount is elastic or a slider.
+        inertia: without the balance wheel [kg m^2]; needed unless prescribed.
         prescribed: its motion, if that is given.
         load: moment against forward rotation.
-        balance_wheel: eccentric mass; not supported yet unless its mass is 0.
-        mount: how the center is held; only "fixed" is supported yet.
+        balance_wheel: eccentric mass that turns with it.
+        mount: how the center is held.
     """
 
     name: Name

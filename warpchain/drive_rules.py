@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from warpchain.contact import largest_load
-from warpchain.drive_base import BARE, Problem, elements, get, numbers, valid
+from warpchain.drive_base import BARE, Problem, elements, get, is_name, nearest, valid
 from warpchain.drive_contact import MATERIALS, GuideContact, ImpactLaw, SprocketContact, contact_rules, merged
 from warpchain.drive_parts import Chain
 from warpchain.teeth import iso606_tooth
@@ -31,6 +31,22 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
                 yield Problem((kind, i, "name"), name, "must be unique among sprockets and guides")
             elif isinstance(name, str):
                 seen.add(name)
+
+
+def shaft_rules(drive: Any) -> Iterator[Problem]:
+    """Shafts that tables and harmonics refer to must be sprockets."""
+    sprockets = elements(drive, "sprockets")
+    names = [get(sprocket, "name") for sprocket in sprockets]
+    for s, sprocket in enumerate(sprockets):
+        for kind in ("prescribed", "load"):
+            motion = get(sprocket, kind)
+            parts: list[tuple[tuple[str | int, ...], Any]] = [(("table",), get(motion, "table"))]
+            parts += [(("harmonics", h), harmonic) for h, harmonic in enumerate(elements(motion, "harmonics"))]
+            for keys, part in parts:
+                shaft = get(part, "shaft")
+                if isinstance(shaft, str) and shaft not in names:
+                    text = f"must be the name of a sprocket; {nearest(shaft, filter(is_name, names))}"
+                    yield Problem(("sprockets", s, kind, *keys, "shaft"), shaft, text)
 
 
 def guide_rules(drive: Any) -> Iterator[Problem]:
@@ -83,15 +99,3 @@ def _load_rule(law: ImpactLaw, radius: float, partner_radius: float, *keys: str 
         if law.reference_load is not None and law.reference_load >= limit:
             text = f"must be below {limit:g} N, beyond which the stiffness formula does not hold for these materials"
             yield Problem((*keys, "reference_load"), law.reference_load, text)
-
-
-def unsupported(drive: Any) -> Iterator[Problem]:
-    """What a drive file may ask for but this version cannot simulate: the one place that knows."""
-    for i, sprocket in enumerate(elements(drive, "sprockets")):
-        kind = get(get(sprocket, "mount"), "kind")
-        if kind in ("prescribed", "elastic", "slider"):
-            yield Problem(("sprockets", i, "mount", "kind"), kind, 'not supported in this version; use "fixed" instead')
-        mass = get(get(sprocket, "balance_wheel"), "mass")
-        if numbers(mass) and mass > 0:
-            text = "not supported in this version; use 0 and add mass * radius^2 to the inertia instead"
-            yield Problem(("sprockets", i, "balance_wheel", "mass"), mass, text)

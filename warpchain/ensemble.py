@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly, assemble
 from warpchain.contact import contact_damping, guide_stiffness, sprocket_stiffness
-from warpchain.drive import Drive, ImpactLaw
+from warpchain.drive import Drive, Harmonic, ImpactLaw
+from warpchain.drive_tables import Table
 from warpchain.errors import DriveError, SimulationError
 from warpchain.kernels import structs
 from warpchain.kernels.impact import FORCES
 from warpchain.kernels.rollers import STATE_ROWS
 from warpchain.laws import LAWS
+from warpchain.mounts import farthest, fill_mount, initial_center, initial_velocity, wheel_inertia
+from warpchain.tables import TableList, shaft_ratio
 
 INTEGRATORS = {"leapfrog": 0, "rk4": 1}
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
@@ -61,8 +64,10 @@ class Packed:
     lengths: NDArray[np.floating]
     sprockets: NDArray[Any]
     motions: NDArray[Any]
+    mounts: NDArray[Any]
     guides: NDArray[Any]
     harmonics: NDArray[np.float64]
+    tables: NDArray[np.float64]
     seats: NDArray[np.floating]
     rollers: NDArray[np.floating]
     bodies: NDArray[Any]
@@ -112,6 +117,7 @@ class Packed:
             lengths=self.lengths[chain],
             sprockets=self.sprockets[disks],
             motions=self.motions[disks],
+            mounts=self.mounts[disks],
             guides=guides,
             rollers=self.rollers[STATE_ROWS * chain.start : STATE_ROWS * chain.stop],
             bodies=self.bodies[disks],
@@ -209,25 +215,38 @@ def _fill_sprocket(row: Any, drive: Drive, s: int, seats: _Table) -> None:
     _fill_law(row["law"], drive.contact.sprocket, sprocket_stiffness(drive, s), drive.chain.mass)
 
 
-def _fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: _Table) -> None:
+def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
+    """(order, amplitude, phase) of sprocket s's harmonics, orders by its own revolutions."""
+    rows = [(h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase) for h in harmonics]
+    return np.array(rows, dtype=float)
+
+
+def _fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: _Table, tables: TableList) -> None:
     sprocket = drive.sprockets[s]
     row["sign"] = sprocket.sign
     row["start_angle"] = angle
     if sprocket.prescribed is not None:
         row["prescribed"] = 1
-        row["speed"] = sprocket.prescribed.speed
+        row["speed"] = sprocket.prescribed.top_speed
         row["ramp_time"] = sprocket.prescribed.ramp_time
-        rows = np.array([(h.order, h.amplitude, h.phase) for h in sprocket.prescribed.harmonics], dtype=float)
+        _fill_table(row["drive_table"], drive, s, sprocket.prescribed.table, tables)
+        rows = _harmonic_rows(drive, s, sprocket.prescribed.harmonics)
         row["drive_harmonics"]["first"], row["drive_harmonics"]["count"] = harmonics.add(rows)
         return
     assert sprocket.inertia is not None  # the drive's own check
-    row["inverse_inertia"] = 1.0 / sprocket.inertia
+    row["inverse_inertia"] = 1.0 / (sprocket.inertia + wheel_inertia(sprocket))
     if sprocket.load is not None:
         load = sprocket.load
         row["load"] = (load.torque, load.viscous, load.quadratic)
         row["load_ramp_time"] = load.ramp_time
-        rows = np.array([(h.order, h.amplitude, h.phase) for h in load.harmonics], dtype=float)
+        _fill_table(row["load_table"], drive, s, load.table, tables)
+        rows = _harmonic_rows(drive, s, load.harmonics)
         row["load_harmonics"]["first"], row["load_harmonics"]["count"] = harmonics.add(rows)
+
+
+def _fill_table(row: Any, drive: Drive, s: int, table: Table | None, tables: TableList) -> None:
+    if table is not None:
+        tables.add(row, table, shaft_ratio(drive, s, table.shaft))
 
 
 def _fill_guide(row: Any, drive: Drive, g: int) -> None:
@@ -259,8 +278,10 @@ def _fill_drive(row: Any, drive: Drive, schedule: Schedule, assembly: Assembly) 
     row["window_start"], row["window_end"] = schedule.window_start, schedule.window_end
     row["sample_every"] = schedule.sample_every
     margin = ESCAPE_PITCHES * drive.chain.pitch
-    reach = np.array([[s.center[0], s.center[1]] for s in drive.sprockets])
-    radius = np.array([drive.pitch_radius(s) for s in range(len(drive.sprockets))])[:, None]
+    reach = np.array([sprocket.center for sprocket in drive.sprockets])
+    radius = np.array([drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)])[
+        :, None
+    ]
     row["low"] = np.minimum((reach - radius).min(axis=0), assembly.position.min(axis=0)) - margin
     row["high"] = np.maximum((reach + radius).max(axis=0), assembly.position.max(axis=0)) + margin
 
@@ -283,8 +304,10 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         lengths=np.concatenate([drive.chain.link_lengths for drive in drives]),
         sprockets=_zeros(kinds.Sprocket, int(wheels.sum())),
         motions=_zeros(structs.Motion, int(wheels.sum())),
+        mounts=_zeros(structs.Mount, int(wheels.sum())),
         guides=_zeros(kinds.Guide, int(bars.sum())),
         harmonics=np.zeros(0),
+        tables=np.zeros(0),
         seats=np.zeros(0),
         rollers=np.zeros(STATE_ROWS * int(links.sum())),
         bodies=_zeros(structs.SprocketState, int(wheels.sum())),
@@ -292,7 +315,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         seat=np.full(int((links * (wheels + bars)).sum()), -1, dtype=np.int32),
         assemblies=tuple(_assembled(v, drive) for v, drive in enumerate(drives)),
     )
-    harmonics, seats = _Table(3), _Table(2)
+    harmonics, seats, tables = _Table(3), _Table(2), TableList()
     roller = sprocket = guide = memory = tally = 0
     for v, (drive, schedule, assembly) in enumerate(zip(drives, schedules, packed.assemblies, strict=True)):
         row = packed.drives[v]
@@ -300,13 +323,14 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         row["first_guide"], row["first_contact"], row["first_tally"] = guide, memory, tally
         _fill_drive(row, drive, schedule, assembly)
         _fill_chain(packed.chains[v], drive)
-        for s in range(len(drive.sprockets)):
+        for s, wheel in enumerate(drive.sprockets):
             _fill_sprocket(packed.sprockets[sprocket + s], drive, s, seats)
-            _fill_motion(packed.motions[sprocket + s], drive, s, float(assembly.sprocket_angle[s]), harmonics)
+            _fill_motion(packed.motions[sprocket + s], drive, s, float(assembly.sprocket_angle[s]), harmonics, tables)
             _fill_strand(packed.strands[sprocket + s], assembly, s, drive.chain.links)
             body = packed.bodies[sprocket + s]
             body["angle"], body["speed"] = assembly.sprocket_angle[s], assembly.sprocket_speed[s]
-            body["center"] = drive.sprockets[s].center
+            body["center"], body["velocity"] = initial_center(wheel), initial_velocity(wheel)
+            fill_mount(packed.mounts[sprocket + s], wheel, drive.run.gravity)
             held = np.flatnonzero(assembly.seat_sprocket == s)
             packed.seat[memory + s * drive.chain.links + held] = assembly.seat_index[held]
         for g in range(len(drive.guides)):
@@ -319,6 +343,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         memory += n * (len(drive.sprockets) + len(drive.guides))
         tally += n * (len(drive.sprockets) + 1)
     packed.harmonics = harmonics.array()
+    packed.tables = tables.array()
     packed.seats = seats.array()
     return packed
 

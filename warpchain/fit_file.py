@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly import assemble
@@ -37,7 +38,7 @@ def fit_file(arguments: Namespace) -> list[str]:
         raise DriveError(f"{arguments.drive} comes with the package: give -o OUT.toml to write a file of your own")
 
     text = read_drive_text(path)
-    before = loads_drive(text, str(path))
+    before = loads_drive(text, str(path), Path(path).parent)
     drive = fit_links(before, odd=arguments.odd) if arguments.links else before
     if moving:
         drive = fit_position(

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import DriveError
+from warpchain.mounts import initial_center
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -87,7 +88,7 @@ def chain_path(drive: Drive) -> ChainPath:
             or a strand passes through another sprocket; the message names the sprockets.
     """
     sprockets = drive.sprockets
-    center = np.array([sprocket.center for sprocket in sprockets], dtype=float)
+    center = np.array([initial_center(sprocket) for sprocket in sprockets])
     radius = np.array([drive.riding_radius(s) for s in range(len(sprockets))])
     sign = np.array([sprocket.sign for sprocket in sprockets], dtype=float)
     teeth = np.array([sprocket.teeth for sprocket in sprockets], dtype=float)

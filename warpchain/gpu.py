@@ -64,6 +64,9 @@ def refusal(packed: Packed) -> str | None:
     drives = packed.drives
     for v in np.flatnonzero(drives["integrator"] != INTEGRATORS["leapfrog"]):
         return f'variant {v}: run.integrator = "rk4" runs on the CPU only; use "leapfrog", or device="cpu"'
+    moving = np.add.reduceat(packed.mounts["active"], drives["first_sprocket"])
+    for v in np.flatnonzero(moving):
+        return f'variant {v}: moving sprockets and balance wheels run on the CPU only; use device="cpu"'
     for v in np.flatnonzero(drives["rollers"] > THREADS[-1]):
         return f'variant {v}: chain.links = {drives["rollers"][v]}: a GPU takes up to {THREADS[-1]}; use device="cpu"'
     for v in np.flatnonzero(drives["sprockets"] > MOST_SPROCKETS):
@@ -230,7 +233,7 @@ class GpuEngine:
         return self._progress
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """The window's sums, by name as in `kernels.structs.Sums`."""
+        """The window's sums, by name as in `kernels.sum_structs.Sums`."""
         with _told(self.device, self.packed), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device)
             for name in ("strand", "sprocket"):

@@ -21,6 +21,7 @@ import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.ensemble import Packed, Schedule
+from warpchain.mounts import moves
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -30,6 +31,7 @@ Row = dict[str, Any]
 UNITS = {
     "tension": "N",
     "displacement": "m",
+    "travel": "m",
     "speed": "rad/s",
     "moment": "N m",
     "force": "N",
@@ -99,6 +101,16 @@ def _sprocket_row(name: str, sums: Any, duration: float) -> Row:
     }
 
 
+def _mount_row(name: str, sums: Any, duration: float) -> Row:
+    return {
+        f"{name}.travel_x_mean": sums["travel"][0] / duration,
+        f"{name}.travel_y_mean": sums["travel"][1] / duration,
+        f"{name}.travel_max": sums["travel_max"],
+        f"{name}.mount_force_mean": sums["force"] / duration,
+        f"{name}.mount_dissipated": sums["dissipated"],
+    }
+
+
 def _contact_row(name: str, sums: Any) -> Row:
     return {
         f"{name}.force_max": sums["force_max"],
@@ -108,15 +120,16 @@ def _contact_row(name: str, sums: Any) -> Row:
     }
 
 
-def _energy_row(drive: Drive, chain: Any, sprockets: Any, contacts: Any) -> Row:
+def _energy_row(drive: Drive, chain: Any, sprockets: Any, mounts: Any, contacts: Any) -> Row:
     """Work done and energy gone over the window; the residual is what the balance misses.
 
-    The prescribed sprockets' drivers do the input work; the loads take the output work.
+    What prescribes angles and centers does the input work; the loads take the output work.
     """
     driven = np.array([s.prescribed is not None for s in drive.sprockets])
-    work_in = -float(sprockets["contact_work"][driven].sum())
+    work_in = float(mounts["work"].sum()) - float(sprockets["contact_work"][driven].sum())
     work_out = -float(sprockets["load_work"][~driven].sum())
     dissipated = float(chain["dissipated"]) + float(contacts["dissipated"].sum())
+    dissipated += float(mounts["dissipated"].sum())
     change = float(chain["energy_end"] - chain["energy_start"])
     residual = work_in - work_out - dissipated - change
     turnover = 0.5 * (abs(work_in) + abs(work_out) + dissipated + abs(change))
@@ -170,7 +183,7 @@ def row_of(drive: Drive, schedule: Schedule, sums: dict[str, Any], steps: int, d
     """One variant's metrics.
 
     Args:
-        sums: "chain", "strand", "sprocket" and "contact" sums of this variant alone.
+        sums: "chain", "strand", "sprocket", "mount" and "contact" sums of this variant alone.
         steps: the step that the variant came to.
     """
     row: Row = {"diverged": diverged, "diverged_time": steps * schedule.step if diverged else None}
@@ -182,11 +195,13 @@ def row_of(drive: Drive, schedule: Schedule, sums: dict[str, Any], steps: int, d
     for name, strand in zip(drive.strand_names, sums["strand"], strict=True):
         row |= _strand_row(name, strand)
     names = [s.name for s in drive.sprockets] + [g.name for g in drive.guides]
-    for sprocket, values in zip(drive.sprockets, sums["sprocket"], strict=True):
+    for sprocket, values, mount in zip(drive.sprockets, sums["sprocket"], sums["mount"], strict=True):
         row |= _sprocket_row(sprocket.name, values, duration)
+        if moves(sprocket):
+            row |= _mount_row(sprocket.name, mount, duration)
     for name, values in zip(names, sums["contact"], strict=True):
         row |= _contact_row(name, values)
-    row |= _energy_row(drive, sums["chain"], sums["sprocket"], sums["contact"])
+    row |= _energy_row(drive, sums["chain"], sums["sprocket"], sums["mount"], sums["contact"])
     return row | design_row(drive, row)
 
 
@@ -200,6 +215,7 @@ def split_sums(sums: dict[str, Any], packed: Packed, variant: int) -> dict[str, 
         "chain": sums["chain"][variant],
         "strand": sums["strand"][first : first + wheels],
         "sprocket": sums["sprocket"][first : first + wheels],
+        "mount": sums["mount"][first : first + wheels],
         "contact": sums["contact"][partner : partner + wheels + bars],
     }
 

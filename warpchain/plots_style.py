@@ -38,7 +38,7 @@ def about(drive: Drive) -> str:
     assert travel is not None
     return (
         f"{drive.chain.links} links of {1e3 * drive.chain.pitch:g} mm, "
-        f"{drive.sprockets[drive.driver].name} at {abs(travel.speed) * 30.0 / np.pi:.4g} rpm"
+        f"{drive.sprockets[drive.driver].name} at {travel.top_speed * 30.0 / np.pi:.4g} rpm"
     )
 
 

@@ -110,13 +110,13 @@ class Trajectory:
 
     def to_arrow(self) -> pa.Table:
         """A pyarrow table, one row a frame, units in the field metadata; shares the arrays' memory."""
-        from warpchain.tables import to_arrow
+        from warpchain.trajectory_tables import to_arrow
 
         return to_arrow(self)
 
     def to_xarray(self) -> xr.Dataset:
         """An xarray dataset (extra `xarray`) with dimensions time, roller, link, sprocket, axis; shares the memory."""
-        from warpchain.tables import to_xarray
+        from warpchain.trajectory_tables import to_xarray
 
         return to_xarray(self)
 

@@ -27,6 +27,7 @@ import numpy as np
 
 from warpchain.errors import DriveError
 from warpchain.geometry import ChainPath
+from warpchain.mounts import initial_center
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -79,7 +80,7 @@ class _Loop:
         self.size = len(drive.sprockets)
         self.driver = drive.driver
         self.names = [sprocket.name for sprocket in drive.sprockets]
-        self.center = [(float(sprocket.center[0]), float(sprocket.center[1])) for sprocket in drive.sprockets]
+        self.center = [tuple(initial_center(sprocket).tolist()) for sprocket in drive.sprockets]
         self.teeth = [sprocket.teeth for sprocket in drive.sprockets]
         self.pitch_angle = [2.0 * math.pi / teeth for teeth in self.teeth]
         self.step = [sprocket.sign * angle for sprocket, angle in zip(drive.sprockets, self.pitch_angle, strict=True)]

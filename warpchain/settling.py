@@ -45,7 +45,7 @@ def elastic(packed: Packed) -> Packed:
     still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
     still.sprockets["law"]["hysteresis"] = 0.0
     still.guides["law"]["hysteresis"] = 0.0
-    still.bodies["speed"] = 0.0
+    still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
     for v in range(packed.variants):
         still.rows(v)[2:4] = 0.0
     return still

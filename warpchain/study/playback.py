@@ -55,18 +55,20 @@ def view_study(
         save: file (.rrd) to write instead of opening the viewer; it appears under this name only when whole.
 
     Raises:
-        StudyError: an unknown column, nothing to draw, a file that cannot be written, no viewer to open.
+        StudyError: an unknown column, nothing to draw, a file that cannot be written.
+        SimulationError: no viewer to open.
     """
     import rerun as rr
 
     stream = rr.RecordingStream("warpchain-study", recording_id=None)
     if save is None:
-        try:
-            rr.spawn(connect=True, recording=stream, detach_process=True)
-        except Exception as error:  # the viewer is another program: whatever it says is for the user
-            raise StudyError(f"the Rerun viewer does not open ({error}); save a recording instead") from None
-        stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
-        stream.flush()
+        from warpchain.playback_viewer import Viewer
+
+        with Viewer() as viewer:
+            viewer.connect(stream)
+            stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
+            stream.flush()
+            stream.disconnect()
         return
     target = Path(save)
     written = target.with_name(f".{target.stem}.{os.getpid()}.rrd")

@@ -106,13 +106,18 @@ def _some(names: Sequence[str]) -> str:
 def metric_names(drive: Drive) -> list[str]:
     """Names of the metrics that a drive has."""
     from warpchain.ensemble import Schedule
-    from warpchain.kernels import structs
+    from warpchain.kernels import sum_structs
     from warpchain.metrics import row_of
 
     wheels, bars = len(drive.sprockets), len(drive.guides)
-    counts = {"chain": (), "strand": wheels, "sprocket": wheels, "contact": wheels + bars}
-    kinds = {"chain": "ChainSums", "strand": "StrandSums", "sprocket": "SprocketSums", "contact": "ContactSums"}
-    sums = {name: np.ones(counts[name], getattr(structs, kind).numpy_dtype()) for name, kind in kinds.items()}
+    kinds = {
+        "chain": ((), sum_structs.ChainSums),
+        "strand": (wheels, sum_structs.StrandSums),
+        "sprocket": (wheels, sum_structs.SprocketSums),
+        "mount": (wheels, sum_structs.MountSums),
+        "contact": (wheels + bars, sum_structs.ContactSums),
+    }
+    sums = {name: np.ones(count, kind.numpy_dtype()) for name, (count, kind) in kinds.items()}
     row = row_of(drive, Schedule(1e-6, 2, 0, 1, 0), sums, 3, False)
     dropped = ("diverged", "diverged_time", "window_start", "window_end")
     settled = ["settle_steps", "settle_residual"] if drive.run.settle else []

@@ -1,0 +1,125 @@
+"""What the kernels add up, as Warp structs: contacts at one instant, and sums over the window of the metrics.
+
+All in float64 at every precision, in SI units.
+"""
+
+import warp as wp
+
+vec2d = wp.types.vector(2, wp.float64)
+
+
+@wp.struct
+class Totals:
+    """What the contacts of one sprocket or guide-bar add up to at one instant."""
+
+    moment: wp.float64  # on the sprocket [N m]
+    push: vec2d  # force on the sprocket [N]
+    force: wp.float64  # sum of magnitudes [N]
+    force_max: wp.float64  # [N]
+    dissipated: wp.float64  # power [W]
+    energy: wp.float64  # elastic [J]
+    impacts: wp.int32  # contacts that began
+
+
+@wp.struct
+class ContactSums:
+    """Sums over the window of one sprocket's or guide-bar's contacts."""
+
+    force_max: wp.float64  # [N]
+    impacts: wp.int32
+    impulse: wp.float64  # [N s]
+    dissipated: wp.float64  # [J]
+
+
+@wp.struct
+class SprocketSums:
+    """Sums over the window of a sprocket's motion (time integrals, trapezoidal)."""
+
+    speed_min: wp.float64  # [rad/s]
+    speed_max: wp.float64
+    speed: wp.float64  # [rad]
+    speed_square: wp.float64
+    moment: wp.float64  # [N m s]
+    contact_work: wp.float64  # done by the chain on the sprocket [J]
+    load_work: wp.float64  # done by the load moment [J]
+
+
+@wp.struct
+class MountSums:
+    """Sums over the window of a sprocket on an active mount."""
+
+    travel: vec2d  # displacement from the stated center [m s]
+    travel_max: wp.float64  # largest distance from it [m]
+    force: wp.float64  # magnitude of what holds the center [N s]
+    dissipated: wp.float64  # in its damper [J]
+    work: wp.float64  # done on sprocket and wheel by what prescribes center and angle [J]
+
+
+@wp.struct
+class StrandSums:
+    """Sums over the window of one strand: its links' tension and its mid-strand transverse displacement."""
+
+    links: wp.int64  # tension samples
+    tension_min: wp.float64  # [N]
+    tension_max: wp.float64
+    tension: wp.float64
+    tension_square: wp.float64
+    samples: wp.int64  # displacement samples
+    displacement_min: wp.float64  # [m]
+    displacement_max: wp.float64
+    displacement: wp.float64
+    displacement_square: wp.float64
+
+
+@wp.struct
+class ChainSums:
+    """Sums over the window of the whole chain, and the energy balance's two ends."""
+
+    tension_min: wp.float64  # [N]
+    tension_max: wp.float64
+    tension: wp.float64  # sum over links and steps
+    tension_square: wp.float64
+    samples: wp.int64  # steps in the window
+    dissipated: wp.float64  # in the links [J]
+    energy_start: wp.float64  # mechanical energy at the window's start [J]
+    energy_end: wp.float64
+
+
+@wp.struct
+class LinkTally:
+    """What one link added up while it was on one strand, or on none."""
+
+    samples: wp.int64
+    tension_min: wp.float64  # [N]
+    tension_max: wp.float64
+    tension: wp.float64
+    tension_square: wp.float64
+
+
+@wp.struct
+class RollerTally:
+    """What one link dissipated, and the energy of one roller, its link and its contacts at the window's two ends."""
+
+    dissipated: wp.float64  # [J]
+    energy_start: wp.float64  # [J]
+    energy_end: wp.float64
+
+
+@wp.struct
+class Tallies:
+    """Sums that the block kernels keep roller by roller, so that no thread waits for another."""
+
+    link: wp.array(dtype=LinkTally)  # (sum of (S + 1) N,)
+    contact: wp.array(dtype=ContactSums)  # (contact memories,)
+    roller: wp.array(dtype=RollerTally)  # (all rollers,)
+
+
+@wp.struct
+class Sums:
+    """What is added up over the window; S sprockets (and strands) and G guide-bars a variant."""
+
+    chain: wp.array(dtype=ChainSums)  # (variants,)
+    strand: wp.array(dtype=StrandSums)  # (all sprockets,)
+    sprocket: wp.array(dtype=SprocketSums)  # (all sprockets,)
+    mount: wp.array(dtype=MountSums)  # (all sprockets,)
+    contact: wp.array(dtype=ContactSums)  # (all sprockets and guide-bars,), a variant's sprockets first
