@@ -11,13 +11,13 @@ import warp as wp
 
 from .block_forces import block_forces
 from .block_observe import CHECK, END, ENDS, EVENT, FRAME, LAST, START, block_observing
-from .body import load_at, prescribed_at
+from .body import body_at, leapfrog_body, load_at, prescribed_at
 from .exchange import any_thread, barrier
 from .rollers import STATE_ROWS
 from .root import reciprocal
 from .serial import DIVERGENCE_CHECK
-from .structs import Drive, Wheel, types, vec2d
-from .sum_structs import Sums, Tallies
+from .structs import Drive, SprocketState, Wheel, types, vec2d
+from .sum_structs import Sums, Tallies, Totals
 from .sums import STRAND_LOOK_EVERY
 from .trigonometry import sine_cosine
 
@@ -38,21 +38,22 @@ def rotated(direction: vec2d, angle: wp.float64):
 
 
 @cache
-def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> wp.Kernel:
+def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4, moving: bool = False) -> wp.Kernel:
     """The kernel for drives of up to `threads` rollers and of `sprockets` sprockets.
 
     Launch it with `dim` = variants * threads and `block_dim` = threads. `blocks` is how many blocks the compiler is to
-    make room for on a multiprocessor; it bounds the registers of a thread.
+    make room for on a multiprocessor; it bounds the registers of a thread. `moving` is for drives whose
+    sprockets' centers may move or that have balance wheels.
     """
     kinds = types(Real)
     vec2 = kinds.vec2
-    part = block_forces(Real, threads, sprockets)
-    look = block_observing(Real, threads, sprockets)
+    part = block_forces(Real, threads, sprockets, moving)
+    look = block_observing(Real, threads, sprockets, moving)
     State = part.State
     talk = part.talk
     shared_arrays, state_of_next, force_of_previous = talk.shared_arrays, talk.state_of_next, talk.force_of_previous
     link_of, contacts, store_mesh = part.link_of, part.contacts, part.store_mesh
-    moment_on, move = part.moment_on, part.move
+    contacts_on, move = part.contacts_on, part.move
     fetch, put_back, engaged = part.fetch, part.put_back, part.engaged
 
     @wp.struct
@@ -100,6 +101,13 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         if step < drive.steps:
             event = wp.min(event, drive.steps)
         return event
+
+    @wp.func
+    def center_outside(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int):
+        """1 where the center of sprocket s is not finite or has left the drive's box."""
+        drive = ensemble.drives[variant]
+        c = shared.wheels[s].center
+        return int(not (c[0] > drive.low[0] and c[0] < drive.high[0] and c[1] > drive.low[1] and c[1] < drive.high[1]))
 
     @wp.func
     def flags_of(drive: Drive, step: int):
@@ -172,6 +180,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         wheel.angle = body.angle
         wheel.speed = body.speed
         wheel.center = body.center
+        wheel.velocity = body.velocity
         wheel.exact_speed = exact
         shared.wheels[s] = wheel
         set_heading(shared, s)
@@ -183,6 +192,9 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         band.far_square = sprocket.far_square
         shared.bands[s] = band
         shared.motions[s] = ensemble.motions[mine]
+        if wp.static(moving):
+            shared.mounts[s] = ensemble.mounts[mine]
+            shared.mount_sums[s] = sums.mount[mine]
         shared.sprocket_sums[s] = sums.sprocket[mine]
         shared.strand_sums[s] = sums.strand[mine]
         if s == 0:
@@ -197,6 +209,10 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
         body = state.sprockets[mine]
         body.angle = shared.wheels[s].angle
         body.speed = shared.wheels[s].speed
+        if wp.static(moving):
+            body.center = shared.wheels[s].center
+            body.velocity = shared.wheels[s].velocity
+            sums.mount[mine] = shared.mount_sums[s]
         state.sprockets[mine] = body
         sums.sprocket[mine] = shared.sprocket_sums[s]
         sums.strand[mine] = shared.strand_sums[s]
@@ -218,31 +234,69 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
             )
 
     @wp.func
-    def turn(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, step: int, going: bool):
-        """Takes sprocket s one step on if `going`; returns its angle, angular velocity and contact moment before."""
-        h = ensemble.drives[variant].step
+    def turn(shared: kinds.Shared, s: int, h: wp.float64, step: int, going: bool):
+        """Takes sprocket s, which only turns, one step on if `going`; returns how it was at the step's instant."""
         wheel = shared.wheels[s]
-        angle = wheel.angle
-        moment = moment_on(shared, s)
-        now = wheel.exact_speed
-        turned = wheel.target - angle
+        contacts = contacts_on(shared, s)
+        body = SprocketState()
+        body.angle = wheel.angle
+        body.center = wheel.center
+        body.speed = wheel.exact_speed
+        turned = wheel.target - wheel.angle
         if shared.motions[s].prescribed == 1:
             wheel.exact_speed = wheel.next_speed
             wheel.speed = turned * reciprocal(h)
         else:
-            gain = h * ((moment + wheel.target) * shared.motions[s].inverse_inertia)
+            gain = h * ((contacts.moment + wheel.target) * shared.motions[s].inverse_inertia)
             if step == 0:
                 wheel.speed = wheel.speed - wp.float64(0.5) * gain
-            now = wheel.speed + wp.float64(0.5) * gain
+            body.speed = wheel.speed + wp.float64(0.5) * gain
             wheel.speed = wheel.speed + gain
             turned = h * wheel.speed
         if going:
-            wheel.angle = angle + turned
+            wheel.angle = wheel.angle + turned
             heading = rotated(vec2d(wheel.cosine, wheel.sine), turned)
             wheel.cosine = heading[0]
             wheel.sine = heading[1]
             shared.wheels[s] = wheel
-        return angle, now, moment
+        return body, contacts
+
+    @wp.func
+    def turn_and_move(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, h: wp.float64, step: int, going: bool):
+        """Takes sprocket s on an active mount one step on if `going`; returns how it was at the step's instant."""
+        wheel = shared.wheels[s]
+        contacts = contacts_on(shared, s)
+        motion = shared.motions[s]
+        mount = shared.mounts[s]
+        time = wp.float64(step) * h
+        kick = h
+        back = wp.float64(0.5) * h
+        if step == 0:
+            kick = wp.float64(0.5) * h
+            back = wp.float64(0.0)
+        body = SprocketState()
+        body.angle = wheel.angle
+        body.speed = wheel.speed
+        body.center = wheel.center
+        body.velocity = wheel.velocity
+        heading = vec2d(wheel.cosine, wheel.sine)
+        now = body_at(time, back, body, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
+        if going:
+            body = leapfrog_body(
+                time, kick, h, body, heading, contacts, motion, mount, ensemble.harmonics, ensemble.tables
+            )
+            heading = rotated(heading, body.angle - wheel.angle)
+            wheel.cosine = heading[0]
+            wheel.sine = heading[1]
+            wheel.angle = body.angle
+            wheel.speed = body.speed
+            wheel.center = body.center
+            wheel.velocity = body.velocity
+            shared.wheels[s] = wheel
+            band = shared.bands[s]
+            band.center = vec2(Real(body.center[0]), Real(body.center[1]))
+            shared.bands[s] = band
+        return now, contacts
 
     @wp.kernel(enable_backward=False, module="unique", grid_stride=False, launch_bounds=(threads, blocks))
     def advance_block(
@@ -316,7 +370,11 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
             if s >= 0:
                 foresee(ensemble, shared, variant, s, now.step)
             if now.flags & CHECK != 0:
-                now.diverged = any_thread(outside(ensemble, variant, own, i))
+                gone = outside(ensemble, variant, own, i)
+                if wp.static(moving):
+                    if s >= 0:
+                        gone = wp.max(gone, center_outside(ensemble, shared, variant, s))
+                now.diverged = any_thread(gone)
             previous = force_of_previous(link, i, n)
             a = acceleration(shared, link + contact, previous)
             if now.step == 0:  # leapfrog's velocities are half a step behind from here on
@@ -332,15 +390,25 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4) -> w
                     look.add_energy(ensemble, tallies, variant, i, now.flags & START, energy)
             if s >= 0:
                 going = now.flags & LAST == 0 and now.diverged == 0
-                angle, speed, moment = turn(ensemble, shared, variant, s, now.step, going)
+                step_time = ensemble.drives[variant].step
+                active = int(0)
+                if wp.static(moving):
+                    active = shared.mounts[s].active
+                body = SprocketState()
+                on = Totals()
+                if active != 0:
+                    if wp.static(moving):
+                        body, on = turn_and_move(ensemble, shared, s, step_time, now.step, going)
+                else:
+                    body, on = turn(shared, s, step_time, now.step, going)
                 if now.weight != Real(0.0):
-                    weight = wp.float64(now.weight)
+                    time = wp.float64(now.step) * step_time
                     look.observe_sprocket(
-                        ensemble, tallies, shared, variant, s, i, now.step, angle, speed, moment, weight, now.flags
+                        ensemble, tallies, shared, variant, s, i, time, body, on, wp.float64(now.weight), now.flags
                     )
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, variant, now.step)
-                    look.write_sprocket(frames, at + 7 * n + 5 * s, shared.wheels[s], angle, speed, moment)
+                    look.write_sprocket(frames, at + 7 * n + 5 * s, body, on.moment)
             if now.flags & LAST == 0:
                 own[2] = own[2] + h * a[0]
                 own[3] = own[3] + h * a[1]

@@ -10,13 +10,16 @@ from .exchange import any_lane, exchange, lanes, lowest_bit
 from .link import link_force
 from .rollers import STATE_ROWS
 from .structs import Drive, types, vec2d
-from .sum_structs import ContactSums, Tallies
+from .sum_structs import ContactSums, Tallies, Totals
 from .tooth import nearest_seat, seat_step
 
 
 @cache
-def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
-    """The functions that evaluate one variant on a block of `threads` threads, with `sprockets` sprockets."""
+def block_forces(Real: type, threads: int, sprockets: int, moving: bool = False) -> SimpleNamespace:
+    """The functions that evaluate one variant on a block of `threads` threads, with `sprockets` sprockets.
+
+    `moving` is for drives whose sprockets' centers may move or that have balance wheels.
+    """
     kinds = types(Real)
     vec2 = kinds.vec2
     talk = exchange(Real, threads, sprockets)
@@ -42,6 +45,8 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         x: Real  # force [N]
         y: Real
         moment: Real  # of the last contact, on sprocket `on` [N m]
+        push_x: Real  # and its force on that [N]
+        push_y: Real
         on: wp.int32
 
     @wp.func
@@ -134,26 +139,46 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
             state.impact_speed[memory] = Real(0.0)
 
     @wp.func
-    def add_moments(shared: kinds.Shared, moment: Real, on: int, i: int, pass_: int):
-        """This warp's part of each sprocket's moment; a thread's own is on sprocket `on`, none if negative."""
-        for s in range(wp.static(sprockets)):
-            total = Real(0.0)
-            if any_lane(int(on == s)) != 0:
-                total = warp_sum(wp.where(on == s, moment, Real(0.0)))
-            if i % lanes() == 0:
-                at = s * (wp.static(threads) // lanes()) + i // lanes()
-                if pass_ == 0:
-                    shared.parts[at] = wp.float64(total)
-                else:
-                    shared.parts[at] = shared.parts[at] + wp.float64(total)
+    def add_part(shared: kinds.Shared, value: Real, at: int, some: int, i: int, pass_: int):
+        """The warp's sum of `value`, zero unless `some`, to its entry of row `at` of the parts."""
+        total = Real(0.0)
+        if some != 0:
+            total = warp_sum(value)
+        if i % lanes() == 0:
+            k = at * (wp.static(threads) // lanes()) + i // lanes()
+            if pass_ == 0:
+                shared.parts[k] = wp.float64(total)
+            else:
+                shared.parts[k] = shared.parts[k] + wp.float64(total)
 
     @wp.func
-    def moment_on(shared: kinds.Shared, s: int):
-        """Sum of the moments on sprocket `s` [N m], warp by warp; after the second barrier."""
+    def add_moments(shared: kinds.Shared, net: Net, i: int, pass_: int):
+        """This warp's part of each sprocket's moment, and of the force on it if it may move."""
+        zero = Real(0.0)
+        for s in range(wp.static(sprockets)):
+            mine = net.on == s
+            some = any_lane(int(mine))
+            add_part(shared, wp.where(mine, net.moment, zero), wp.static(3 * s), some, i, pass_)
+            if wp.static(moving):
+                add_part(shared, wp.where(mine, net.push_x, zero), wp.static(3 * s + 1), some, i, pass_)
+                add_part(shared, wp.where(mine, net.push_y, zero), wp.static(3 * s + 2), some, i, pass_)
+
+    @wp.func
+    def sum_of(shared: kinds.Shared, at: int):
+        """The parts of row `at` added up, warp by warp; after the second barrier."""
         total = wp.float64(0.0)
         for w in range(wp.static(threads) // lanes()):
-            total = total + shared.parts[s * (wp.static(threads) // lanes()) + w]
+            total = total + shared.parts[at * (wp.static(threads) // lanes()) + w]
         return total
+
+    @wp.func
+    def contacts_on(shared: kinds.Shared, s: int):
+        """The chain's moment [N m] on sprocket `s` and, if it may move, its force [N]."""
+        totals = Totals()
+        totals.moment = sum_of(shared, 3 * s)
+        if wp.static(moving):
+            totals.push = vec2d(sum_of(shared, 3 * s + 1), sum_of(shared, 3 * s + 2))
+        return totals
 
     @wp.func
     def contacts(
@@ -212,7 +237,10 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
                     mesh.seat = moved_seat(mesh.seat, move, sprocket.teeth)
                     mesh.direction = ensemble.seats[sprocket.first_seat + mesh.seat]
                     e, radial, lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
-                penetration, normal, speed = gap_approach(p, v, Real(wheel.speed), e, radial, lateral, sprocket)
+                relative = v
+                if wp.static(moving):
+                    relative = vec2(v[0] - Real(wheel.velocity[0]), v[1] - Real(wheel.velocity[1]))
+                penetration, normal, speed = gap_approach(p, relative, Real(wheel.speed), e, radial, lateral, sprocket)
                 if penetration > Real(0.0):
                     size, first, dissipated, energy = closed_contact(
                         penetration, speed, mesh.impact_speed, sprocket.law
@@ -221,6 +249,8 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
                     total.x = total.x + f[0]
                     total.y = total.y + f[1]
                     total.moment = Real(p[1]) * f[0] - Real(p[0]) * f[1]
+                    total.push_x = -f[0]
+                    total.push_y = -f[1]
                     total.on = s
                     if weight != Real(0.0):
                         before = mesh.impact_speed
@@ -233,7 +263,7 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
                 else:
                     if stage == 0:
                         mesh.impact_speed = Real(0.0)
-            add_moments(shared, total.moment, total.on, i, pass_)
+            add_moments(shared, total, i, pass_)
             pass_ = pass_ + 1
             more = any_lane(todo)
         if live:
@@ -320,7 +350,7 @@ def block_forces(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         link_of=link_of,
         contacts=contacts,
         store_mesh=store_mesh,
-        moment_on=moment_on,
+        contacts_on=contacts_on,
         move=move,
         fetch=fetch,
         put_back=put_back,

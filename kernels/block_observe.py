@@ -10,10 +10,12 @@ from types import SimpleNamespace
 import warp as wp
 
 from .block_forces import block_forces
-from .body import load_at
-from .structs import Drive, Wheel, types
-from .sum_structs import ContactSums, StrandSums, Sums, Tallies
-from .sums import add_displacement, add_sprocket, displacement, following
+from .body import body_accelerations, load_at
+from .mount import body_energy, holding_force, prescribing_power
+from .structs import Drive, SprocketState, types, vec2d
+from .sum_structs import ContactSums, StrandSums, Sums, Tallies, Totals
+from .sums import add_displacement, add_mount, add_sprocket, displacement, following
+from .trigonometry import sine_cosine
 
 EVENT = wp.constant(1)
 """What can happen at a step, as bits."""
@@ -26,11 +28,11 @@ CHECK = wp.constant(32)  # whether the variant diverged
 
 
 @cache
-def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
+def block_observing(Real: type, threads: int, sprockets: int, moving: bool = False) -> SimpleNamespace:
     """The functions that look at one variant on a block of `threads` threads."""
     kinds = types(Real)
     vec2 = kinds.vec2
-    part = block_forces(Real, threads, sprockets)
+    part = block_forces(Real, threads, sprockets, moving)
     State = part.State
     follow = following(Real).follow
 
@@ -148,6 +150,27 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         tallies.roller[at] = roller
 
     @wp.func
+    def observe_mount(
+        ensemble: kinds.Ensemble,
+        shared: kinds.Shared,
+        s: int,
+        time: wp.float64,
+        body: SprocketState,
+        on: Totals,
+        weight: wp.float64,
+    ):
+        """One step of sprocket s on its active mount for the sums of the window; returns its energy [J]."""
+        motion = shared.motions[s]
+        mount = shared.mounts[s]
+        sine, cosine = sine_cosine(body.angle)
+        heading = vec2d(cosine, sine)
+        rates = body_accelerations(time, body, heading, on, motion, mount, ensemble.harmonics, ensemble.tables)
+        held = holding_force(body, heading, on, rates, mount)
+        power = prescribing_power(body, heading, held, rates, motion.prescribed, mount)
+        shared.mount_sums[s] = add_mount(shared.mount_sums[s], body, mount, held, power, weight)
+        return body_energy(body, heading, mount)
+
+    @wp.func
     def observe_sprocket(
         ensemble: kinds.Ensemble,
         tallies: Tallies,
@@ -155,23 +178,25 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         variant: int,
         s: int,
         i: int,
-        step: int,
-        angle: wp.float64,
-        speed: wp.float64,
-        moment: wp.float64,
+        time: wp.float64,
+        body: SprocketState,
+        on: Totals,
         weight: wp.float64,
         flags: int,
     ):
         """One step of sprocket s for the sums of the window, and its energy at their ends, kept with roller i."""
-        drive = ensemble.drives[variant]
         motion = shared.motions[s]
         load = wp.float64(0.0)
+        energy = wp.float64(0.0)
         if motion.prescribed == 0:
-            load = load_at(wp.float64(step) * drive.step, angle, speed, motion, ensemble.harmonics, ensemble.tables)
-            if flags & ENDS != 0:
-                energy = wp.float64(0.5) * speed * speed / motion.inverse_inertia
-                add_energy(ensemble, tallies, variant, i, flags & START, energy)
-        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], speed, moment, load, weight)
+            load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
+            energy = wp.float64(0.5) * body.speed * body.speed / motion.inverse_inertia
+        if wp.static(moving):
+            if shared.mounts[s].active != 0:
+                energy = observe_mount(ensemble, shared, s, time, body, on, weight)
+        if flags & ENDS != 0:
+            add_energy(ensemble, tallies, variant, i, flags & START, energy)
+        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, on.moment, load, weight)
 
     @wp.func
     def write_link(frames: wp.array(dtype=Real), at: int, n: int, own: State, tension: Real):
@@ -189,15 +214,13 @@ def block_observing(Real: type, threads: int, sprockets: int) -> SimpleNamespace
         frames[at + 6 * n] = extra.guide_force
 
     @wp.func
-    def write_sprocket(
-        frames: wp.array(dtype=Real), at: int, wheel: Wheel, angle: wp.float64, speed: wp.float64, moment: wp.float64
-    ):
+    def write_sprocket(frames: wp.array(dtype=Real), at: int, body: SprocketState, moment: wp.float64):
         """One sprocket's part of a frame."""
-        frames[at] = Real(angle)
-        frames[at + 1] = Real(speed)
+        frames[at] = Real(body.angle)
+        frames[at + 1] = Real(body.speed)
         frames[at + 2] = Real(moment)
-        frames[at + 3] = Real(wheel.center[0])
-        frames[at + 4] = Real(wheel.center[1])
+        frames[at + 3] = Real(body.center[0])
+        frames[at + 4] = Real(body.center[1])
 
     return SimpleNamespace(
         **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .structs import Motion, Wheel, types
-from .sum_structs import ContactSums, SprocketSums, StrandSums
+from .structs import Motion, Mount, Wheel, types
+from .sum_structs import ContactSums, MountSums, SprocketSums, StrandSums
 
 NAMES = {wp.float64: "double", wp.float32: "float"}
 STATE = 6
@@ -210,11 +210,17 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
     @wp.func_native(_shared_snippet("chain", 1, 1))
     def chain(like: kinds.Shared) -> wp.array(dtype=kinds.Chain): ...
 
-    @wp.func_native(_shared_snippet("parts", sprockets * (threads // 32), sprockets * threads))
+    @wp.func_native(_shared_snippet("parts", 3 * sprockets * (threads // 32), 3 * sprockets * threads))
     def parts(like: kinds.Shared) -> wp.array(dtype=wp.float64): ...
 
     @wp.func_native(_shared_snippet("motions", sprockets, sprockets))
     def motions(like: kinds.Shared) -> wp.array(dtype=Motion): ...
+
+    @wp.func_native(_shared_snippet("mounts", sprockets, sprockets))
+    def mounts(like: kinds.Shared) -> wp.array(dtype=Mount): ...
+
+    @wp.func_native(_shared_snippet("mount_sums", sprockets, sprockets))
+    def mount_sums(like: kinds.Shared) -> wp.array(dtype=MountSums): ...
 
     @wp.func_native(_shared_snippet("recent", threads, threads))
     def recent(like: kinds.Shared) -> wp.array(dtype=kinds.Recent): ...
@@ -241,6 +247,8 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         shared.chain = chain(shared)
         shared.parts = parts(shared)
         shared.motions = motions(shared)
+        shared.mounts = mounts(shared)
+        shared.mount_sums = mount_sums(shared)
         shared.recent = recent(shared)
         shared.extra = extra(shared)
         shared.contact_sums = contact_sums(shared)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .sum_structs import ContactSums, SprocketSums, StrandSums, Totals
+from .sum_structs import ContactSums, MountSums, SprocketSums, StrandSums, Totals
 
 vec2d = wp.types.vector(2, wp.float64)
 vec3d = wp.types.vector(3, wp.float64)
@@ -121,6 +121,7 @@ class Wheel:
     sine: wp.float64
     speed: wp.float64  # angular velocity, half a step behind [rad/s]
     center: vec2d  # [m]
+    velocity: vec2d  # of the center [m/s]
     angle: wp.float64  # [rad]
     exact_speed: wp.float64  # prescribed: angular velocity at the step's instant [rad/s]
     target: wp.float64  # prescribed: angle at the step's end [rad]; free: load moment [N m]
@@ -274,10 +275,12 @@ def types(Real: type) -> SimpleNamespace:
         teeth: wp.array(dtype=Sprocket)  # (S,)
         bands: wp.array(dtype=Band)  # (S,)
         chain: wp.array(dtype=Chain)  # (1,)
-        parts: wp.array(dtype=wp.float64)  # (S, warps): each warp's part of each sprocket's moment [N m]
+        parts: wp.array(dtype=wp.float64)  # (S, 3, warps): of each sprocket's moment [N m] and pushing force [N]
         motions: wp.array(dtype=Motion)  # (S,)
+        mounts: wp.array(dtype=Mount)  # (S,)
         sprocket_sums: wp.array(dtype=SprocketSums)  # (S,)
         strand_sums: wp.array(dtype=StrandSums)  # (S,)
+        mount_sums: wp.array(dtype=MountSums)  # (S,)
         recent: wp.array(dtype=Recent)  # (threads,)
         extra: wp.array(dtype=Extra)  # (threads,)
         contact_sums: wp.array(dtype=ContactSums)  # (threads,): of the contact that each roller is in

@@ -49,11 +49,25 @@ def equal_sprockets():
     return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)], 64
 
 
+def moving_sprockets():
+    springs = {"kind": "elastic", "stiffness": [1e6, 1e6], "damping": [1e3, 1e3], "preload": [2e3, -500.0]}
+    slider = {"kind": "slider", "direction": [1.0, 0.2], "stiffness": 1e5, "damping": 200.0, "preload": 1e3}
+    shaken = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-4, "frequency": 40.0}
+    wheel = {"mass": 2.0, "radius": 0.05, "phase": 0.3}
+    drives = [
+        {"sprockets.driven.mount": springs, "sprockets.driven.mass": 30.0, "sprockets.driven.balance_wheel": wheel},
+        {"sprockets.driven.mount": slider, "sprockets.driven.mass": 30.0, "sprockets.driver.mount": shaken},
+    ]
+    return [two_sprockets().with_values(values) for values in drives], 64
+
+
 def run_blocks(packed, threads, blocks, order, frames):
     """The ensemble on blocks of fibers: its state, its sums, and its frames."""
     ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu")
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
-    kernel = block_kernel(packed.real, threads, int(packed.drives["sprockets"][0]))
+    kernel = block_kernel(
+        packed.real, threads, int(packed.drives["sprockets"][0]), 4, bool(packed.mounts["active"].any())
+    )
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
         inputs = [ensemble, state, sums, tallies, frames, turn, block]
@@ -63,7 +77,7 @@ def run_blocks(packed, threads, blocks, order, frames):
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("drives", [marine, equal_sprockets])
+@pytest.mark.parametrize("drives", [marine, equal_sprockets, moving_sprockets])
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, precision):
     variants, threads = drives()
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]
@@ -85,11 +99,11 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, precisio
     close = partial(np.testing.assert_allclose, atol=tolerance, rtol=tolerance)
     close(state.rollers.numpy(), serial.state.rollers.numpy())
     np.testing.assert_array_equal(state.seat.numpy(), serial.state.seat.numpy())
-    for name in ("angle", "speed"):
+    for name in ("angle", "speed", "center", "velocity"):
         close(state.sprockets.numpy()[name], serial.state.sprockets.numpy()[name])
     # forces are differences of positions times stiffness: relative to the largest there is
     close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
-    for name in ("chain", "strand", "sprocket", "contact"):
+    for name in ("chain", "strand", "sprocket", "mount", "contact"):
         mine, theirs_ = getattr(sums, name).numpy(), serial.sums()[name]
         for field in mine.dtype.names:
             scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
@@ -104,7 +118,7 @@ def test_where_launches_end_does_not_matter(fibers):
     once = run_blocks(packed, threads, [2101], [0, 1], none)
     twice = run_blocks(packed, threads, [1024, 1024, 53], [0, 1], none)
     np.testing.assert_array_equal(once[0].rollers.numpy(), twice[0].rollers.numpy())
-    for name in ("chain", "strand", "sprocket", "contact"):
+    for name in ("chain", "strand", "sprocket", "mount", "contact"):
         mine, theirs = getattr(once[1], name).numpy(), getattr(twice[1], name).numpy()
         np.testing.assert_array_equal(mine, theirs, err_msg=name)
 
@@ -112,7 +126,11 @@ def test_where_launches_end_does_not_matter(fibers):
 @pytest.mark.parametrize("arch", [75, 80, 90])
 @pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
 def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch):
-    for kernel in (block_kernel(real, 128, 2), block_relax_kernel(real, 128, 2, 4)):
+    for kernel in (
+        block_kernel(real, 128, 2),
+        block_kernel(real, 128, 2, 4, True),
+        block_relax_kernel(real, 128, 2, 4),
+    ):
         wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(tmp_path))
     assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
 

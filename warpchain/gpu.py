@@ -64,9 +64,6 @@ def refusal(packed: Packed) -> str | None:
     drives = packed.drives
     for v in np.flatnonzero(drives["integrator"] != INTEGRATORS["leapfrog"]):
         return f'variant {v}: run.integrator = "rk4" runs on the CPU only; use "leapfrog", or device="cpu"'
-    moving = np.add.reduceat(packed.mounts["active"], drives["first_sprocket"])
-    for v in np.flatnonzero(moving):
-        return f'variant {v}: moving sprockets and balance wheels run on the CPU only; use device="cpu"'
     for v in np.flatnonzero(drives["rollers"] > THREADS[-1]):
         return f'variant {v}: chain.links = {drives["rollers"][v]}: a GPU takes up to {THREADS[-1]}; use device="cpu"'
     for v in np.flatnonzero(drives["sprockets"] > MOST_SPROCKETS):
@@ -111,6 +108,7 @@ class Bucket:
 
     threads: int
     sprockets: int
+    moving: bool
     order: wp.array  # of the variants
     count: int
 
@@ -147,12 +145,13 @@ class GpuEngine:
         """The variants by kernel, the longest first."""
         drives = self.packed.drives
         threads = np.array(THREADS)[np.searchsorted(THREADS, drives["rollers"])]
-        keys = sorted(set(zip(threads.tolist(), drives["sprockets"].tolist(), strict=True)), reverse=True)
+        moving = np.add.reduceat(self.packed.mounts["active"], drives["first_sprocket"]) > 0
+        keys = np.stack([threads, drives["sprockets"], moving])
         buckets = []
-        for size, wheels in keys:
-            order = np.flatnonzero((threads == size) & (drives["sprockets"] == wheels))
+        for size, wheels, moves in sorted({tuple(key) for key in keys.T.tolist()}, reverse=True):
+            order = np.flatnonzero((keys == [[size], [wheels], [moves]]).all(axis=0))
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            buckets.append(Bucket(size, wheels, array, len(order)))
+            buckets.append(Bucket(size, wheels, bool(moves), array, len(order)))
         return buckets
 
     def _launch(self, kernel: Any, bucket: Bucket, inputs: Sequence[Any]) -> None:
@@ -236,7 +235,7 @@ class GpuEngine:
         """The window's sums, by name as in `kernels.sum_structs.Sums`."""
         with _told(self.device, self.packed), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device)
-            for name in ("strand", "sprocket"):
+            for name in ("strand", "sprocket", "mount"):
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
             wp.launch(
                 collect, dim=self.packed.variants, inputs=[self.ensemble.drives, self.tallies, sums], device=self.device
