@@ -13,6 +13,7 @@ import warpchain
 from warpchain.assembly import assemble
 from warpchain.drive import load_drive
 from warpchain.errors import DriveError
+from warpchain.examples import drive_path
 from warpchain.geometry import chain_path
 
 MARINE = Path(warpchain.__file__).parent / "drives" / "marine.toml"
@@ -352,3 +353,35 @@ def test_marine_drive():
     check_ends(drive, assembly)
     again = assemble(drive)
     np.testing.assert_array_equal(again.position, assembly.position)
+
+
+def test_what_the_initial_state_hangs_on_is_all_that_tells_drives_apart():
+    # pack() assembles drives alike in `_layout` once: every value that changes the state must change the layout
+    from warpchain.ensemble import _layout
+
+    drive = load_drive(drive_path("marine"))
+    before = assemble(drive)
+    for path, value in {
+        "chain.pitch": 0.11431,
+        "chain.elongation": 1e-4,
+        "chain.worn_links": [{"link": 3, "elongation": 1e-3}],
+        "sprockets.camshaft.center": [-1.38, 5.8995],
+        "sprockets.camshaft.load.torque": 1.0,
+        "sprockets.camshaft.inertia": 1.0,
+        "sprockets.crankshaft.prescribed.speed": 9.0,
+        "sprockets.camshaft.balance_wheel": {"mass": 2.0, "radius": 0.1, "phase": 0.0},
+        "contact.sprocket.clearance": 2e-4,
+        "chain.stiffness": 1e9,
+        "chain.damping": 1e3,
+        "chain.roller_radius": 0.036,
+        "run.gravity": [1.0, 0.0],
+        "run.duration": 0.5,
+    }.items():
+        try:
+            other = drive.with_values({path: value})
+            after = assemble(other)
+        except DriveError:
+            continue
+        same = all(np.array_equal(getattr(before, name), getattr(after, name)) for name in ("position", "velocity"))
+        same = same and np.array_equal(before.sprocket_angle, after.sprocket_angle)
+        assert same or _layout(other) != _layout(drive), path

@@ -174,11 +174,22 @@ class _Table:
         return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
 
 
-def _assembled(v: int, drive: Drive) -> Assembly:
-    try:
-        return assemble(drive)
-    except DriveError as error:
-        raise DriveError(f"variant {v}: {error}") from None
+def _layout(drive: Drive) -> tuple[Any, ...]:
+    """All of a drive that its initial state hangs on: drives alike in this are assembled once."""
+    chain = drive.chain
+    wheels = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
+    lengths = (chain.pitch, chain.links, chain.elongation, chain.worn_links, chain.roller_radius)
+    return (*lengths, wheels, drive.contact.sprocket, drive.run.gravity)
+
+
+def _assembled(v: int, drive: Drive, known: dict[tuple[Any, ...], Assembly]) -> Assembly:
+    layout = _layout(drive)
+    if layout not in known:
+        try:
+            known[layout] = assemble(drive)
+        except DriveError as error:
+            raise DriveError(f"variant {v}: {error}") from None
+    return known[layout]
 
 
 def _zeros(struct: Any, count: int) -> NDArray[Any]:
@@ -297,6 +308,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
     links = np.array([d.chain.links for d in drives])
     wheels = np.array([len(d.sprockets) for d in drives])
     bars = np.array([len(d.guides) for d in drives])
+    known: dict[tuple[Any, ...], Assembly] = {}
     packed = Packed(
         precision="float64",
         drives=_zeros(structs.Drive, count),
@@ -313,7 +325,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         bodies=_zeros(structs.SprocketState, int(wheels.sum())),
         strands=_zeros(structs.Strand, int(wheels.sum())),
         seat=np.full(int((links * (wheels + bars)).sum()), -1, dtype=np.int32),
-        assemblies=tuple(_assembled(v, drive) for v, drive in enumerate(drives)),
+        assemblies=tuple(_assembled(v, drive, known) for v, drive in enumerate(drives)),
     )
     harmonics, seats, tables = _Table(3), _Table(2), TableList()
     roller = sprocket = guide = memory = tally = 0
