@@ -1,101 +1,225 @@
-"""GPU benchmark of the block kernel's time loop: 1e9 roller-steps a second, by precision and number of variants.
+"""GPU benchmark: 1e9 roller-steps a second, beside hand-written CUDA C++ doing the same work, compiled on the spot.
 
-    python scripts/bench_gpu.py [--device cuda:0] [--drive two|marine] [--blocks 1,4] [--metrics] [--only 1056,16896]
+    python scripts/bench_gpu.py [table] [recording] [rollers] [gpus] [headline]
 
-Two equal 30-tooth sprockets (118 rollers) or the marine drive (162 rollers, 3 sprockets, guide-bar), no recording.
-Compilation is timed apart; each case is launched several times and the best counts.
+`table`: the time loop bare and with metrics, by precision and number of variants, two drives, each beside
+chain_reference.cu in the same run. `recording`: whole runs without records, with 16 variants in full, and with metrics
+over the whole run. `rollers`: by length of chain. `gpus`: on one GPU and on all. `headline`: 10,000 variants of the
+marine drive, two simulated seconds each, metrics for all. Without names: all of them. Each case is run several times
+and the best counts; compilation is timed apart. Without nvcc the reference is left out, with a message.
 """
 
 import argparse
+import shutil
+import subprocess
+import tempfile
 import time
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import warp as wp
-from bench_cpu import FOREVER, TWO_SPROCKETS
+from bench_cpu import FOREVER, HERE, TWO_SPROCKETS, reference_input
 
-from warpchain import load_drive, loads_drive
-from warpchain.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.ensemble import REAL, Schedule, pack
+from warpchain import Record, load_drive, loads_drive, simulate
+from warpchain.ensemble import Schedule, pack
 from warpchain.examples import drive_path
-from warpchain.kernels.block import block_kernel
+from warpchain.gpu import GpuEngine
 
+DEVICE = "cuda:0"
 VARIANTS = (1, 132, 1056, 4224, 16896)
-
-
-def rate(drive, variants: int, precision: str, steps: int, device: str, blocks: int, metrics: bool):
-    """Roller-steps a second, and seconds of the first launch (compilation among them)."""
-    start = 0 if metrics else FOREVER - 1
-    schedule = Schedule(drive.run.step, FOREVER, start, FOREVER, 0)
-    one = pack([drive], [schedule])
-    packed = repeated(one.at_precision(precision), variants)
-    ensemble, state = upload_ensemble(packed, device), upload_state(packed, device)
-    sums, tallies = empty_sums(packed, device), empty_tallies(packed, device)
-    order = wp.array(np.arange(variants), dtype=wp.int32, device=device)
-    frames = wp.zeros(1, dtype=packed.real, device=device)
-    threads = -(-drive.chain.links // 32) * 32
-    kernel = block_kernel(REAL[precision], threads, len(drive.sprockets), blocks)
-
-    def launch(count: int) -> float:
-        wp.synchronize_device(device)
-        begin = time.perf_counter()
-        inputs = [ensemble, state, sums, tallies, frames, order, count]
-        wp.launch(kernel, dim=variants * threads, inputs=inputs, block_dim=threads, device=device)
-        wp.synchronize_device(device)
-        return time.perf_counter() - begin
-
-    first = launch(64)
-    best = min(launch(steps) for _ in range(3))
-    rows = state.rollers.numpy()
-    if not np.isfinite(rows).all() or state.progress.numpy()["diverged"].any():
-        raise SystemExit(f"{variants} variants, {precision}: the run diverged")
-    return variants * drive.chain.links * steps / best, first
+DRIVES = {
+    "two equal 30-tooth sprockets": loads_drive(TWO_SPROCKETS),
+    "marine drive": load_drive(drive_path("marine")),
+}
 
 
 def repeated(one, variants: int):
-    """`one` variant `variants` times over, without assembling each."""
-    from dataclasses import replace
-
-    names = ("drives", "chains", "sprockets", "motions", "guides", "rollers", "bodies", "strands", "seat")
-    arrays = {name: getattr(one, name) for name in names}
+    """`one` packed variant `variants` times over, without assembling each."""
+    rows = "drives chains lengths sprockets motions mounts guides rollers bodies strands seat"
+    arrays = {name: getattr(one, name) for name in rows.split()}
     arrays = {name: values[np.tile(np.arange(len(values)), variants)] for name, values in arrays.items()}
     many = replace(one, assemblies=one.assemblies * variants, **arrays)
     row = one.drives[0]
     n, s, g = int(row["rollers"]), int(row["sprockets"]), int(row["guides"])
-    for field, width in (
-        ("first_roller", n),
-        ("first_sprocket", s),
-        ("first_guide", g),
-        ("first_contact", n * (s + g)),
-        ("first_tally", n * (s + 1)),
-    ):
+    widths = {
+        "first_roller": n,
+        "first_sprocket": s,
+        "first_guide": g,
+        "first_contact": n * (s + g),
+        "first_tally": n * (s + 1),
+    }
+    for field, width in widths.items():
         many.drives[field] = np.arange(variants) * width
     return many
 
 
+def bare(drive, variants: int, precision: str, steps: int, metrics: bool) -> tuple[float, float, float]:
+    """Seconds of `steps` steps of the engine, of its first launch, and GiB that the ensemble takes."""
+    schedule = Schedule(drive.run.step, FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0)
+    packed = repeated(pack([drive], [schedule]).at_precision(precision), variants)
+    free = wp.get_device(DEVICE).free_memory
+    engine = GpuEngine(packed, DEVICE)
+    taken = (free - wp.get_device(DEVICE).free_memory) / 2**30
+    frames = engine.frame_buffer(0)
+
+    def run(count: int) -> float:
+        begin = time.perf_counter()
+        for future in engine.advance(count, frames):
+            future.result()
+        return time.perf_counter() - begin
+
+    first = run(64)
+    best = min(run(steps) for _ in range(3))
+    if engine.progress()["diverged"].any():
+        raise SystemExit(f"{variants} variants, {precision}: the run diverged")
+    engine.close()
+    return best, first, taken
+
+
+def reference(drive, steps: int, folder: Path) -> dict[tuple[str, int], float]:
+    """Seconds of the CUDA program by precision and variants; empty without nvcc."""
+    if shutil.which("nvcc") is None:
+        print("  no nvcc here: the CUDA reference is left out")
+        return {}
+    program = folder / "chain_reference_gpu"
+    if not program.exists():
+        source = str(HERE / "chain_reference.cu")
+        subprocess.run(["nvcc", "-O3", "-arch=native", "-o", str(program), source], check=True)
+    packed = pack([drive], [Schedule(drive.run.step, FOREVER, FOREVER - 1, FOREVER, 0)])
+    (folder / "in").write_bytes(reference_input(packed))
+    command = [str(program), str(folder / "in"), str(folder / "out"), str(steps), *map(str, VARIANTS)]
+    lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+    words = [line.split() for line in lines]
+    return {("float64" if size == "8" else "float32", int(count)): float(seconds) for size, count, seconds in words}
+
+
+def difference(drive, steps: int, folder: Path) -> float:
+    """Largest distance between the engine's rollers and the reference's after `steps` steps [m]."""
+    packed = pack([drive], [Schedule(drive.run.step, FOREVER, FOREVER - 1, FOREVER, 0)])
+    (folder / "in").write_bytes(reference_input(packed))
+    command = [str(folder / "chain_reference_gpu"), str(folder / "in"), str(folder / "out"), str(steps), "1"]
+    subprocess.run(command, check=True, capture_output=True)
+    engine = GpuEngine(packed, DEVICE)
+    for future in engine.advance(steps, engine.frame_buffer(0)):
+        future.result()
+    n = drive.chain.links
+    ours, theirs = engine.rollers()[: 2 * n], np.fromfile(folder / "out")[: 2 * n]
+    engine.close()
+    return float(np.abs(ours - theirs).max())
+
+
+def table() -> None:
+    """The time loop beside the reference."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for title, drive in DRIVES.items():
+            print(f"\n{title}: {drive.chain.links} rollers; 1e9 roller-steps/s, 2,000 steps")
+            print("precision  variants     CUDA     bare  of CUDA   us/step  metrics  of bare   GiB  first launch s")
+            times = reference(drive, 2000, folder)
+            for precision in ("float64", "float32"):
+                for variants in VARIANTS:
+                    work = variants * drive.chain.links * 2000 / 1e9
+                    best, first, taken = bare(drive, variants, precision, 2000, False)
+                    measured, _, _ = bare(drive, variants, precision, 2000, True)
+                    theirs = times.get((precision, variants), np.nan)
+                    print(
+                        f"{precision:9s} {variants:9d} {work / theirs:8.2f} {work / best:8.2f} {theirs / best:8.2f} "
+                        f"{best / 2000 * 1e6:9.3f} {work / measured:8.2f} {best / measured:8.2f} {taken:5.2f} "
+                        f"{first:9.2f}",
+                        flush=True,
+                    )
+            if times:
+                print(f"largest difference in position after 500 steps: {difference(drive, 500, folder):.1e} m")
+
+
+def timed(drives, **options) -> float:
+    """Seconds of a whole run, the better of two."""
+    return min(simulate(drives, **options).info.wall_time for _ in range(2))
+
+
+def recording() -> None:
+    """Whole runs of 2,112 variants, 0.1 s each, without settling."""
+    drive = DRIVES["marine drive"].with_values({"run.settle": False})
+    drives = [drive] * 2112
+    none = Record(variants="none")
+    some = Record(variants=range(0, 2112, 132), rate=5000.0)
+    print("\n2,112 variants of the marine drive, 0.1 s, no settling: seconds")
+    for precision in ("float64", "float32"):
+        options = {"device": DEVICE, "precision": precision, "duration": 0.1}
+        simulate(drive, record=none, **options)
+        last = (0.1 - drive.run.step, 0.1)
+        nothing = timed(drives, record=none, window=last, **options)
+        recorded = timed(drives, record=some, window=last, **options)
+        metrics = timed(drives, record=none, window=(0.0, 0.1), **options)
+        print(
+            f"{precision}: bare {nothing:.3f}, 16 variants in full at 5 kHz {recorded:.3f} "
+            f"({recorded / nothing - 1:+.1%}), metrics over all of it {metrics:.3f} ({metrics / nothing - 1:+.1%})",
+            flush=True,
+        )
+
+
+def rollers() -> None:
+    """The time loop by length of chain, two 30-tooth sprockets."""
+    print("\ntwo 30-tooth sprockets, about 500,000 rollers in all: 1e9 roller-steps/s, float64 and float32")
+    base = DRIVES["two equal 30-tooth sprockets"]
+    for links in (62, 94, 118, 158, 190, 254, 382, 510, 766, 1022):
+        distance = (links - 30) / 2 * 0.1 + 0.0004
+        drive = base.with_values({"chain.links": links, "sprockets.driven.center": [distance, 0.0]})
+        variants = 500_000 // links
+        rates = [variants * links * 500 / bare(drive, variants, p, 500, False)[0] / 1e9 for p in ("float64", "float32")]
+        print(f"{links:5d} rollers, {variants:5d} variants: {rates[0]:7.2f} {rates[1]:7.2f}", flush=True)
+
+
+def gpus() -> None:
+    """The same ensemble on one GPU and on all."""
+    count = wp.get_cuda_device_count()
+    drive = DRIVES["marine drive"].with_values({"run.settle": False})
+    drives = [drive] * (4096 * count)
+    options = {"duration": 0.1, "record": Record(variants="none")}
+    simulate([drive] * count, device="cuda", **options)
+    one = timed(drives, device=DEVICE, **options)
+    every = timed(drives, device="cuda", **options)
+    print(
+        f"\n{len(drives)} variants of the marine drive, 0.1 s: one GPU {one:.2f} s, {count} GPUs {every:.2f} s, {one / every:.2f}x"
+    )
+
+
+def headline() -> None:
+    """10,000 variants of the marine drive."""
+    drive = DRIVES["marine drive"]
+    begin = time.perf_counter()
+    drives = [drive.with_values({"sprockets.camshaft.load.torque": 8000.0 + 0.2 * k}) for k in range(10_000)]
+    made = time.perf_counter() - begin
+    for precision in ("float64", "float32"):
+        simulate(drive, device=DEVICE, precision=precision, duration=0.01)  # compiles
+        begin = time.perf_counter()
+        run = simulate(drives, device=DEVICE, precision=precision, record=Record(variants="none"))
+        total = time.perf_counter() - begin
+        diverged = sum(run.metrics["diverged"].to_pylist())
+        mean = np.mean(run.metrics["tension_mean"].to_numpy())
+        print(
+            f"\n10,000 variants of the marine drive, 2 s each, {precision}: {total:.2f} s, of which packing "
+            f"{total - run.info.wall_time:.2f} s (drives made in {made:.2f} s); {diverged} diverged, "
+            f"mean tension {mean:.0f} N",
+            flush=True,
+        )
+
+
 def main() -> None:
-    """Prints the table."""
+    """Runs the parts that are named."""
+    parts = {"table": table, "recording": recording, "rollers": rollers, "gpus": gpus, "headline": headline}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--device", default="cuda:0")
-    parser.add_argument("--drive", default="two", choices=["two", "marine"])
-    parser.add_argument("--blocks", default="4")
-    parser.add_argument("--metrics", action="store_true")
-    parser.add_argument("--only", default=",".join(map(str, VARIANTS)))
-    arguments = parser.parse_args()
+    parser.add_argument("parts", nargs="*", help=", ".join(parts))
+    chosen = parser.parse_args().parts or list(parts)
+    for name in chosen:
+        if name not in parts:
+            parser.error(f"{name!r}: allowed are {', '.join(parts)}")
     wp.config.log_level = wp.LOG_ERROR
     wp.init()
-    print(wp.get_device(arguments.device).name)
-    drive = loads_drive(TWO_SPROCKETS) if arguments.drive == "two" else load_drive(drive_path("marine"))
-    print("precision  blocks  variants  1e9 roller-steps/s   us/step  first launch s")
-    for precision in REAL:
-        for blocks in map(int, arguments.blocks.split(",")):
-            for variants in map(int, arguments.only.split(",")):
-                steps = 4000 if variants < 5000 else 2000
-                per_second, first = rate(drive, variants, precision, steps, arguments.device, blocks, arguments.metrics)
-                step_time = 1e6 * variants * drive.chain.links / per_second
-                row = (
-                    f"{precision:9s} {blocks:7d} {variants:9d} {per_second / 1e9:19.2f} {step_time:9.3f} {first:15.2f}"
-                )
-                print(row, flush=True)
+    print(wp.get_device(DEVICE).name)
+    for name in chosen:
+        parts[name]()
 
 
 if __name__ == "__main__":
