@@ -12,7 +12,7 @@ import warp as wp
 from .block_forces import block_forces
 from .block_observe import CHECK, END, ENDS, EVENT, FRAME, LAST, START, block_observing
 from .body import body_at, leapfrog_body, load_at, prescribed_at
-from .exchange import any_thread, barrier
+from .exchange import any_thread, barrier, lanes
 from .rollers import STATE_ROWS
 from .root import reciprocal
 from .serial import DIVERGENCE_CHECK
@@ -20,9 +20,6 @@ from .structs import Drive, SprocketState, Wheel, types, vec2d
 from .sum_structs import Sums, Tallies, Totals
 from .sums import STRAND_LOOK_EVERY
 from .trigonometry import sine_cosine
-
-HEADING_EVERY = wp.constant(32)
-"""Steps between two computations of a sprocket's cosine and sine from its angle; in between they are turned."""
 
 
 @wp.func
@@ -38,8 +35,10 @@ def rotated(direction: vec2d, angle: wp.float64):
 
 
 @cache
-def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4, moving: bool = False) -> wp.Kernel:
-    """The kernel for drives of up to `threads` rollers and of `sprockets` sprockets.
+def block_kernel(
+    Real: type, threads: int, sprockets: int, guides: int, blocks: int = 4, moving: bool = False
+) -> wp.Kernel:
+    """The kernel for drives of up to `threads` rollers and of these numbers of sprockets and guide-bars.
 
     Launch it with `dim` = variants * threads and `block_dim` = threads. `blocks` is how many blocks the compiler is to
     make room for on a multiprocessor; it bounds the registers of a thread. `moving` is for drives whose
@@ -47,8 +46,8 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4, movi
     """
     kinds = types(Real)
     vec2 = kinds.vec2
-    part = block_forces(Real, threads, sprockets, moving)
-    look = block_observing(Real, threads, sprockets, moving)
+    part = block_forces(Real, threads, sprockets, guides, moving)
+    look = block_observing(Real, threads, sprockets, guides, moving)
     State = part.State
     talk = part.talk
     shared_arrays, state_of_next, force_of_previous = talk.shared_arrays, talk.state_of_next, talk.force_of_previous
@@ -67,6 +66,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4, movi
         category: wp.int32  # strand that this thread's link is on (S: none)
         middle: wp.int32  # strands whose middle it passes, as bits
         diverged: wp.int32
+        pace: Real  # h, 0 at the run's last step and where it diverged [s]
 
     @wp.func
     def sprocket_of(i: int):
@@ -197,8 +197,12 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4, movi
             shared.mount_sums[s] = sums.mount[mine]
         shared.sprocket_sums[s] = sums.sprocket[mine]
         shared.strand_sums[s] = sums.strand[mine]
+        for k in range(wp.static(3 * threads) // lanes()):
+            shared.parts[s * (wp.static(3 * threads) // lanes()) + k] = wp.float64(0.0)
         if s == 0:
             shared.chain[0] = ensemble.chains[variant]
+            for g in range(wp.static(guides)):
+                shared.bars[g] = ensemble.guides[drive.first_guide + g]
 
     @wp.func
     def end_sprocket(
@@ -327,6 +331,7 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4, movi
             start_sprocket(ensemble, state, sums, shared, variant, s, now.step)
         shared.recent[i] = look.fresh()
         h = Real(ensemble.drives[variant].step)
+        now.pace = h
         end = wp.min(now.step + block, ensemble.drives[variant].steps + 1)
         while now.step < end and now.diverged == 0:
             if now.step == now.event:
@@ -349,8 +354,18 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4, movi
                     category, middle = look.category_of(ensemble, state, variant, i)
                     now.category = category
                     now.middle = middle
-                if now.step % HEADING_EVERY == 0 and s >= 0:
-                    set_heading(shared, s)
+                if now.flags & (FRAME | ENDS) != 0:
+                    shared.extra[i] = kinds.Extra()
+                if now.flags & CHECK != 0:
+                    gone = outside(ensemble, variant, own, i)
+                    if wp.static(moving):
+                        if s >= 0:
+                            gone = wp.max(gone, center_outside(ensemble, shared, variant, s))
+                    now.diverged = any_thread(gone)
+                    if s >= 0:
+                        set_heading(shared, s)
+                if now.flags & LAST != 0 or now.diverged != 0:
+                    now.pace = Real(0.0)
             other = state_of_next(own, i, n)
             tension, rate, link = link_of(shared, own, other, length)
             if now.weight != Real(0.0) and live:
@@ -369,27 +384,22 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4, movi
             )
             if s >= 0:
                 foresee(ensemble, shared, variant, s, now.step)
-            if now.flags & CHECK != 0:
-                gone = outside(ensemble, variant, own, i)
-                if wp.static(moving):
-                    if s >= 0:
-                        gone = wp.max(gone, center_outside(ensemble, shared, variant, s))
-                now.diverged = any_thread(gone)
             previous = force_of_previous(link, i, n)
             a = acceleration(shared, link + contact, previous)
-            if now.step == 0:  # leapfrog's velocities are half a step behind from here on
-                own[2] = own[2] - Real(0.5) * h * a[0]
-                own[3] = own[3] - Real(0.5) * h * a[1]
-            if now.flags & (FRAME | ENDS) != 0 and live:
-                v = vec2(own[2] + Real(0.5) * h * a[0], own[3] + Real(0.5) * h * a[1])
-                if now.flags & FRAME != 0:
-                    at = frame_at(ensemble, state, variant, now.step)
-                    look.write_rest(frames, at + i, n, v, shared.extra[i])
-                if now.flags & ENDS != 0:
-                    energy = look.motion_energy(ensemble, variant, v) + wp.float64(shared.extra[i].energy)
-                    look.add_energy(ensemble, tallies, variant, i, now.flags & START, energy)
+            if now.flags != 0:
+                if now.step == 0:  # leapfrog's velocities are half a step behind from here on
+                    own[2] = own[2] - Real(0.5) * h * a[0]
+                    own[3] = own[3] - Real(0.5) * h * a[1]
+                if now.flags & (FRAME | ENDS) != 0 and live:
+                    v = vec2(own[2] + Real(0.5) * h * a[0], own[3] + Real(0.5) * h * a[1])
+                    if now.flags & FRAME != 0:
+                        at = frame_at(ensemble, state, variant, now.step)
+                        look.write_rest(frames, at + i, n, v, shared.extra[i])
+                    if now.flags & ENDS != 0:
+                        energy = look.motion_energy(ensemble, variant, v) + wp.float64(shared.extra[i].energy)
+                        look.add_energy(ensemble, tallies, variant, i, now.flags & START, energy)
             if s >= 0:
-                going = now.flags & LAST == 0 and now.diverged == 0
+                going = now.pace != Real(0.0)
                 step_time = ensemble.drives[variant].step
                 active = int(0)
                 if wp.static(moving):
@@ -409,10 +419,12 @@ def block_kernel(Real: type, threads: int, sprockets: int, blocks: int = 4, movi
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, variant, now.step)
                     look.write_sprocket(frames, at + 7 * n + 5 * s, body, on.moment)
-            if now.flags & LAST == 0:
-                own[2] = own[2] + h * a[0]
-                own[3] = own[3] + h * a[1]
-                own = move(own, h * own[2], h * own[3])
+            if now.pace != Real(0.0):
+                own[2] = own[2] + now.pace * a[0]
+                own[3] = own[3] + now.pace * a[1]
+                moved = move(own, now.pace * own[2], now.pace * own[3])
+                for k in range(wp.static(6)):
+                    own[k] = moved[k]
             if now.flags & ENDS != 0:
                 now.weight = Real(0.0)
             now.flags = 0

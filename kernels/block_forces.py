@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .contact import closed_contact, gap_approach, guide_approach, in_gap, moved_seat
+from .contact import closed_contact, elastic_energy, gap_approach, guide_approach, in_gap, moved_seat
 from .exchange import any_lane, exchange, lanes, lowest_bit
 from .link import link_force
 from .rollers import STATE_ROWS
@@ -15,14 +15,14 @@ from .tooth import nearest_seat, seat_step
 
 
 @cache
-def block_forces(Real: type, threads: int, sprockets: int, moving: bool = False) -> SimpleNamespace:
-    """The functions that evaluate one variant on a block of `threads` threads, with `sprockets` sprockets.
+def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: bool = False) -> SimpleNamespace:
+    """The functions that evaluate one variant on a block of `threads` threads.
 
     `moving` is for drives whose sprockets' centers may move or that have balance wheels.
     """
     kinds = types(Real)
     vec2 = kinds.vec2
-    talk = exchange(Real, threads, sprockets)
+    talk = exchange(Real, threads, sprockets, guides)
     State = talk.state
     compensated = Real == wp.float32
     warp_sum = talk.warp_sum
@@ -37,6 +37,14 @@ def block_forces(Real: type, threads: int, sprockets: int, moving: bool = False)
         impact_speed: Real  # v0, 0 while open [m/s]
         held: wp.int32  # all sprockets it is engaged with, as bits
         guides: wp.int32  # guide-bars it touches, as bits
+
+    @wp.struct
+    class Gap:
+        """Where a roller is in its tooth gap."""
+
+        e: vec2d  # outward direction of the seat
+        radial: wp.float64  # along it, from the sprocket's center [m]
+        lateral: wp.float64  # across it [m]
 
     @wp.struct
     class Net:
@@ -139,45 +147,42 @@ def block_forces(Real: type, threads: int, sprockets: int, moving: bool = False)
             state.impact_speed[memory] = Real(0.0)
 
     @wp.func
-    def add_part(shared: kinds.Shared, value: Real, at: int, some: int, i: int, pass_: int):
-        """The warp's sum of `value`, zero unless `some`, to its entry of row `at` of the parts."""
-        total = Real(0.0)
-        if some != 0:
-            total = warp_sum(value)
+    def add_part(shared: kinds.Shared, value: Real, at: int, i: int):
+        """Adds the warp's sum of `value` to its entry of row `at` of the parts."""
+        total = warp_sum(value)
         if i % lanes() == 0:
             k = at * (wp.static(threads) // lanes()) + i // lanes()
-            if pass_ == 0:
-                shared.parts[k] = wp.float64(total)
-            else:
-                shared.parts[k] = shared.parts[k] + wp.float64(total)
+            shared.parts[k] = shared.parts[k] + wp.float64(total)
 
     @wp.func
-    def add_moments(shared: kinds.Shared, net: Net, i: int, pass_: int):
-        """This warp's part of each sprocket's moment, and of the force on it if it may move."""
+    def add_moments(shared: kinds.Shared, net: Net, i: int):
+        """Adds this warp's part of each sprocket's moment, and of the force on it if it may move."""
         zero = Real(0.0)
         for s in range(wp.static(sprockets)):
             mine = net.on == s
-            some = any_lane(int(mine))
-            add_part(shared, wp.where(mine, net.moment, zero), wp.static(3 * s), some, i, pass_)
-            if wp.static(moving):
-                add_part(shared, wp.where(mine, net.push_x, zero), wp.static(3 * s + 1), some, i, pass_)
-                add_part(shared, wp.where(mine, net.push_y, zero), wp.static(3 * s + 2), some, i, pass_)
+            if any_lane(int(mine)) != 0:
+                add_part(shared, wp.where(mine, net.moment, zero), wp.static(3 * s), i)
+                if wp.static(moving):
+                    add_part(shared, wp.where(mine, net.push_x, zero), wp.static(3 * s + 1), i)
+                    add_part(shared, wp.where(mine, net.push_y, zero), wp.static(3 * s + 2), i)
 
     @wp.func
-    def sum_of(shared: kinds.Shared, at: int):
-        """The parts of row `at` added up, warp by warp; after the second barrier."""
+    def taken(shared: kinds.Shared, at: int):
+        """The parts of row `at` added up, warp by warp, and set to zero; between the second barrier and the first."""
         total = wp.float64(0.0)
         for w in range(wp.static(threads) // lanes()):
-            total = total + shared.parts[at * (wp.static(threads) // lanes()) + w]
+            k = at * (wp.static(threads) // lanes()) + w
+            total = total + shared.parts[k]
+            shared.parts[k] = wp.float64(0.0)
         return total
 
     @wp.func
     def contacts_on(shared: kinds.Shared, s: int):
-        """The chain's moment [N m] on sprocket `s` and, if it may move, its force [N]."""
+        """The chain's moment [N m] on sprocket `s` and, if it may move, its force [N]; they start anew at zero."""
         totals = Totals()
-        totals.moment = sum_of(shared, 3 * s)
+        totals.moment = taken(shared, 3 * s)
         if wp.static(moving):
-            totals.push = vec2d(sum_of(shared, 3 * s + 1), sum_of(shared, 3 * s + 2))
+            totals.push = vec2d(taken(shared, 3 * s + 1), taken(shared, 3 * s + 2))
         return totals
 
     @wp.func
@@ -211,10 +216,7 @@ def block_forces(Real: type, threads: int, sprockets: int, moving: bool = False)
                 mesh.sprocket = -1
                 leave(state, drive, mesh.held & ~todo, i)
                 mesh.held = todo
-        if extra != 0:
-            shared.extra[i] = kinds.Extra()
         more = int(1)
-        pass_ = int(0)
         while more != 0:
             total.on = -1
             if todo != 0:
@@ -232,19 +234,26 @@ def block_forces(Real: type, threads: int, sprockets: int, moving: bool = False)
                 wheel = shared.wheels[s]
                 p = place(own, wheel.center)
                 e, radial, lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
+                gap = Gap()
+                gap.e = e
+                gap.radial = radial
+                gap.lateral = lateral
                 move = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
                 if move != 0:
                     mesh.seat = moved_seat(mesh.seat, move, sprocket.teeth)
                     mesh.direction = ensemble.seats[sprocket.first_seat + mesh.seat]
-                    e, radial, lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
+                    new_e, new_radial, new_lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
+                    gap.e = new_e
+                    gap.radial = new_radial
+                    gap.lateral = new_lateral
                 relative = v
                 if wp.static(moving):
                     relative = vec2(v[0] - Real(wheel.velocity[0]), v[1] - Real(wheel.velocity[1]))
-                penetration, normal, speed = gap_approach(p, relative, Real(wheel.speed), e, radial, lateral, sprocket)
+                penetration, normal, speed = gap_approach(
+                    p, relative, Real(wheel.speed), gap.e, gap.radial, gap.lateral, sprocket
+                )
                 if penetration > Real(0.0):
-                    size, first, dissipated, energy = closed_contact(
-                        penetration, speed, mesh.impact_speed, sprocket.law
-                    )
+                    size, first, elastic = closed_contact(penetration, speed, mesh.impact_speed, sprocket.law)
                     f = size * normal
                     total.x = total.x + f[0]
                     total.y = total.y + f[1]
@@ -254,42 +263,47 @@ def block_forces(Real: type, threads: int, sprockets: int, moving: bool = False)
                     total.on = s
                     if weight != Real(0.0):
                         before = mesh.impact_speed
+                        dissipated = (size - elastic) * speed
                         shared.contact_sums[i] = with_contact(shared.contact_sums[i], weight, size, dissipated, before)
                     if extra != 0:
                         shared.extra[i].sprocket_force = shared.extra[i].sprocket_force + size
+                        energy = elastic_energy(elastic, penetration, sprocket.law)
                         shared.extra[i].energy = shared.extra[i].energy + energy
                     if stage == 0:
                         mesh.impact_speed = first
                 else:
                     if stage == 0:
                         mesh.impact_speed = Real(0.0)
-            add_moments(shared, total, i, pass_)
-            pass_ = pass_ + 1
+            add_moments(shared, total, i)
             more = any_lane(todo)
         if live:
-            drive = ensemble.drives[variant]
-            for g in range(drive.guides):
-                bar = ensemble.guides[drive.first_guide + g]
+            for g in range(wp.static(guides)):
+                bar = shared.bars[g]
                 penetration, normal = guide_approach(place(own, bar.start), v, weight, bar)
-                memory = drive.first_contact + (wp.static(sprockets) + g) * drive.rollers + i
-                if penetration > Real(0.0):
-                    before = state.impact_speed[memory]
-                    speed = -wp.dot(v, normal)
-                    size, first, dissipated, energy = closed_contact(penetration, speed, before, bar.law)
-                    total.x = total.x + size * normal[0]
-                    total.y = total.y + size * normal[1]
-                    mesh.guides = mesh.guides | (1 << g)
-                    if stage == 0 and first != before:
-                        state.impact_speed[memory] = first
-                    if weight != Real(0.0):
-                        sums = tallies.contact[memory]
-                        tallies.contact[memory] = with_contact(sums, weight, size, dissipated, before)
-                    if extra != 0:
-                        shared.extra[i].guide_force = shared.extra[i].guide_force + size
-                        shared.extra[i].energy = shared.extra[i].energy + energy
-                elif stage == 0 and (mesh.guides >> g) & 1 != 0:
-                    mesh.guides = mesh.guides & ~(1 << g)
-                    state.impact_speed[memory] = Real(0.0)
+                touched = (mesh.guides & wp.static(1 << g)) != 0
+                if penetration > Real(0.0) or touched:
+                    drive = ensemble.drives[variant]
+                    memory = drive.first_contact + wp.static(sprockets + g) * drive.rollers + i
+                    if penetration > Real(0.0):
+                        before = state.impact_speed[memory]
+                        speed = -wp.dot(v, normal)
+                        size, first, elastic = closed_contact(penetration, speed, before, bar.law)
+                        total.x = total.x + size * normal[0]
+                        total.y = total.y + size * normal[1]
+                        mesh.guides = mesh.guides | wp.static(1 << g)
+                        if stage == 0 and first != before:
+                            state.impact_speed[memory] = first
+                        if weight != Real(0.0):
+                            dissipated = (size - elastic) * speed
+                            sums = tallies.contact[memory]
+                            tallies.contact[memory] = with_contact(sums, weight, size, dissipated, before)
+                        if extra != 0:
+                            shared.extra[i].guide_force = shared.extra[i].guide_force + size
+                            energy = elastic_energy(elastic, penetration, bar.law)
+                            shared.extra[i].energy = shared.extra[i].energy + energy
+                    elif stage == 0:
+                        mesh.guides = mesh.guides & wp.static(~(1 << g))
+                        state.impact_speed[memory] = Real(0.0)
         return vec2(total.x, total.y), mesh
 
     @wp.func

@@ -28,11 +28,11 @@ CHECK = wp.constant(32)  # whether the variant diverged
 
 
 @cache
-def block_observing(Real: type, threads: int, sprockets: int, moving: bool = False) -> SimpleNamespace:
+def block_observing(Real: type, threads: int, sprockets: int, guides: int, moving: bool = False) -> SimpleNamespace:
     """The functions that look at one variant on a block of `threads` threads."""
     kinds = types(Real)
     vec2 = kinds.vec2
-    part = block_forces(Real, threads, sprockets, moving)
+    part = block_forces(Real, threads, sprockets, guides, moving)
     State = part.State
     follow = following(Real).follow
 

@@ -13,11 +13,14 @@ from .trigonometry import sine_cosine
 
 
 @cache
-def block_relax_kernel(Real: type, threads: int, sprockets: int, blocks: int) -> wp.Kernel:
-    """The kernel that settles drives of up to `threads` rollers and of `sprockets` sprockets, which it holds."""
+def block_relax_kernel(Real: type, threads: int, sprockets: int, guides: int, blocks: int) -> wp.Kernel:
+    """The kernel that settles drives of up to `threads` rollers and of these numbers of sprockets and guide-bars.
+
+    The sprockets are held.
+    """
     kinds = types(Real)
     vec2 = kinds.vec2
-    part = block_forces(Real, threads, sprockets)
+    part = block_forces(Real, threads, sprockets, guides)
     talk = part.talk
     State = talk.state
     shared_arrays, state_of_next, force_of_previous = talk.shared_arrays, talk.state_of_next, talk.force_of_previous
@@ -45,10 +48,13 @@ def block_relax_kernel(Real: type, threads: int, sprockets: int, blocks: int) ->
         shared.bands[s] = band
         if s == 0:
             shared.chain[0] = ensemble.chains[variant]
+            for g in range(wp.static(guides)):
+                shared.bars[g] = ensemble.guides[ensemble.drives[variant].first_guide + g]
 
     @wp.func
     def block_largest(shared: kinds.Shared, value: Real, i: int):
         """The largest `value` of all threads."""
+        barrier()
         largest = warp_max(value)
         if i % lanes() == 0:
             shared.parts[i // lanes()] = wp.float64(largest)
@@ -62,6 +68,7 @@ def block_relax_kernel(Real: type, threads: int, sprockets: int, blocks: int) ->
     @wp.func
     def block_total(shared: kinds.Shared, value: Real, i: int):
         """The sum of `value` over all threads."""
+        barrier()
         total = warp_sum(value)
         if i % lanes() == 0:
             shared.parts[i // lanes()] = wp.float64(total)

@@ -33,20 +33,29 @@ def penalty(penetration: Any, speed: Any, impact_speed: Any, law: Any):
     dissipated = zero
     energy = zero
     if penetration > zero:
-        force, first, dissipated, energy = closed_contact(penetration, speed, impact_speed, law)
+        force, first, elastic = closed_contact(penetration, speed, impact_speed, law)
+        dissipated = (force - elastic) * speed
+        energy = elastic_energy(elastic, penetration, law)
     return force, first, dissipated, energy
 
 
 @wp.func
 def closed_contact(penetration: Any, speed: Any, impact_speed: Any, law: Any):
-    """As `penalty`, of a contact that is closed."""
+    """Force [N], v0 [m/s] and elastic force [N] of a contact that is closed; arguments as of `penalty`.
+
+    The force less the elastic force, times the speed, is the dissipated power.
+    """
     first = impact_speed
     if first == type(penetration)(0.0):
         first = wp.max(speed, law.speed_floor)
     elastic = elastic_force(penetration, law.stiffness, law.exponent)
-    force = contact_force(elastic, speed, first, law)
-    energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
-    return force, first, (force - elastic) * speed, energy
+    return contact_force(elastic, speed, first, law), first, elastic
+
+
+@wp.func
+def elastic_energy(elastic: Any, penetration: Any, law: Any):
+    """Energy [J] that a closed contact's elastic force holds."""
+    return elastic * penetration / (law.exponent + type(penetration)(1.0))
 
 
 @wp.func

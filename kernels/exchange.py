@@ -171,8 +171,8 @@ def any_thread(flag: int) -> int:
 
 
 @cache
-def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
-    """The exchanges of a block of `threads` threads, a multiple of 32, for drives of `sprockets` sprockets."""
+def exchange(Real: type, threads: int, sprockets: int, guides: int) -> SimpleNamespace:
+    """The exchanges of a block of `threads` threads, a multiple of 32, for these numbers of sprockets and guide-bars."""
     real = NAMES[Real]
     state = wp.types.vector(STATE, Real)
     vec2 = wp.types.vector(2, Real)
@@ -206,6 +206,9 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
 
     @wp.func_native(_shared_snippet("bands", sprockets, sprockets))
     def bands(like: kinds.Shared) -> wp.array(dtype=kinds.Band): ...
+
+    @wp.func_native(_shared_snippet("bars", max(guides, 1), max(guides, 1)))
+    def bars(like: kinds.Shared) -> wp.array(dtype=kinds.Guide): ...
 
     @wp.func_native(_shared_snippet("chain", 1, 1))
     def chain(like: kinds.Shared) -> wp.array(dtype=kinds.Chain): ...
@@ -244,6 +247,7 @@ def exchange(Real: type, threads: int, sprockets: int) -> SimpleNamespace:
         shared.wheels = wheels(shared)
         shared.teeth = teeth(shared)
         shared.bands = bands(shared)
+        shared.bars = bars(shared)
         shared.chain = chain(shared)
         shared.parts = parts(shared)
         shared.motions = motions(shared)

@@ -274,6 +274,7 @@ def types(Real: type) -> SimpleNamespace:
         wheels: wp.array(dtype=Wheel)  # (S,)
         teeth: wp.array(dtype=Sprocket)  # (S,)
         bands: wp.array(dtype=Band)  # (S,)
+        bars: wp.array(dtype=Guide)  # (G,), at least one
         chain: wp.array(dtype=Chain)  # (1,)
         parts: wp.array(dtype=wp.float64)  # (S, 3, warps): of each sprocket's moment [N m] and pushing force [N]
         motions: wp.array(dtype=Motion)  # (S,)

@@ -69,31 +69,32 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
     one = type(xi)(1.0)
     eta = wp.abs(lateral)
     side = wp.where(lateral >= zero, one, -one)
-    penetration = eta * gap.sin_half_seat - xi * gap.cos_half_seat - gap.clearance
-    normal_radial = gap.cos_half_seat
-    normal_lateral = -side * gap.sin_half_seat
+    # penetration and normal, changed in place: only the lanes that take a branch pay for it
+    at = wp.vector(
+        eta * gap.sin_half_seat - xi * gap.cos_half_seat - gap.clearance, gap.cos_half_seat, -side * gap.sin_half_seat
+    )
     if eta * gap.cos_half_seat <= -xi * gap.sin_half_seat:
         square = wp.max(xi * xi + lateral * lateral, type(xi)(1.0e-24))
         inverse = inverse_root(square)
-        penetration = root(square) - gap.clearance
-        normal_radial = -xi * inverse
-        normal_lateral = -lateral * inverse
+        at[0] = root(square) - gap.clearance
+        at[1] = -xi * inverse
+        at[2] = -lateral * inverse
     elif gap.flank_curvature > zero:
         t = xi * gap.sin_half_seat + eta * gap.cos_half_seat
         along = gap.flank_curvature * t
-        across = one - gap.flank_curvature * penetration
+        across = one - gap.flank_curvature * at[0]
         square = across * across + along * along
-        penetration = (penetration * (one + across) - along * t) * reciprocal(one + root(square))
         inverse = inverse_root(square)
-        normal_radial = (across * gap.cos_half_seat + along * gap.sin_half_seat) * inverse
-        normal_lateral = side * (along * gap.cos_half_seat - across * gap.sin_half_seat) * inverse
-    if penetration > zero:
+        at[0] = (at[0] * (one + across) - along * t) * reciprocal(one + root(square))
+        at[1] = (across * gap.cos_half_seat + along * gap.sin_half_seat) * inverse
+        at[2] = side * (along * gap.cos_half_seat - across * gap.sin_half_seat) * inverse
+    if at[0] > zero:
         radial = gap.pitch_radius + xi
         square = radial * radial + lateral * lateral
-        limit = wp.max(gap.tip_reach - penetration, zero)
+        limit = wp.max(gap.tip_reach - at[0], zero)
         if square > limit * limit:
             inverse = inverse_root(square)
-            penetration = gap.tip_reach - root(square)
-            normal_radial = radial * inverse
-            normal_lateral = lateral * inverse
-    return penetration, normal_radial, normal_lateral
+            at[0] = gap.tip_reach - root(square)
+            at[1] = radial * inverse
+            at[2] = lateral * inverse
+    return at[0], at[1], at[2]

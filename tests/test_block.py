@@ -66,7 +66,12 @@ def run_blocks(packed, threads, blocks, order, frames):
     ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu")
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
     kernel = block_kernel(
-        packed.real, threads, int(packed.drives["sprockets"][0]), 4, bool(packed.mounts["active"].any())
+        packed.real,
+        threads,
+        int(packed.drives["sprockets"][0]),
+        int(packed.drives["guides"][0]),
+        4,
+        bool(packed.mounts["active"].any()),
     )
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
@@ -127,9 +132,9 @@ def test_where_launches_end_does_not_matter(fibers):
 @pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
 def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch):
     for kernel in (
-        block_kernel(real, 128, 2),
-        block_kernel(real, 128, 2, 4, True),
-        block_relax_kernel(real, 128, 2, 4),
+        block_kernel(real, 128, 2, 1),
+        block_kernel(real, 128, 2, 1, 4, True),
+        block_relax_kernel(real, 128, 2, 1, 4),
     ):
         wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(tmp_path))
     assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
@@ -150,7 +155,7 @@ def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
     ensemble, state, tallies = upload_ensemble(still, "cpu"), upload_state(still, "cpu"), empty_tallies(still, "cpu")
     order = wp.zeros(1, dtype=wp.int32, device="cpu")
     threads = 32 * -(-drive.chain.links // 32)
-    kernel = block_relax_kernel(wp.float64, threads, 2, 4)
+    kernel = block_relax_kernel(wp.float64, threads, 2, 0, 4)
     for _ in range(40):
         inputs = [ensemble, state, tallies, settling, order, 1000]
         wp.launch(kernel, dim=threads, inputs=inputs, block_dim=threads, device="cpu")

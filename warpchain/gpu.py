@@ -108,6 +108,7 @@ class Bucket:
 
     threads: int
     sprockets: int
+    guides: int
     moving: bool
     order: wp.array  # of the variants
     count: int
@@ -146,12 +147,12 @@ class GpuEngine:
         drives = self.packed.drives
         threads = np.array(THREADS)[np.searchsorted(THREADS, drives["rollers"])]
         moving = np.add.reduceat(self.packed.mounts["active"], drives["first_sprocket"]) > 0
-        keys = np.stack([threads, drives["sprockets"], moving])
+        keys = np.stack([threads, drives["sprockets"], drives["guides"], moving])
         buckets = []
-        for size, wheels, moves in sorted({tuple(key) for key in keys.T.tolist()}, reverse=True):
-            order = np.flatnonzero((keys == [[size], [wheels], [moves]]).all(axis=0))
+        for size, wheels, bars, moves in sorted({tuple(key) for key in keys.T.tolist()}, reverse=True):
+            order = np.flatnonzero((keys == [[size], [wheels], [bars], [moves]]).all(axis=0))
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            buckets.append(Bucket(size, wheels, bool(moves), array, len(order)))
+            buckets.append(Bucket(size, wheels, bars, bool(moves), array, len(order)))
         return buckets
 
     def _launch(self, kernel: Any, bucket: Bucket, inputs: Sequence[Any]) -> None:
@@ -173,7 +174,7 @@ class GpuEngine:
                     self.stream.wait_event(frames.copied)
                 for bucket in self.buckets:
                     blocks = resident_blocks(self.packed.precision, bucket.threads)
-                    kernel = block_kernel(self.packed.real, bucket.threads, bucket.sprockets, blocks)
+                    kernel = block_kernel(self.packed.real, bucket.threads, bucket.sprockets, bucket.guides, blocks)
                     inputs = [
                         self.ensemble,
                         self.state,
@@ -212,7 +213,9 @@ class GpuEngine:
             with _told(self.device, self.packed):
                 for bucket in self.buckets:
                     blocks = resident_blocks(self.packed.precision, bucket.threads)
-                    kernel = block_relax_kernel(self.packed.real, bucket.threads, bucket.sprockets, blocks)
+                    kernel = block_relax_kernel(
+                        self.packed.real, bucket.threads, bucket.sprockets, bucket.guides, blocks
+                    )
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, block]
                     self._launch(kernel, bucket, inputs)
                 self._settling_now = self._read(self._settling)
