@@ -62,11 +62,12 @@ def block_kernel(
         step: wp.int32
         event: wp.int32  # the next step at which more happens than forces and motion
         flags: wp.int32  # what happens now, as bits
-        weight: Real  # time that this step stands for in the window's sums, 0 outside [s]
+        measured: wp.int32  # 1 in the window
+        weight: Real  # time that this step stands for in the window's sums [s]
         category: wp.int32  # strand that this thread's link is on (S: none)
         middle: wp.int32  # strands whose middle it passes, as bits
         diverged: wp.int32
-        pace: Real  # h, 0 at the run's last step and where it diverged [s]
+        going: wp.int32  # 0 at the run's last step and where it diverged
 
     @wp.func
     def sprocket_of(i: int):
@@ -248,7 +249,7 @@ def block_kernel(
         body.speed = wheel.exact_speed
         turned = wheel.target - wheel.angle
         if shared.motions[s].prescribed == 1:
-            wheel.exact_speed = wheel.next_speed
+            shared.wheels[s].exact_speed = wheel.next_speed
             wheel.speed = turned * reciprocal(h)
         else:
             gain = h * ((contacts.moment + wheel.target) * shared.motions[s].inverse_inertia)
@@ -258,11 +259,11 @@ def block_kernel(
             wheel.speed = wheel.speed + gain
             turned = h * wheel.speed
         if going:
-            wheel.angle = wheel.angle + turned
             heading = rotated(vec2d(wheel.cosine, wheel.sine), turned)
-            wheel.cosine = heading[0]
-            wheel.sine = heading[1]
-            shared.wheels[s] = wheel
+            shared.wheels[s].cosine = heading[0]
+            shared.wheels[s].sine = heading[1]
+            shared.wheels[s].speed = wheel.speed
+            shared.wheels[s].angle = wheel.angle + turned
         return body, contacts
 
     @wp.func
@@ -331,7 +332,7 @@ def block_kernel(
             start_sprocket(ensemble, state, sums, shared, variant, s, now.step)
         shared.recent[i] = look.fresh()
         h = Real(ensemble.drives[variant].step)
-        now.pace = h
+        now.going = 1
         end = wp.min(now.step + block, ensemble.drives[variant].steps + 1)
         while now.step < end and now.diverged == 0:
             if now.step == now.event:
@@ -339,6 +340,7 @@ def block_kernel(
                 now.flags = flags_of(drive, now.step)
                 now.event = next_event(drive, now.step)
                 if now.step >= drive.window_start and now.step <= drive.window_end:
+                    now.measured = 1
                     now.weight = h
                     if now.flags & ENDS != 0:
                         now.weight = Real(0.5) * h
@@ -365,10 +367,10 @@ def block_kernel(
                     if s >= 0:
                         set_heading(shared, s)
                 if now.flags & LAST != 0 or now.diverged != 0:
-                    now.pace = Real(0.0)
+                    now.going = 0
             other = state_of_next(own, i, n)
             tension, rate, link = link_of(shared, own, other, length)
-            if now.weight != Real(0.0) and live:
+            if now.measured != 0 and live:
                 shared.recent[i] = look.with_link(shared.recent[i], tension, rate, now.weight)
                 if now.middle != 0:
                     look.add_middle(ensemble, state, shared, variant, own, other, now.middle)
@@ -380,7 +382,7 @@ def block_kernel(
                     energy = look.link_energy(ensemble, variant, own, tension, rate)
                     look.add_energy(ensemble, tallies, variant, i, now.flags & START, energy)
             contact, mesh = contacts(
-                ensemble, state, tallies, shared, variant, own, mesh, i, live, 0, now.weight, now.flags
+                ensemble, state, tallies, shared, variant, own, mesh, i, live, 0, now.measured, now.weight, now.flags
             )
             if s >= 0:
                 foresee(ensemble, shared, variant, s, now.step)
@@ -399,7 +401,7 @@ def block_kernel(
                         energy = look.motion_energy(ensemble, variant, v) + wp.float64(shared.extra[i].energy)
                         look.add_energy(ensemble, tallies, variant, i, now.flags & START, energy)
             if s >= 0:
-                going = now.pace != Real(0.0)
+                going = now.going != 0
                 step_time = ensemble.drives[variant].step
                 active = int(0)
                 if wp.static(moving):
@@ -411,7 +413,7 @@ def block_kernel(
                         body, on = turn_and_move(ensemble, shared, s, step_time, now.step, going)
                 else:
                     body, on = turn(shared, s, step_time, now.step, going)
-                if now.weight != Real(0.0):
+                if now.measured != 0:
                     time = wp.float64(now.step) * step_time
                     look.observe_sprocket(
                         ensemble, tallies, shared, variant, s, i, time, body, on, wp.float64(now.weight), now.flags
@@ -419,14 +421,14 @@ def block_kernel(
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, variant, now.step)
                     look.write_sprocket(frames, at + 7 * n + 5 * s, body, on.moment)
-            if now.pace != Real(0.0):
-                own[2] = own[2] + now.pace * a[0]
-                own[3] = own[3] + now.pace * a[1]
-                moved = move(own, now.pace * own[2], now.pace * own[3])
+            if now.going != 0:
+                own[2] = own[2] + h * a[0]
+                own[3] = own[3] + h * a[1]
+                moved = move(own, h * own[2], h * own[3])
                 for k in range(wp.static(6)):
                     own[k] = moved[k]
-            if now.flags & ENDS != 0:
-                now.weight = Real(0.0)
+            if now.flags & END != 0:
+                now.measured = 0
             now.flags = 0
             if now.diverged == 0:
                 now.step = now.step + 1

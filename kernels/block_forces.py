@@ -197,13 +197,14 @@ def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: 
         i: int,
         live: bool,
         stage: int,
+        measured: int,
         weight: Real,
         extra: int,
     ):
         """Contact force on roller i [N], and how it is engaged now; all threads together.
 
-        The moments on the sprockets go to `shared.parts`, contacts to their sums where `weight` [s] is not zero, forces
-        and energy to `shared.extra` if `extra`. v0 is kept at `stage` 0 only.
+        The moments on the sprockets go to `shared.parts`, contacts to their sums if `measured`, for the time `weight`
+        [s], forces and energy to `shared.extra` if `extra`. v0 is kept at `stage` 0 only.
         """
         total = Net()
         v = vec2(own[2], own[3])
@@ -261,7 +262,7 @@ def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: 
                     total.push_x = -f[0]
                     total.push_y = -f[1]
                     total.on = s
-                    if weight != Real(0.0):
+                    if measured != 0:
                         before = mesh.impact_speed
                         dissipated = (size - elastic) * speed
                         shared.contact_sums[i] = with_contact(shared.contact_sums[i], weight, size, dissipated, before)
@@ -293,7 +294,7 @@ def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: 
                         mesh.guides = mesh.guides | wp.static(1 << g)
                         if stage == 0 and first != before:
                             state.impact_speed[memory] = first
-                        if weight != Real(0.0):
+                        if measured != 0:
                             dissipated = (size - elastic) * speed
                             sums = tallies.contact[memory]
                             tallies.contact[memory] = with_contact(sums, weight, size, dissipated, before)

@@ -107,7 +107,7 @@ def block_relax_kernel(Real: type, threads: int, sprockets: int, guides: int, bl
         while now.steps < end and now.settled == 0:
             other = state_of_next(own, i, n)
             tension, rate, link = link_of(shared, own, other, length)
-            contact, mesh = contacts(ensemble, state, tallies, shared, variant, own, mesh, i, live, 0, Real(0.0), 0)
+            contact, mesh = contacts(ensemble, state, tallies, shared, variant, own, mesh, i, live, 0, 0, Real(0.0), 0)
             previous = force_of_previous(link, i, n)
             total = link + contact - previous
             a = vec2(chain.inverse_mass * total[0] + chain.gravity[0], chain.inverse_mass * total[1] + chain.gravity[1])

@@ -172,7 +172,7 @@ def any_thread(flag: int) -> int:
 
 @cache
 def exchange(Real: type, threads: int, sprockets: int, guides: int) -> SimpleNamespace:
-    """The exchanges of a block of `threads` threads, a multiple of 32, for these numbers of sprockets and guide-bars."""
+    """The exchanges of a block of `threads` threads (whole warps) for these numbers of sprockets and guide-bars."""
     real = NAMES[Real]
     state = wp.types.vector(STATE, Real)
     vec2 = wp.types.vector(2, Real)

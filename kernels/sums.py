@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .rollers import accessors, rows
+from .root import reciprocal
 from .structs import Mount, SprocketState, Strand, types, vec2d
 from .sum_structs import ChainSums, ContactSums, MountSums, SprocketSums, StrandSums, Totals
 
@@ -90,7 +91,7 @@ def displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64,
     """Transverse displacement of the chain where it passes mid-strand between two rollers [m], left positive."""
     a = along(ax, ay, strand)
     b = along(bx, by, strand)
-    part = (wp.float64(0.5) * strand.length - a) / (b - a)
+    part = (wp.float64(0.5) * strand.length - a) * reciprocal(b - a)
     return across(ax, ay, strand) * (wp.float64(1.0) - part) + across(bx, by, strand) * part
 
 

@@ -180,9 +180,8 @@ def gpus() -> None:
     simulate([drive] * count, device="cuda", **options)
     one = timed(drives, device=DEVICE, **options)
     every = timed(drives, device="cuda", **options)
-    print(
-        f"\n{len(drives)} variants of the marine drive, 0.1 s: one GPU {one:.2f} s, {count} GPUs {every:.2f} s, {one / every:.2f}x"
-    )
+    title = f"{len(drives)} variants of the marine drive, 0.1 s"
+    print(f"\n{title}: one GPU {one:.2f} s, {count} GPUs {every:.2f} s, {one / every:.2f}x")
 
 
 def headline() -> None:

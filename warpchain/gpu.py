@@ -44,9 +44,9 @@ LAUNCH_STEPS = 131_072
 def resident_blocks(precision: str, threads: int) -> int:
     """How many blocks of `threads` threads the compiler is to make room for on a multiprocessor.
 
-    This bounds the registers of a thread; measured on an H200 (docs/performance.md).
+    This bounds the registers of a thread; what is best was measured on an H200 (docs/performance.md).
     """
-    return max(1, (512 if precision == "float64" else 768) // threads)
+    return max(1, (512 if precision == "float64" and threads <= 128 else 768) // threads)
 
 
 def launch_steps(rollers: float, wanted: int) -> int:
