@@ -314,11 +314,11 @@ def block_kernel(
         block: int,
     ):
         """Variants `order[b]`, one a block of threads: `block` steps on, sums and frames written on the way."""
-        shared = shared_arrays()
         variant = order[wp.tid() // wp.static(threads)]
         i = wp.tid() % wp.static(threads)
         n = ensemble.drives[variant].rollers
         live = i < n
+        shared = shared_arrays(state, ensemble.drives[variant].first_roller, n)
         s = sprocket_of(i)
         own = fetch(ensemble, state, variant, i)
         length = ensemble.lengths[ensemble.drives[variant].first_roller + wp.min(i, n - 1)]
@@ -330,7 +330,8 @@ def block_kernel(
         now.diverged = state.progress[variant].diverged
         if s >= 0:
             start_sprocket(ensemble, state, sums, shared, variant, s, now.step)
-        shared.recent[i] = look.fresh()
+        if live:
+            shared.recent[i] = look.fresh()
         h = Real(ensemble.drives[variant].step)
         now.going = 1
         end = wp.min(now.step + block, ensemble.drives[variant].steps + 1)
@@ -348,7 +349,7 @@ def block_kernel(
                         if live:
                             look.flush(ensemble, tallies, variant, shared.recent[i], now.category, i)
                             publish(ensemble, state, variant, own, i)
-                        shared.recent[i] = look.fresh()
+                            shared.recent[i] = look.fresh()
                         barrier()
                         if s >= 0:
                             look.look(ensemble, state, variant, s)
@@ -356,7 +357,7 @@ def block_kernel(
                     category, middle = look.category_of(ensemble, state, variant, i)
                     now.category = category
                     now.middle = middle
-                if now.flags & (FRAME | ENDS) != 0:
+                if now.flags & (FRAME | ENDS) != 0 and live:
                     shared.extra[i] = kinds.Extra()
                 if now.flags & CHECK != 0:
                     gone = outside(ensemble, variant, own, i)

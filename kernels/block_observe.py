@@ -40,8 +40,8 @@ def block_observing(Real: type, threads: int, sprockets: int, guides: int, movin
     def fresh():
         """Nothing seen yet."""
         recent = kinds.Recent()
-        recent.tension_min = Real(wp.inf)
-        recent.tension_max = Real(-wp.inf)
+        recent.tension_min = Real(3.0e38)
+        recent.tension_max = Real(-3.0e38)
         return recent
 
     @wp.func
@@ -237,8 +237,8 @@ def collect(drives: wp.array(dtype=Drive), tallies: Tallies, sums: Sums):
     samples = wp.int64(0)
     for c in range(drive.sprockets + 1):
         strand = StrandSums()
-        strand.tension_min = wp.float64(wp.inf)
-        strand.tension_max = wp.float64(-wp.inf)
+        strand.tension_min = wp.float64(1.0e308)
+        strand.tension_max = wp.float64(-1.0e308)
         for i in range(n):
             tally = tallies.link[drive.first_tally + c * n + i]
             if tally.samples > wp.int64(0):

@@ -89,11 +89,11 @@ def block_relax_kernel(Real: type, threads: int, sprockets: int, guides: int, bl
         block: int,
     ):
         """Variants `order[b]`, one a block of threads: up to `block` steps of relaxation."""
-        shared = shared_arrays()
         variant = order[wp.tid() // wp.static(threads)]
         i = wp.tid() % wp.static(threads)
         n = ensemble.drives[variant].rollers
         live = i < n
+        shared = shared_arrays(state, ensemble.drives[variant].first_roller, n)
         own = fetch(ensemble, state, variant, i)
         length = ensemble.lengths[ensemble.drives[variant].first_roller + wp.min(i, n - 1)]
         mesh = engaged(ensemble, state, variant, i)

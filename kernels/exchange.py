@@ -94,6 +94,13 @@ SUM = """
 """
 
 
+OWN = "return {all.data + first, count};"
+"""A view of `count` values of a global array from `first` on."""
+
+SHARED_BYTES = 40_000
+"""Most bytes of shared memory for what each thread keeps; larger blocks keep it in global memory."""
+
+
 def _shared_snippet(field: str, count: int, cpu_count: int) -> str:
     return f"""
 #if defined(__CUDA_ARCH__)
@@ -170,6 +177,13 @@ def any_thread(flag: int) -> int:
     ...
 
 
+def keeps_in_shared(Real: type, threads: int) -> bool:
+    """Whether blocks of `threads` threads keep in shared memory what each thread adds up."""
+    kinds = types(Real)
+    kept = (kinds.Recent, kinds.Extra, ContactSums)
+    return threads * sum(struct.numpy_dtype()["itemsize"] for struct in kept) <= SHARED_BYTES
+
+
 @cache
 def exchange(Real: type, threads: int, sprockets: int, guides: int) -> SimpleNamespace:
     """The exchanges of a block of `threads` threads (whole warps) for these numbers of sprockets and guide-bars."""
@@ -240,9 +254,18 @@ def exchange(Real: type, threads: int, sprockets: int, guides: int) -> SimpleNam
     @wp.func_native(_shared_snippet("strand_sums", sprockets, sprockets))
     def strand_sums(like: kinds.Shared) -> wp.array(dtype=StrandSums): ...
 
+    @wp.func_native(OWN)
+    def own_recent(all: wp.array(dtype=kinds.Recent), first: int, count: int) -> wp.array(dtype=kinds.Recent): ...
+
+    @wp.func_native(OWN)
+    def own_extra(all: wp.array(dtype=kinds.Extra), first: int, count: int) -> wp.array(dtype=kinds.Extra): ...
+
+    @wp.func_native(OWN)
+    def own_sums(all: wp.array(dtype=ContactSums), first: int, count: int) -> wp.array(dtype=ContactSums): ...
+
     @wp.func
-    def shared_arrays():
-        """The arrays that the block's threads share."""
+    def shared_arrays(state: kinds.State, first: int, count: int):
+        """The arrays that the block's threads share, for the variant whose `count` rollers begin at `first`."""
         shared = kinds.Shared()
         shared.wheels = wheels(shared)
         shared.teeth = teeth(shared)
@@ -253,9 +276,14 @@ def exchange(Real: type, threads: int, sprockets: int, guides: int) -> SimpleNam
         shared.motions = motions(shared)
         shared.mounts = mounts(shared)
         shared.mount_sums = mount_sums(shared)
-        shared.recent = recent(shared)
-        shared.extra = extra(shared)
-        shared.contact_sums = contact_sums(shared)
+        if wp.static(keeps_in_shared(Real, threads)):
+            shared.recent = recent(shared)
+            shared.extra = extra(shared)
+            shared.contact_sums = contact_sums(shared)
+        else:
+            shared.recent = own_recent(state.recent, first, count)
+            shared.extra = own_extra(state.extra, first, count)
+            shared.contact_sums = own_sums(state.contact_sums, first, count)
         shared.sprocket_sums = sprocket_sums(shared)
         shared.strand_sums = strand_sums(shared)
         return shared

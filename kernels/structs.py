@@ -236,19 +236,6 @@ def types(Real: type) -> SimpleNamespace:
         seats: wp.array(dtype=vec2d)  # directions of the seats of each number of teeth in use
 
     @wp.struct
-    class State:
-        """What changes during a run, for all variants."""
-
-        rollers: wp.array(dtype=Real)  # (6 * all rollers,): a variant's x, y, vx, vy rows, and x, y's low parts
-        sprockets: wp.array(dtype=SprocketState)  # (all sprockets,)
-        centers: wp.array(dtype=CenterStages)  # (all sprockets,), for rk4
-        strands: wp.array(dtype=Strand)  # (all sprockets,)
-        seat: wp.array(dtype=wp.int32)  # (contact memories,): seat of an engaged roller, else -1
-        impact_speed: wp.array(dtype=Real)  # (contact memories,): v0 of a contact, 0 while open [m/s]
-        totals: wp.array(dtype=Totals)  # (all sprockets and guide-bars,)
-        progress: wp.array(dtype=Progress)  # (variants,)
-
-    @wp.struct
     class Recent:
         """A link's tension since it was last added to its tally."""
 
@@ -266,6 +253,22 @@ def types(Real: type) -> SimpleNamespace:
         sprocket_force: Real  # sum of magnitudes [N]
         guide_force: Real  # [N]
         energy: Real  # elastic [J]
+
+    @wp.struct
+    class State:
+        """What changes during a run, for all variants."""
+
+        rollers: wp.array(dtype=Real)  # (6 * all rollers,): a variant's x, y, vx, vy rows, and x, y's low parts
+        sprockets: wp.array(dtype=SprocketState)  # (all sprockets,)
+        centers: wp.array(dtype=CenterStages)  # (all sprockets,), for rk4
+        strands: wp.array(dtype=Strand)  # (all sprockets,)
+        seat: wp.array(dtype=wp.int32)  # (contact memories,): seat of an engaged roller, else -1
+        impact_speed: wp.array(dtype=Real)  # (contact memories,): v0 of a contact, 0 while open [m/s]
+        totals: wp.array(dtype=Totals)  # (all sprockets and guide-bars,)
+        recent: wp.array(dtype=Recent)  # (all rollers,), for blocks too large to share theirs; else (1,)
+        extra: wp.array(dtype=Extra)  # the same
+        contact_sums: wp.array(dtype=ContactSums)  # the same
+        progress: wp.array(dtype=Progress)  # (variants,)
 
     @wp.struct
     class Shared:

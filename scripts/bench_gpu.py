@@ -139,19 +139,19 @@ def timed(drives, **options) -> float:
 
 
 def recording() -> None:
-    """Whole runs of 2,112 variants, 0.1 s each, without settling."""
+    """Whole runs of 2,112 variants, 0.5 s each, without settling."""
     drive = DRIVES["marine drive"].with_values({"run.settle": False})
     drives = [drive] * 2112
     none = Record(variants="none")
     some = Record(variants=range(0, 2112, 132), rate=5000.0)
-    print("\n2,112 variants of the marine drive, 0.1 s, no settling: seconds")
+    print("\n2,112 variants of the marine drive, 0.5 s, no settling: seconds")
     for precision in ("float64", "float32"):
-        options = {"device": DEVICE, "precision": precision, "duration": 0.1}
+        options = {"device": DEVICE, "precision": precision, "duration": 0.5}
         simulate(drive, record=none, **options)
-        last = (0.1 - drive.run.step, 0.1)
+        last = (0.5 - drive.run.step, 0.5)
         nothing = timed(drives, record=none, window=last, **options)
         recorded = timed(drives, record=some, window=last, **options)
-        metrics = timed(drives, record=none, window=(0.0, 0.1), **options)
+        metrics = timed(drives, record=none, window=(0.0, 0.5), **options)
         print(
             f"{precision}: bare {nothing:.3f}, 16 variants in full at 5 kHz {recorded:.3f} "
             f"({recorded / nothing - 1:+.1%}), metrics over all of it {metrics:.3f} ({metrics / nothing - 1:+.1%})",

@@ -15,6 +15,7 @@ from warpchain.examples import drive_path
 from warpchain.kernels.block import block_kernel
 from warpchain.kernels.block_observe import collect
 from warpchain.kernels.block_relax import block_relax_kernel
+from warpchain.kernels.exchange import keeps_in_shared
 from warpchain.kernels.relax import Settling
 from warpchain.recorder import frame_width
 from warpchain.settling import elastic
@@ -49,6 +50,10 @@ def equal_sprockets():
     return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)], 64
 
 
+def long_chains():
+    return [two_sprockets(links=320, span=150.0), two_sprockets(links=340, span=160.0)], 512
+
+
 def moving_sprockets():
     springs = {"kind": "elastic", "stiffness": [1e6, 1e6], "damping": [1e3, 1e3], "preload": [2e3, -500.0]}
     slider = {"kind": "slider", "direction": [1.0, 0.2], "stiffness": 1e5, "damping": 200.0, "preload": 1e3}
@@ -63,7 +68,10 @@ def moving_sprockets():
 
 def run_blocks(packed, threads, blocks, order, frames):
     """The ensemble on blocks of fibers: its state, its sums, and its frames."""
-    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu")
+    ensemble, state = (
+        upload_ensemble(packed, "cpu"),
+        upload_state(packed, "cpu", not keeps_in_shared(packed.real, threads)),
+    )
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
     kernel = block_kernel(
         packed.real,
@@ -82,7 +90,7 @@ def run_blocks(packed, threads, blocks, order, frames):
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("drives", [marine, equal_sprockets, moving_sprockets])
+@pytest.mark.parametrize("drives", [marine, equal_sprockets, moving_sprockets, long_chains])
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, precision):
     variants, threads = drives()
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]

@@ -31,9 +31,17 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
     return ensemble
 
 
-def upload_state(packed: Packed, device: str) -> Any:
-    """The initial state (`kernels.structs.types(...).State`), copied to `device`."""
-    state = structs.types(packed.real).State()
+def upload_state(packed: Packed, device: str, keeps: bool = False) -> Any:
+    """The initial state (`kernels.structs.types(...).State`), copied to `device`.
+
+    `keeps` is for block kernels whose threads keep in global memory what they add up.
+    """
+    kinds = structs.types(packed.real)
+    state = kinds.State()
+    kept = len(packed.lengths) if keeps else 1
+    state.recent = wp.zeros(kept, dtype=kinds.Recent, device=device)
+    state.extra = wp.zeros(kept, dtype=kinds.Extra, device=device)
+    state.contact_sums = wp.zeros(kept, dtype=sum_structs.ContactSums, device=device)
     for name, values, dtype in (
         ("rollers", packed.rollers, packed.real),
         ("sprockets", packed.bodies, structs.SprocketState),

@@ -113,6 +113,15 @@ def launch_steps(devices: Sequence[str], packed: Packed, wanted: int) -> int:
     return on_gpu(float(packed.drives["rollers"].sum()) / len(devices), wanted)
 
 
+def frame_bytes(devices: Sequence[str]) -> int | None:
+    """Most bytes that the frames of one launch are to take, None for as many as the memory budget gives."""
+    if tuple(devices) == ("cpu",):
+        return None
+    from warpchain.gpu import FRAME_BYTES
+
+    return FRAME_BYTES * len(devices)
+
+
 def _first_frame(packed: Packed, a: int) -> int | None:
     """Where the frames of variants from `a` on begin in the whole buffer; None if there are none."""
     recorded = np.flatnonzero(packed.drives["sample_every"][a:]) + a

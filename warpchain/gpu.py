@@ -23,6 +23,7 @@ from warpchain.kernels import relax
 from warpchain.kernels.block import block_kernel
 from warpchain.kernels.block_observe import collect
 from warpchain.kernels.block_relax import block_relax_kernel
+from warpchain.kernels.exchange import keeps_in_shared
 from warpchain.kernels.serial import DIVERGENCE_CHECK
 
 THREADS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 1024)
@@ -33,6 +34,9 @@ MOST_SPROCKETS = 31
 
 OLDEST = 70
 """Oldest architecture (compute capability times ten) that the kernels are compiled for."""
+
+FRAME_BYTES = 32 * 2**20
+"""Most bytes of frames of one launch: pinned memory takes long to get, and small copies hide behind the next steps."""
 
 LAUNCH_WORK = 5.0e9
 """Roller-steps of one launch, about a quarter of a second, so that progress shows and Ctrl-C is heard."""
@@ -133,7 +137,7 @@ class GpuEngine:
             self.stream, self.copies = wp.Stream(device), wp.Stream(device)
             with wp.ScopedStream(self.stream):
                 self.ensemble = upload_ensemble(packed, device)
-                self.state = upload_state(packed, device)
+                self.state = upload_state(packed, device, self._keeps())
                 self.gpu_sums = empty_sums(packed, device)
                 self.tallies = empty_tallies(packed, device)
                 self.buckets = self._bucketed()
@@ -141,6 +145,11 @@ class GpuEngine:
         self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
         self._settling: Any = None
         self._settling_now: NDArray[Any] = np.zeros(0)
+
+    def _keeps(self) -> bool:
+        """Whether some blocks are too large to keep in shared memory what their threads add up."""
+        largest = THREADS[int(np.searchsorted(THREADS, self.packed.drives["rollers"].max()))]
+        return not keeps_in_shared(self.packed.real, largest)
 
     def _bucketed(self) -> list[Bucket]:
         """The variants by kernel, the longest first."""

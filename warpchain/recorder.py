@@ -87,11 +87,12 @@ class Recorder:
                 "lower the rate, or raise memory"
             )
 
-    def block(self, limit: int) -> int:
-        """Steps of a block, `limit` at most, such that its frames fit a buffer."""
+    def block(self, limit: int, most: int | None = None) -> int:
+        """Steps of a block, `limit` at most, such that its frames fit a buffer, of `most` bytes if given."""
         if not self.indices:
             return limit
-        room = min(self._buffer_values, 2**31 - 1) - int(self.widths.sum())
+        values = self._buffer_values if most is None else min(self._buffer_values, most // self.bytes_per_value)
+        room = max(min(values, 2**31 - 1) - int(self.widths.sum()), 0)
         return int(max(1, min(limit, room / float((self.widths / self.every).sum()))))
 
     def layout(self, block: int) -> int:

@@ -79,7 +79,7 @@ def simulate(
         SimulationError: an unknown device or precision, a bad window, or trajectories that exceed the memory budget.
     """
     from warpchain import __version__
-    from warpchain.devices import chosen_devices, engine_on, launch_steps
+    from warpchain.devices import chosen_devices, engine_on, frame_bytes, launch_steps
     from warpchain.ensemble import pack
 
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
@@ -105,7 +105,7 @@ def simulate(
     try:
         with reporter(progress) as report, interruptible() as stop:
             settled = _settle(packed, chosen, devices, cores, block, report, stop)
-            block = launch_steps(devices, packed, recorder.block(block))
+            block = launch_steps(devices, packed, recorder.block(block, frame_bytes(devices)))
             buffer_values = recorder.layout(block)
             engine = engine_on(devices, packed.at_precision(precision), cores)
             _march(engine, block, buffer_values, recorder, report, stop)
