@@ -11,27 +11,13 @@ import warp as wp
 
 from .block_forces import block_forces
 from .block_observe import CHECK, END, ENDS, EVENT, FRAME, LAST, START, block_observing
-from .body import body_at, leapfrog_body, load_at, prescribed_at
-from .exchange import any_thread, barrier, lanes
+from .block_sprockets import block_sprockets
+from .exchange import any_thread, barrier
 from .rollers import STATE_ROWS
-from .root import reciprocal
 from .serial import DIVERGENCE_CHECK
-from .structs import Drive, SprocketState, Wheel, types, vec2d
+from .structs import Drive, SprocketState, types
 from .sum_structs import Sums, Tallies, Totals
 from .sums import STRAND_LOOK_EVERY
-from .trigonometry import sine_cosine
-
-
-@wp.func
-def rotated(direction: vec2d, angle: wp.float64):
-    """A unit vector turned by a small angle: the series to fifth order, then back to length one."""
-    square = angle * angle
-    cosine = wp.float64(1.0) - square * (wp.float64(0.5) - square * wp.float64(1.0 / 24.0))
-    sine = angle * (wp.float64(1.0) - square * (wp.float64(1.0 / 6.0) - square * wp.float64(1.0 / 120.0)))
-    x = direction[0] * cosine - direction[1] * sine
-    y = direction[0] * sine + direction[1] * cosine
-    scale = wp.float64(1.5) - wp.float64(0.5) * (x * x + y * y)
-    return vec2d(x * scale, y * scale)
 
 
 @cache
@@ -52,7 +38,11 @@ def block_kernel(
     talk = part.talk
     shared_arrays, state_of_next, force_of_previous = talk.shared_arrays, talk.state_of_next, talk.force_of_previous
     link_of, contacts, store_mesh = part.link_of, part.contacts, part.store_mesh
-    contacts_on, move = part.contacts_on, part.move
+    move = part.move
+    wheels = block_sprockets(Real, threads, sprockets, guides, moving)
+    sprocket_of, center_outside, set_heading = wheels.sprocket_of, wheels.center_outside, wheels.set_heading
+    start_sprocket, end_sprocket, foresee = wheels.start_sprocket, wheels.end_sprocket, wheels.foresee
+    turn, turn_and_move = wheels.turn, wheels.turn_and_move
     fetch, put_back, engaged = part.fetch, part.put_back, part.engaged
 
     @wp.struct
@@ -68,15 +58,6 @@ def block_kernel(
         middle: wp.int32  # strands whose middle it passes, as bits
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
-
-    @wp.func
-    def sprocket_of(i: int):
-        """The sprocket that thread i moves, -1 for most: one warp after the other has one."""
-        warps = wp.static(threads // 32)
-        s = (i % 32) * warps + i // 32
-        if s < wp.static(sprockets):
-            return s
-        return -1
 
     @wp.func
     def publish(ensemble: kinds.Ensemble, state: kinds.State, variant: int, own: State, i: int):
@@ -102,13 +83,6 @@ def block_kernel(
         if step < drive.steps:
             event = wp.min(event, drive.steps)
         return event
-
-    @wp.func
-    def center_outside(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int):
-        """1 where the center of sprocket s is not finite or has left the drive's box."""
-        drive = ensemble.drives[variant]
-        c = shared.wheels[s].center
-        return int(not (c[0] > drive.low[0] and c[0] < drive.high[0] and c[1] > drive.low[1] and c[1] < drive.high[1]))
 
     @wp.func
     def flags_of(drive: Drive, step: int):
@@ -152,156 +126,6 @@ def block_kernel(
             chain.inverse_mass * (force[0] - previous[0]) + chain.gravity[0],
             chain.inverse_mass * (force[1] - previous[1]) + chain.gravity[1],
         )
-
-    @wp.func
-    def set_heading(shared: kinds.Shared, s: int):
-        """Cosine and sine of sprocket s from its angle."""
-        sine, cosine = sine_cosine(shared.wheels[s].angle)
-        shared.wheels[s].cosine = cosine
-        shared.wheels[s].sine = sine
-
-    @wp.func
-    def start_sprocket(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        sums: Sums,
-        shared: kinds.Shared,
-        variant: int,
-        s: int,
-        step: int,
-    ):
-        """What is shared of sprocket s and, with the first, of the chain."""
-        drive = ensemble.drives[variant]
-        mine = drive.first_sprocket + s
-        body = state.sprockets[mine]
-        angle, exact = prescribed_at(
-            wp.float64(step) * drive.step, ensemble.motions[mine], ensemble.harmonics, ensemble.tables
-        )
-        wheel = Wheel()
-        wheel.angle = body.angle
-        wheel.speed = body.speed
-        wheel.center = body.center
-        wheel.velocity = body.velocity
-        wheel.exact_speed = exact
-        shared.wheels[s] = wheel
-        set_heading(shared, s)
-        sprocket = ensemble.sprockets[mine]
-        shared.teeth[s] = sprocket
-        band = kinds.Band()
-        band.center = vec2(Real(body.center[0]), Real(body.center[1]))
-        band.near_square = sprocket.near_square
-        band.far_square = sprocket.far_square
-        shared.bands[s] = band
-        shared.motions[s] = ensemble.motions[mine]
-        if wp.static(moving):
-            shared.mounts[s] = ensemble.mounts[mine]
-            shared.mount_sums[s] = sums.mount[mine]
-        shared.sprocket_sums[s] = sums.sprocket[mine]
-        shared.strand_sums[s] = sums.strand[mine]
-        for k in range(wp.static(3 * threads) // lanes()):
-            shared.parts[s * (wp.static(3 * threads) // lanes()) + k] = wp.float64(0.0)
-        if s == 0:
-            shared.chain[0] = ensemble.chains[variant]
-            for g in range(wp.static(guides)):
-                shared.bars[g] = ensemble.guides[drive.first_guide + g]
-
-    @wp.func
-    def end_sprocket(
-        ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, variant: int, s: int
-    ):
-        """Sprocket s and its sums back into the state."""
-        mine = ensemble.drives[variant].first_sprocket + s
-        body = state.sprockets[mine]
-        body.angle = shared.wheels[s].angle
-        body.speed = shared.wheels[s].speed
-        if wp.static(moving):
-            body.center = shared.wheels[s].center
-            body.velocity = shared.wheels[s].velocity
-            sums.mount[mine] = shared.mount_sums[s]
-        state.sprockets[mine] = body
-        sums.sprocket[mine] = shared.sprocket_sums[s]
-        sums.strand[mine] = shared.strand_sums[s]
-
-    @wp.func
-    def foresee(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, step: int):
-        """What sprocket s needs at the step's end and the rollers do not decide: its prescribed angle, or its load."""
-        drive = ensemble.drives[variant]
-        motion = shared.motions[s]
-        time = wp.float64(step) * drive.step
-        wheel = shared.wheels[s]
-        if motion.prescribed == 1:
-            target, exact = prescribed_at(time + drive.step, motion, ensemble.harmonics, ensemble.tables)
-            shared.wheels[s].target = target
-            shared.wheels[s].next_speed = exact
-        else:
-            shared.wheels[s].target = load_at(
-                time, wheel.angle, wheel.speed, motion, ensemble.harmonics, ensemble.tables
-            )
-
-    @wp.func
-    def turn(shared: kinds.Shared, s: int, h: wp.float64, step: int, going: bool):
-        """Takes sprocket s, which only turns, one step on if `going`; returns how it was at the step's instant."""
-        wheel = shared.wheels[s]
-        contacts = contacts_on(shared, s)
-        body = SprocketState()
-        body.angle = wheel.angle
-        body.center = wheel.center
-        body.speed = wheel.exact_speed
-        turned = wheel.target - wheel.angle
-        if shared.motions[s].prescribed == 1:
-            shared.wheels[s].exact_speed = wheel.next_speed
-            wheel.speed = turned * reciprocal(h)
-        else:
-            gain = h * ((contacts.moment + wheel.target) * shared.motions[s].inverse_inertia)
-            if step == 0:
-                wheel.speed = wheel.speed - wp.float64(0.5) * gain
-            body.speed = wheel.speed + wp.float64(0.5) * gain
-            wheel.speed = wheel.speed + gain
-            turned = h * wheel.speed
-        if going:
-            heading = rotated(vec2d(wheel.cosine, wheel.sine), turned)
-            shared.wheels[s].cosine = heading[0]
-            shared.wheels[s].sine = heading[1]
-            shared.wheels[s].speed = wheel.speed
-            shared.wheels[s].angle = wheel.angle + turned
-        return body, contacts
-
-    @wp.func
-    def turn_and_move(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, h: wp.float64, step: int, going: bool):
-        """Takes sprocket s on an active mount one step on if `going`; returns how it was at the step's instant."""
-        wheel = shared.wheels[s]
-        contacts = contacts_on(shared, s)
-        motion = shared.motions[s]
-        mount = shared.mounts[s]
-        time = wp.float64(step) * h
-        kick = h
-        back = wp.float64(0.5) * h
-        if step == 0:
-            kick = wp.float64(0.5) * h
-            back = wp.float64(0.0)
-        body = SprocketState()
-        body.angle = wheel.angle
-        body.speed = wheel.speed
-        body.center = wheel.center
-        body.velocity = wheel.velocity
-        heading = vec2d(wheel.cosine, wheel.sine)
-        now = body_at(time, back, body, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
-        if going:
-            body = leapfrog_body(
-                time, kick, h, body, heading, contacts, motion, mount, ensemble.harmonics, ensemble.tables
-            )
-            heading = rotated(heading, body.angle - wheel.angle)
-            wheel.cosine = heading[0]
-            wheel.sine = heading[1]
-            wheel.angle = body.angle
-            wheel.speed = body.speed
-            wheel.center = body.center
-            wheel.velocity = body.velocity
-            shared.wheels[s] = wheel
-            band = shared.bands[s]
-            band.center = vec2(Real(body.center[0]), Real(body.center[1]))
-            shared.bands[s] = band
-        return now, contacts
 
     @wp.kernel(enable_backward=False, module="unique", grid_stride=False, launch_bounds=(threads, blocks))
     def advance_block(
@@ -352,9 +176,9 @@ def block_kernel(
                             shared.recent[i] = look.fresh()
                         barrier()
                         if s >= 0:
-                            look.look(ensemble, state, variant, s)
+                            look.look(ensemble, state, shared, variant, s)
                         barrier()
-                    category, middle = look.category_of(ensemble, state, variant, i)
+                    category, middle = look.category_of(ensemble, shared, variant, i)
                     now.category = category
                     now.middle = middle
                 if now.flags & (FRAME | ENDS) != 0 and live:
@@ -374,7 +198,7 @@ def block_kernel(
             if now.measured != 0 and live:
                 shared.recent[i] = look.with_link(shared.recent[i], tension, rate, now.weight)
                 if now.middle != 0:
-                    look.add_middle(ensemble, state, shared, variant, own, other, now.middle)
+                    look.add_middle(shared, own, other, now.middle)
             if now.flags != 0 and live:
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, variant, now.step)
@@ -407,6 +231,8 @@ def block_kernel(
                 active = int(0)
                 if wp.static(moving):
                     active = shared.mounts[s].active
+                target = shared.wheels[s].target
+                half_behind = shared.wheels[s].speed
                 body = SprocketState()
                 on = Totals()
                 if active != 0:
@@ -416,8 +242,21 @@ def block_kernel(
                     body, on = turn(shared, s, step_time, now.step, going)
                 if now.measured != 0:
                     time = wp.float64(now.step) * step_time
+                    weight = wp.float64(now.weight)
                     look.observe_sprocket(
-                        ensemble, tallies, shared, variant, s, i, time, body, on, wp.float64(now.weight), now.flags
+                        ensemble,
+                        tallies,
+                        shared,
+                        variant,
+                        s,
+                        i,
+                        time,
+                        body,
+                        on,
+                        target,
+                        half_behind,
+                        weight,
+                        now.flags,
                     )
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, variant, now.step)

@@ -11,6 +11,8 @@ import warp as wp
 
 from .block_forces import block_forces
 from .body import body_accelerations, load_at
+from .exchange import lowest_bit
+from .motion import ramp
 from .mount import body_energy, holding_force, prescribing_power
 from .structs import Drive, SprocketState, types, vec2d
 from .sum_structs import ContactSums, StrandSums, Sums, Tallies, Totals
@@ -77,22 +79,20 @@ def block_observing(Real: type, threads: int, sprockets: int, guides: int, movin
             tallies.roller[drive.first_roller + i] = roller
 
     @wp.func
-    def look(ensemble: kinds.Ensemble, state: kinds.State, variant: int, s: int):
+    def look(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, s: int):
         """Strand s brought up to date from positions published in the state's rows."""
         drive = ensemble.drives[variant]
         first = 6 * drive.first_roller
-        strand = state.strands[drive.first_sprocket + s]
-        strand = follow(state.rollers, first, first + drive.rollers, drive.rollers, strand)
-        state.strands[drive.first_sprocket + s] = strand
+        shared.strands[s] = follow(state.rollers, first, first + drive.rollers, drive.rollers, shared.strands[s])
 
     @wp.func
-    def category_of(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
+    def category_of(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, i: int):
         """Strand that link i is on (S: none), and the strands whose middle it passes, as bits."""
         drive = ensemble.drives[variant]
         category = drive.sprockets
         middle = int(0)
         for s in range(drive.sprockets):
-            strand = state.strands[drive.first_sprocket + s]
+            strand = shared.strands[s]
             place = i - strand.first_link
             if place < 0:
                 place = place + drive.rollers
@@ -103,27 +103,15 @@ def block_observing(Real: type, threads: int, sprockets: int, guides: int, movin
         return category, middle
 
     @wp.func
-    def add_middle(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        shared: kinds.Shared,
-        variant: int,
-        own: State,
-        other: State,
-        middle: int,
-    ):
+    def add_middle(shared: kinds.Shared, own: State, other: State, middle: int):
         """One step's mid-strand displacement of the strands whose middle this link passes."""
-        first = ensemble.drives[variant].first_sprocket
-        for s in range(wp.static(sprockets)):
-            if (middle >> s) & 1 != 0:
-                value = displacement(
-                    wp.float64(own[0]),
-                    wp.float64(own[1]),
-                    wp.float64(other[0]),
-                    wp.float64(other[1]),
-                    state.strands[first + s],
-                )
-                shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
+        while middle != 0:
+            s = lowest_bit(middle)
+            middle = middle & (middle - 1)
+            value = displacement(
+                wp.float64(own[0]), wp.float64(own[1]), wp.float64(other[0]), wp.float64(other[1]), shared.strands[s]
+            )
+            shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
 
     @wp.func
     def link_energy(ensemble: kinds.Ensemble, variant: int, own: State, tension: Real, rate: Real):
@@ -181,18 +169,30 @@ def block_observing(Real: type, threads: int, sprockets: int, guides: int, movin
         time: wp.float64,
         body: SprocketState,
         on: Totals,
+        target: wp.float64,
+        half_behind: wp.float64,
         weight: wp.float64,
         flags: int,
     ):
-        """One step of sprocket s for the sums of the window, and its energy at their ends, kept with roller i."""
+        """One step of sprocket s for the sums of the window, and its energy at their ends, kept with roller i.
+
+        `target` is its load moment at the angular velocity `half_behind`, if it is free.
+        """
         motion = shared.motions[s]
         load = wp.float64(0.0)
         energy = wp.float64(0.0)
         if motion.prescribed == 0:
-            load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
+            # the load of the step, but at the speed of its instant
+            speed = body.speed
+            damped = motion.load[1] * (speed - half_behind) + motion.load[2] * (
+                speed * wp.abs(speed) - half_behind * wp.abs(half_behind)
+            )
+            load = target - damped * ramp(time, motion.load_ramp_time)
             energy = wp.float64(0.5) * body.speed * body.speed / motion.inverse_inertia
         if wp.static(moving):
             if shared.mounts[s].active != 0:
+                if motion.prescribed == 0:
+                    load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
                 energy = observe_mount(ensemble, shared, s, time, body, on, weight)
         if flags & ENDS != 0:
             add_energy(ensemble, tallies, variant, i, flags & START, energy)

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .structs import Motion, Mount, Wheel, types
+from .structs import Motion, Mount, Strand, Wheel, types
 from .sum_structs import ContactSums, MountSums, SprocketSums, StrandSums
 
 NAMES = {wp.float64: "double", wp.float32: "float"}
@@ -233,6 +233,9 @@ def exchange(Real: type, threads: int, sprockets: int, guides: int) -> SimpleNam
     @wp.func_native(_shared_snippet("motions", sprockets, sprockets))
     def motions(like: kinds.Shared) -> wp.array(dtype=Motion): ...
 
+    @wp.func_native(_shared_snippet("strands", sprockets, sprockets))
+    def strands(like: kinds.Shared) -> wp.array(dtype=Strand): ...
+
     @wp.func_native(_shared_snippet("mounts", sprockets, sprockets))
     def mounts(like: kinds.Shared) -> wp.array(dtype=Mount): ...
 
@@ -275,6 +278,7 @@ def exchange(Real: type, threads: int, sprockets: int, guides: int) -> SimpleNam
         shared.parts = parts(shared)
         shared.motions = motions(shared)
         shared.mounts = mounts(shared)
+        shared.strands = strands(shared)
         shared.mount_sums = mount_sums(shared)
         if wp.static(keeps_in_shared(Real, threads)):
             shared.recent = recent(shared)

@@ -283,6 +283,7 @@ def types(Real: type) -> SimpleNamespace:
         motions: wp.array(dtype=Motion)  # (S,)
         mounts: wp.array(dtype=Mount)  # (S,)
         sprocket_sums: wp.array(dtype=SprocketSums)  # (S,)
+        strands: wp.array(dtype=Strand)  # (S,)
         strand_sums: wp.array(dtype=StrandSums)  # (S,)
         mount_sums: wp.array(dtype=MountSums)  # (S,)
         recent: wp.array(dtype=Recent)  # (threads,)
