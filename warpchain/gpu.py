@@ -144,6 +144,7 @@ class GpuEngine:
             wp.synchronize_stream(self.stream)
         self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
         self._settling: Any = None
+        self._kernels: dict[str, list[Any]] = {}
         self._settling_now: NDArray[Any] = np.zeros(0)
 
     def _keeps(self) -> bool:
@@ -164,6 +165,21 @@ class GpuEngine:
             buckets.append(Bucket(size, wheels, bars, bool(moves), array, len(order)))
         return buckets
 
+    def _ready(self, name: str) -> list[Any]:
+        """Each bucket's kernel, compiled and loaded by the calling thread: Warp builds one at a time."""
+        if name not in self._kernels:
+            kernels = []
+            for b in self.buckets:
+                blocks = resident_blocks(self.packed.precision, b.threads)
+                if name == "advance":
+                    kernel = block_kernel(self.packed.real, b.threads, b.sprockets, b.guides, blocks, b.moving)
+                else:
+                    kernel = block_relax_kernel(self.packed.real, b.threads, b.sprockets, b.guides, blocks)
+                wp.load_module(kernel.module, device=self.device, block_dim=b.threads)
+                kernels.append(kernel)
+            self._kernels[name] = kernels
+        return self._kernels[name]
+
     def _launch(self, kernel: Any, bucket: Bucket, inputs: Sequence[Any]) -> None:
         wp.launch(
             kernel,
@@ -177,13 +193,13 @@ class GpuEngine:
     def advance(self, block: int, frames: FrameBuffer) -> list[Future[None]]:
         """Starts `block` steps of every variant that has not ended; frames go to `frames`."""
 
+        kernels = self._ready("advance")
+
         def work() -> None:
             with _told(self.device, self.packed):
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
-                for bucket in self.buckets:
-                    blocks = resident_blocks(self.packed.precision, bucket.threads)
-                    kernel = block_kernel(self.packed.real, bucket.threads, bucket.sprockets, bucket.guides, blocks)
+                for bucket, kernel in zip(self.buckets, kernels, strict=True):
                     inputs = [
                         self.ensemble,
                         self.state,
@@ -218,13 +234,11 @@ class GpuEngine:
     def settle(self, block: int) -> list[Future[None]]:
         """Starts up to `block` steps of relaxation of every variant that has not settled."""
 
+        kernels = self._ready("relax")
+
         def work() -> None:
             with _told(self.device, self.packed):
-                for bucket in self.buckets:
-                    blocks = resident_blocks(self.packed.precision, bucket.threads)
-                    kernel = block_relax_kernel(
-                        self.packed.real, bucket.threads, bucket.sprockets, bucket.guides, blocks
-                    )
+                for bucket, kernel in zip(self.buckets, kernels, strict=True):
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, block]
                     self._launch(kernel, bucket, inputs)
                 self._settling_now = self._read(self._settling)
