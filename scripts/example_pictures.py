@@ -19,14 +19,12 @@ FOLDER = Path(__file__).parent.parent / "docs" / "images"
 
 
 def picture(run: Run) -> Figure:
-    """The drive's figure with room for its arrows, the legend outside."""
+    """The drive's figure with room for its arrows."""
     figure = drive_figure(run[0])
     axis = figure.axes[0]
     span = max(np.diff(axis.get_xlim())[0], np.diff(axis.get_ylim())[0])
     for limits, place in ((axis.get_xlim(), axis.set_xlim), (axis.get_ylim(), axis.set_ylim)):
         place(limits[0] - 0.08 * span, limits[1] + 0.08 * span)
-    wide = np.diff(axis.get_xlim())[0] > np.diff(axis.get_ylim())[0]
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2 if wide else -0.08), ncols=3, fontsize=8, frameon=False)
     return figure
 
 

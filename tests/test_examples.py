@@ -85,6 +85,34 @@ def test_engine_fits_and_its_blade_indents_by_a_millimeter():
         assert off + drive.chain.roller_radius == pytest.approx(1e-3, abs=2e-6)
 
 
+def test_engines_tensioner_holds_its_preload():
+    """Steady: the mount pushes with the preload less its spring's travel, and that is what the chain's pull on the
+    tensioner comes to: (T - (m/p) v^2) along the slide from each of its strands. Over the window the damper adds
+    c dx / 0.1 s, dx twice the largest travel at most. Strands swing and curve: 2 %."""
+    drive = load("engine").with_values({"run.duration": 0.2, "run.step": 1e-6})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = simulate(drive, record=Record("none"), window=(0.1, 0.2))
+    (row,) = run.metrics.to_pylist()
+    mount, pitch = drive.sprockets[1].mount, drive.chain.pitch
+    assert mount.kind == "slider" and drive.sprockets[1].name == "tensioner"
+    force = row["tensioner.mount_force_mean"]
+    damped = mount.damping * 2.0 * row["tensioner.travel_max"] / 0.1
+    assert force == pytest.approx(mount.preload + mount.stiffness * row["tensioner.travel_x_mean"], abs=damped)
+    assert force == pytest.approx(mount.preload, rel=0.02)
+    assert row["tensioner.travel_max"] < 1e-3
+    path, speed = (
+        chain_path(drive),
+        drive.sprockets[0].prescribed.speed * drive.sprockets[0].teeth * pitch / (2 * np.pi),
+    )
+    pull = 0.0
+    for strand, away in ((0, -1.0), (1, 1.0)):
+        x = path.strand_end[strand] - path.strand_start[strand]
+        tension = row[f"{drive.strand_names[strand]}.tension_mean"] - drive.chain.mass / pitch * speed**2
+        pull += tension * away * x[0] / np.hypot(*x)
+    assert force == pytest.approx(pull, rel=0.02)
+
+
 def test_marine_without_guides_is_the_marine_drive_otherwise():
     bare = load("marine").with_values({"guides": (), "contact.guide": None})
     assert load("marine_no_guides") == bare

@@ -14,6 +14,7 @@ from warpchain.cli import main
 from warpchain.errors import SimulationError
 from warpchain.playback import log_recording
 from warpchain.playback_columns import packed_colors, rows, strips, tension_steps, vectors
+from warpchain.playback_drive import log_drive
 from warpchain.playback_series import curves, log_curves, log_tension_image
 from warpchain.recorded import recorded, to_compare, varied_inputs
 from warpchain.signals import peak_frames, peaks_over_time
@@ -111,6 +112,23 @@ def test_curves_within_the_budget_keep_the_tension_peak(run):
     assert (pixels == red).all(axis=2).sum() == 1
     # link 5 of 60 is the sixth row from below, frame 37 of 401 in spell 1 of 20
     np.testing.assert_array_equal(pixels[60 - 1 - 5, 1], red)
+
+
+def test_a_moving_sprockets_name_goes_with_its_center(run):
+    """The name stands at the origin of the entity that each frame carries to the sprocket's center, y turned around."""
+    trajectory = run[0]
+    center = trajectory.sprocket_center + np.sin(trajectory.time)[:, None, None]
+    moved = Trajectory(trajectory.drive, trajectory.time, **trajectory.channels() | {"sprocket_center": center})
+    spy = Spy()
+    log_drive(spy, "a", moved, 1.0)
+    path = "/a/drive/sprockets/driven"
+    _, columns = spy.columns[path]
+    places = np.array(columns["Transform3D:translation"].values.to_pylist())
+    np.testing.assert_allclose(places[:, :2], center[:, 1] * [1.0, -1.0], rtol=1e-6, atol=1e-7)
+    (label,) = spy.static[f"{path}/name"]
+    assert label.labels.as_arrow_array().to_pylist() == ["driven"]
+    assert label.positions.as_arrow_array().to_pylist() == [[0.0, 0.0]]
+    assert f"{path}/name" not in spy.columns
 
 
 def test_every_group_of_curves_has_a_view(run):

@@ -9,7 +9,9 @@ from warpchain.assembly import assemble
 from warpchain.drive import load_drive
 from warpchain.errors import StudyError
 from warpchain.examples import drive_path
-from warpchain.study.adjust import adjusted, nearest_links, solve_position
+from warpchain.fit import nearest_links
+from warpchain.geometry import chain_path
+from warpchain.study.adjust import adjusted
 from warpchain.study.spec_parts import Adjust
 
 
@@ -21,9 +23,10 @@ def pair(span, links=44, teeth=12):
 @pytest.mark.parametrize("strain", [0.0, 2e-3, -0.02, 0.04])
 def test_place_of_a_pair_is_the_closed_form(strain):
     # 2 span = (44 - 12) pitch (1 + strain): seats lie on the pitch circles, strands from seat to seat
-    drive, travel = solve_position(pair(0.2), "s1", (3.0, 0.0), strain, PITCH)
+    adjust = Adjust(sprocket="s1", direction=(3.0, 0.0), strain=strain, travel=PITCH)
+    drive, done = adjusted(pair(0.2), adjust, {})
     assert drive.sprockets[1].center[0] == pytest.approx(16 * PITCH * (1.0 + strain), abs=1e-9)
-    assert travel == pytest.approx(16 * PITCH * (1.0 + strain) - 0.2, abs=1e-9)
+    assert done["adjusted_travel"] == pytest.approx(16 * PITCH * (1.0 + strain) - 0.2, abs=1e-9)
     assert drive.sprockets[1].center[1] == 0.0
     assert assemble(drive).strain == pytest.approx(strain, abs=1e-9)
 
@@ -41,29 +44,32 @@ def test_marine_tightener_takes_other_wheels(teeth):
 
 
 @pytest.mark.parametrize(
-    ("span", "step", "links"), [(16.2, 1, 44), (16.2, 2, 44), (16.4, 1, 45), (16.4, 2, 44), (16.9, 2, 46)]
+    ("span", "odd", "links"),
+    [(16.2, True, 44), (16.2, False, 44), (16.4, True, 45), (16.4, False, 44), (16.9, False, 46)],
 )
-def test_number_of_links_is_the_nearest(span, step, links):
-    assert nearest_links(pair(span * PITCH), 0.0, step)[0] == links
+def test_number_of_links_is_the_nearest(span, odd, links):
+    assert nearest_links(chain_path(pair(span * PITCH)), 0.0, odd)[0] == links
 
 
 def test_number_of_links_answers_to_the_wanted_strain():
     # (44.8 - 12) / (1 + 0.05) = 31.2 free links: 43 are nearer than 44
-    assert nearest_links(pair(16.4 * PITCH), 0.0, 1)[0] == 45
-    assert nearest_links(pair(16.4 * PITCH), 0.05, 1)[0] == 43
+    path = chain_path(pair(16.4 * PITCH))
+    assert nearest_links(path, 0.0, odd=True)[0] == 45
+    assert nearest_links(path, 0.05, odd=True)[0] == 43
 
 
 def test_what_cannot_be_reached_is_told_with_what_can():
+    adjust = Adjust(sprocket="s1", direction=(1.0, 0.0), strain=0.02, travel=0.001)
     with pytest.raises(StudyError) as caught:
-        solve_position(pair(0.2), "s1", (1.0, 0.0), 0.02, 0.001)
+        adjusted(pair(0.2), adjust, {})
     # strains of 2 span / (32 pitch) - 1 at both ends of the travel
     low, high = (2 * (0.2 + d) / (32 * PITCH) - 1 for d in (-0.001, 0.001))
     assert str(caught.value) == (
-        'adjust.sprocket: no place of "s1" within 0.001 m gives the strain 0.02; '
-        f"strains from {low:.4g} to {high:.4g} are within reach"
+        'adjust: sprocket "s1": no place along [1.0, 0.0] within 0.001 m gives strain 0.02; '
+        f"it can have {low:.4g} to {high:.4g}, moved by -0.001 to +0.001 m"
     )
-    with pytest.raises(StudyError, match="no place is within reach"):
-        solve_position(pair(0.2, teeth=200), "s1", (1.0, 0.0), 0.0, 0.001)
+    with pytest.raises(StudyError, match=r"within 0.001 m .* nowhere on the line does a chain of 44 links fit"):
+        adjusted(pair(0.2, teeth=200), adjust, {})
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,12 @@ from study_helpers import tiny_drive, write_study
 from warpchain import Record, cli, read_archive, simulate, simulation
 from warpchain.drive import load_drive
 from warpchain.errors import SimulationError, StudyError, WarpchainError
+from warpchain.fatigue import Woehler
+from warpchain.objectives import from_trajectory
 from warpchain.study.folder import open_folder
 from warpchain.study.prepare import metric_names, prepare, shard_size
+from warpchain.study.recorded import recorded_variants, with_recorded_objectives
+from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, run_study, study_status
 
 ROWS = """
@@ -357,3 +361,19 @@ def test_mistakes_get_one_line(tmp_path, monkeypatch, capsys, words, text):
     status, out, err = run(capsys, "study", *words)
     assert (status, out, len(err)) == (2, [], 1)
     assert text in err[0]
+
+
+def test_fatigue_of_recorded_variants_is_in_the_table(tmp_path):
+    """What the table says is what the archived trajectory gives; variants that were not recorded have none."""
+    more = "[record]\nevery = 3\nrate = 5e4\n[fatigue]\nexponent = 5\nrange = 100\n"
+    run_study(write_study(tmp_path, more, points=2), tmp_path / "out")
+    results = read_results(table_of(tmp_path / "out"))
+    damage = results.table["damage_per_hour_max"].to_pylist()
+    assert [value is not None for value in damage] == [True, False, False, True]
+    assert "s1.transmission_error_rms" in results.metrics
+    (trajectory,) = recorded_variants(results, tmp_path / "out", [3]).values()
+    window = results.values("window_start")[3], results.values("window_end")[3]
+    assert damage[3] == from_trajectory(trajectory, *window, Woehler(5.0, 100.0))["damage_per_hour_max"] > 0.0
+    again = with_recorded_objectives(results, tmp_path / "out", Woehler(5.0, 50.0))
+    assert sorted(again.table.column_names) == sorted(results.table.column_names)
+    assert again.table["damage_per_hour_max"][3].as_py() == pytest.approx(32.0 * damage[3])  # (100 / 50)^5

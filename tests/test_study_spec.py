@@ -81,6 +81,11 @@ every = 4
 worst = { metric = "tension_max", count = 2, side = "smallest" }
 rate = 1000.0
 channels = ["position", "tension"]
+
+[fatigue]
+exponent = 5.0
+range = 2e4
+cycles = 2e6
 """
 FACTOR = '[[factors]]\nname = "torque"\npath = "sprockets.camshaft.load.torque"\n'
 DESIGN = '[design]\nkind = "sobol"\ncount = 4\n'
@@ -196,6 +201,10 @@ EXPECTED = [
     (HEAD + DESIGN + RANGE + '[record]\nchannels = ["x"]', 'record.channels.0 = "x": must be one of position'),
     (HEAD + DESIGN + RANGE + "[record.worst]\ncount = 1", "record.worst.metric: missing; must be a text"),
     (HEAD + DESIGN + RANGE + '[record.worst]\nmetric = "a"\ncount = 1\nside = "top"', 'record.worst.side = "top": '),
+    (HEAD + DESIGN + RANGE + "[fatigue]\nexponent = 5\nrange = 1e4", "fatigue: needs record.variants, record.every "),
+    (HEAD + DESIGN + RANGE + "[fatigue]\nexponent = 0\nrange = 1e4", "fatigue.exponent = 0: must be a positive number"),
+    (HEAD + DESIGN + RANGE + '[record]\nevery = 1\nchannels = ["position"]\n[fatigue]\nexponent = 5\nrange = 1e4',
+     'record.channels = ["position"]: must hold "tension", which fatigue counts'),
 ]  # fmt: skip
 
 

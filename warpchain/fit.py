@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 _PLACES = 4000  # most places looked at along the line
+_ENOUGH = 1e-10  # strain that the secant method may miss
 _DIGITS = 10  # centers are rounded to 1e-10 m, which files can show
 _UPRIGHT = 1e-6  # part of gravity across a strand below which it cannot sag
 _EXACT = 1e-7  # strain that a solution may miss; more is a jump where a roller changes seats
@@ -55,6 +56,7 @@ def fit_position(
     preload: float | None = None,
     sag: float | None = None,
     strand: str | None = None,
+    travel: float | None = None,
 ) -> Drive:
     """Moves a sprocket along a line, either way, to the nearest place that gives what is wanted; one of the three.
 
@@ -66,6 +68,7 @@ def fit_position(
         preload: tension of all strands at assembly [N], >= 0.
         sag: of one strand at rest, from its chord to its middle [m], > 0; eq. (a).
         strand: which strand's sag, "FROM->TO"; None is the longest as the drive stands.
+        travel: farthest that the sprocket moves either way [m]; None is wherever the chain could go round.
 
     Returns:
         The drive with the sprocket's center moved; rounded to 1e-10 m.
@@ -77,7 +80,7 @@ def fit_position(
     index = _sprocket_index(drive, sprocket)
     line = _unit(direction)
     goal = _goal(drive, strain, preload, sag, strand)
-    search = _Search(drive, index, line, goal)
+    search = _Search(drive, index, line, goal, travel)
     for place in search.roots():
         exact = search.refined(place)
         if exact is not None:
@@ -97,8 +100,9 @@ def fit_links(drive: Drive, odd: bool = False) -> Drive:
         DriveError: no such number gives a strain within 0.05, or none assembles.
     """
     path = chain_path(drive)
-    fitting = [links for links in path.fitting_links() if odd or links % 2 == 0]
-    for links in sorted(fitting, key=lambda number: abs(path.strain(number))):
+    for links in nearest_links(path, 0.0, odd):
+        if abs(path.strain(links)) > MAX_STRAIN:
+            continue
         try:
             assemble(_with_links(drive, links))
         except DriveError:
@@ -112,6 +116,24 @@ def fit_links(drive: Drive, odd: bool = False) -> Drive:
         f"chain.links: no {kind}number of links fits the path, which is {exact:.3f} pitches long (strain by links: "
         f"{strains}); allowed is {-100.0 * MAX_STRAIN:g} % to {100.0 * MAX_STRAIN:+g} %"
     )
+
+
+def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int]:
+    """Numbers of links, those of nominal strain nearest to the wanted one first.
+
+    They are the two that enclose it, and all whose strain is within `MAX_STRAIN`; none where no chain goes round.
+
+    Args:
+        path: the chain's path.
+        strain: the wanted one [-].
+        odd: whether odd numbers, which need an offset link, will do.
+    """
+    step = 1 if odd else 2
+    exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch / (1.0 + strain)
+    below = math.floor(exact / step) * step
+    counts = {below, below + step, *(links for links in path.fitting_links() if links % step == 0)}
+    around = [links for links in counts if math.isfinite(path.strain(links))]
+    return sorted(around, key=lambda links: (abs(path.strain(links) - strain), links))
 
 
 def strand_sag(drive: Drive, assembly: Assembly, strand: int) -> float:
@@ -223,14 +245,17 @@ def _with_links(drive: Drive, links: int) -> Drive:
 class _Search:
     """Looks for places along the line: first on the path of pitch circles, then on the assembly."""
 
-    def __init__(self, drive: Drive, index: int, line: NDArray[np.float64], goal: _Goal) -> None:
+    def __init__(
+        self, drive: Drive, index: int, line: NDArray[np.float64], goal: _Goal, travel: float | None = None
+    ) -> None:
         self.drive, self.index, self.line, self.goal = drive, index, line, goal
         self.origin = np.asarray(drive.sprockets[index].center, dtype=float)
         others = [s.center for i, s in enumerate(drive.sprockets) if i != index]
         nearest = min(math.dist(self.origin, center) for center in others)
-        reach = nearest + 0.5 * drive.chain.links * drive.chain.pitch  # beyond it no chain of that length goes round
-        self.step = max(0.25 * drive.chain.pitch, 2.0 * reach / _PLACES)
-        self.places = self.step * np.arange(-math.ceil(reach / self.step), math.ceil(reach / self.step) + 1)
+        around = nearest + 0.5 * drive.chain.links * drive.chain.pitch  # beyond it no chain of that length goes round
+        self.travel = travel
+        self.reach = around if travel is None else travel
+        self.step = max(0.25 * drive.chain.pitch, 2.0 * self.reach / _PLACES)
         self.amounts: list[tuple[float, float]] = []
 
     def center(self, place: float) -> NDArray[np.float64]:
@@ -270,27 +295,51 @@ class _Search:
         return assembly.strain - self.goal.strain(drive, _chord(assembly, self.goal.strand))
 
     def roots(self) -> Iterator[float]:
-        """Places where the path has the wanted strain, the nearest first."""
-        excess = np.array([self.nominal(float(place)) for place in self.places])
-        crosses = np.flatnonzero(excess[:-1] * excess[1:] <= 0.0)
-        found = [self._bisected(self.nominal, float(self.places[i]), float(self.places[i + 1])) for i in crosses]
-        yield from sorted(found, key=abs)
+        """Places where the path has the wanted strain, the nearest first: looked for from the middle outwards."""
+        ends = dict.fromkeys((-1.0, 1.0), (0.0, self.nominal(0.0)))
+        for ring in range(math.ceil(self.reach / self.step)):
+            found = []
+            for side, (inner, before) in ends.items():
+                outer = side * min((ring + 1) * self.step, self.reach)
+                after = self.nominal(outer)
+                if before * after <= 0.0:
+                    found.append(_root(self.nominal, inner, outer, 1e-4 * self.step))
+                ends[side] = outer, after
+            yield from sorted((place for place in found if math.isfinite(place)), key=abs)
 
     def refined(self, place: float) -> float | None:
         """The place nearby where the assembly has the wanted strain; None where there is none."""
+        exact = self._secant(place)
         half = self.step / 32.0
-        while half <= 2.0 * self.drive.chain.pitch:
+        while exact is None and half <= 2.0 * self.drive.chain.pitch:
             low, high = place - half, place + half
             if self.assembled(low) * self.assembled(high) <= 0.0:
-                exact = self._bisected(self.assembled, low, high)
-                return exact if abs(self.assembled(exact)) <= _EXACT else None
+                exact = _root(self.assembled, low, high)
+                if not abs(self.assembled(exact)) <= _EXACT:
+                    return None
             half *= 2.0
+        return exact if exact is not None and abs(exact) <= self.reach else None
+
+    def _secant(self, place: float) -> float | None:
+        """The place nearby by the secant method; None where it does not come to one, as at a jump."""
+        first, step = place, 1e-5 * self.drive.chain.pitch
+        before = self.assembled(place)
+        for _ in range(12):
+            if abs(before) <= _ENOUGH:
+                return place
+            after = self.assembled(place + step)
+            if not math.isfinite(after - before) or after == before:
+                return None
+            place, step, before = place + step, -after * step / (after - before), after
+            if abs(place + step - first) > 2.0 * self.drive.chain.pitch:
+                return None
         return None
 
     def failure(self) -> str:
         """The message when nothing was found: what can be reached, and where."""
         name, direction = self.drive.sprockets[self.index].name, [round(float(x), 6) for x in self.line]
-        text = f'sprocket "{name}": no place along {direction} gives {self.goal.text}'
+        within = "" if self.travel is None else f" within {self.travel:g} m"
+        text = f'sprocket "{name}": no place along {direction}{within} gives {self.goal.text}'
         if not self.amounts:
             links, size = self.drive.chain.links, 100.0 * MAX_STRAIN
             return f"{text}; nowhere on the line does a chain of {links} links fit within {size:g} % strain"
@@ -305,20 +354,12 @@ class _Search:
         chord: NDArray[np.float64] = path.strand_end[self.goal.strand] - path.strand_start[self.goal.strand]
         return chord
 
-    def _bisected(self, function: Callable[[float], float], low: float, high: float) -> float:
-        """A place in (low, high) where the function changes sign, to round-off."""
-        below = function(low)
-        if below == 0.0:
-            return low
-        for _ in range(80):
-            middle = 0.5 * (low + high)
-            if middle in (low, high):
-                break
-            value = function(middle)
-            if value == 0.0:
-                return middle
-            if below * value > 0.0:
-                low = middle
-            else:
-                high = middle
-        return 0.5 * (low + high)
+
+def _root(function: Callable[[float], float], low: float, high: float, enough: float = 1e-15) -> float:
+    """A place in (low, high) where the function changes sign, to `enough`; NaN where it has no value in between."""
+    from scipy.optimize import brentq
+
+    try:
+        return float(brentq(function, low, high, xtol=enough))
+    except ValueError:
+        return math.nan

@@ -150,15 +150,19 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None) -> Figure:
 
 def _draw_parts(axis: Any, trajectory: Trajectory, f: int) -> None:
     """Sprockets and guide-bars as they are at a frame."""
+    from matplotlib.patheffects import withStroke
+
     assert trajectory.sprocket_angle is not None
     assert trajectory.sprocket_center is not None
     drive = trajectory.drive
+    halo = [withStroke(linewidth=2.0, foreground="white")]
     for s, sprocket in enumerate(drive.sprockets):
         c, d = np.cos(trajectory.sprocket_angle[f, s]), np.sin(trajectory.sprocket_angle[f, s])
         outline = tooth_outline(drive, s) @ np.array([[c, d], [-d, c]]) + trajectory.sprocket_center[f, s]
         axis.fill(*outline.T, color="0.88", zorder=0)
         axis.plot(*outline.T, color="0.45", lw=0.7, zorder=1)
-        axis.annotate(sprocket.name, trajectory.sprocket_center[f, s], ha="center", va="center", fontsize=9)
+        middle = {"ha": "center", "va": "center", "zorder": 5, "path_effects": halo}
+        axis.annotate(sprocket.name, trajectory.sprocket_center[f, s], fontsize=9, **middle)
     for g, guide in enumerate(drive.guides):
         outline = guide_outline(drive, g)
         axis.plot(*outline.T, color="tab:brown", lw=3, zorder=1)

@@ -84,7 +84,8 @@ def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") ->
     found.sort(key=_speed)
     speeds = np.array([_speed(trajectory) for trajectory in found])
     if len(np.unique(speeds)) < 2:
-        raise SimulationError(f"a sweep over speed needs recorded variants of two speeds or more, not {len(found)}")
+        held = f"{len(found)} recorded, all of one speed" if len(found) > 1 else f"{len(found)} recorded"
+        raise SimulationError(f"a sweep over speed needs recorded variants of two speeds or more: {held}")
     drive = found[0].drive
     result = []
     for k, name in enumerate(drive.strand_names):

@@ -13,8 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.errors import StudyError
+from warpchain.fatigue import Woehler
 from warpchain.simulation import MEMORY
 from warpchain.study.folder import WORST, Folder, open_folder
+from warpchain.study.recorded import with_recorded_objectives
+from warpchain.study.results import read_results
 from warpchain.study.shards import run_worst
 from warpchain.study.spec import Study
 from warpchain.study.tables import read_table, write_table
@@ -112,6 +115,10 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
                 with workers_told(folder):
                     executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
         table = _with_archives(table, read_table(folder.table_path(WORST)))
+    fatigue = folder.study.fatigue
+    if fatigue is not None:
+        curve = Woehler(fatigue.exponent, fatigue.range, fatigue.cycles)
+        table = with_recorded_objectives(read_results(table), folder.path, curve).table
     write_table(folder.results, table)
     for leftover in folder.path.glob("**/.*.partial"):
         leftover.unlink(missing_ok=True)

@@ -10,15 +10,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.archive_schema import tension_color
 from warpchain.errors import StudyError
-from warpchain.playback_chart import Chart, around
-from warpchain.playback_columns import TIMELINE, entity, flipped
+from warpchain.playback import COLORS
+from warpchain.playback_chart import BACKGROUND, Chart, around
+from warpchain.playback_columns import entity
+from warpchain.playback_drive import log_drive, shown_frames, tension_top
+from warpchain.playback_series import GROUPS, log_curves
 from warpchain.record import Trajectory
-from warpchain.scene import tooth_outline
+from warpchain.recorded import NEEDED
 from warpchain.study.pareto import pareto_front
 from warpchain.study.report import telling_metrics
-from warpchain.study.results import Results, write_whole
+from warpchain.study.results import Results
+from warpchain.study.tables import write_whole
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
 INPUTS, METRICS = 3, 4
 """Most factors and metrics that scatters are drawn for when not told."""
 FRAMES = 400
-"""Frames that a recorded variant is drawn with, evenly spaced; its curve keeps all."""
+"""Frames that a recorded variant is drawn with; its curves keep their peaks."""
 KINDS = {
     "variants": ((140, 140, 140), 2.5),
     "Pareto front": ((240, 200, 60), 4.0),
@@ -104,47 +107,18 @@ def log_study(
 
 
 def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory) -> rrb.Container:
-    """One recorded variant: its chain colored by tension, its turning sprockets, its largest tension over time."""
-    import rerun as rr
+    """One recorded variant as `warpchain view` draws it: the drive in motion above its curves of tension."""
     import rerun.blueprint as rrb
 
-    drive = trajectory.drive
-    for channel in ("position", "tension", "sprocket_angle", "sprocket_center"):
-        if getattr(trajectory, channel) is None:
-            raise StudyError(f"{name} was recorded without {channel}, which this needs")
-    frames = np.unique(np.linspace(0, len(trajectory.time) - 1, FRAMES).round().astype(int))
-    time = [rr.TimeColumn(TIMELINE, duration=trajectory.time[frames])]
-    x = flipped(np.asarray(trajectory.position)[frames])
-    tension = np.asarray(trajectory.tension)
-    top = max(float(np.nanpercentile(tension, 99.9)), 1.0)
-    links = np.stack([x, np.roll(x, -1, axis=1)], axis=2).reshape(-1, 2, 2)
-    colors = tension_color(tension[frames], top).reshape(-1, 4)
-    chain = entity(name, "drive", "chain")
-    strips = rr.LineStrips2D.columns(strips=links, colors=colors).partition([drive.chain.links] * len(frames))
-    stream.send_columns(chain, time, strips)
-    stream.log(chain, rr.LineStrips2D.from_fields(radii=[0.3 * drive.chain.roller_radius]), static=True)
-    angles, centers = (
-        np.asarray(trajectory.sprocket_angle)[frames],
-        flipped(np.asarray(trajectory.sprocket_center)[frames]),
-    )
-    for s, sprocket in enumerate(drive.sprockets):
-        path = entity(name, "drive", "sprockets", sprocket.name)
-        c, d = np.cos(angles[:, s, None]), np.sin(angles[:, s, None])
-        outline = np.vstack([[0.0, 0.0], tooth_outline(drive, s, arc_points=4)])
-        turned = np.stack([c * outline[:, 0] - d * outline[:, 1], -d * outline[:, 0] - c * outline[:, 1]], axis=2)
-        teeth = rr.LineStrips2D.columns(strips=(turned + centers[:, None, s]).astype(np.float32)).partition(
-            [1] * len(frames)
-        )
-        stream.send_columns(path, time, teeth)
-        look = rr.LineStrips2D.from_fields(colors=[(130, 130, 130)], radii=rr.Radius.ui_points(0.6), draw_order=-1.0)
-        stream.log(path, look, static=True)
-    curve = entity(name, "tension")
-    stream.log(curve, rr.SeriesLines(names=["largest tension [N]"]), static=True)
-    whole = [rr.TimeColumn(TIMELINE, duration=trajectory.time)]
-    stream.send_columns(curve, whole, rr.Scalars.columns(scalars=tension.max(axis=1).astype(float)))
+    missing = [channel for channel in NEEDED if getattr(trajectory, channel) is None]
+    if missing:
+        raise StudyError(f"{name} was recorded without {', '.join(missing)}, which this needs")
+    drawn, top = shown_frames(trajectory, FRAMES), tension_top(trajectory)
+    log_drive(stream, name, drawn, top)
+    log_curves(stream, name, trajectory, FRAMES, COLORS, own=False)
     title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
-    moving = rrb.Spatial2DView(origin=entity(name, "drive"), name=title)
-    over_time = rrb.TimeSeriesView(origin=curve, name="largest link tension [N]")
+    moving = rrb.Spatial2DView(origin=entity(name, "drive"), name=title, background=BACKGROUND)
+    over_time = rrb.TimeSeriesView(origin=entity(name, "curves", "tension"), name=GROUPS["tension"])
     return rrb.Vertical(moving, over_time, row_shares=[3, 1], name=name)
 
 

@@ -83,10 +83,10 @@ def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woeh
             (trajectory,) = recorded_variants(results, folder, [variant]).values()
             found[row] = from_trajectory(trajectory, float(starts[row]), float(ends[row]), woehler)
     names = list(dict.fromkeys(name for values in found.values() for name in values))
-    table = results.table
+    table = results.table.drop_columns([name for name in names if name in results.table.column_names])
     for name in names:
         column = pa.array([found.get(row, {}).get(name) for row in range(table.num_rows)], pa.float64())
         table = table.append_column(
             pa.field(name, pa.float64(), metadata={"role": "metric", "unit": unit_of(name)}), column
         )
-    return replace(results, table=table, metrics=(*results.metrics, *names))
+    return replace(results, table=table, metrics=tuple(dict.fromkeys((*results.metrics, *names))))

@@ -13,9 +13,10 @@ from warpchain.errors import StudyError
 from warpchain.study import figures, page
 from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.pareto import pareto_front
-from warpchain.study.results import STATUSES, Results, read_results, write_whole
+from warpchain.study.results import STATUSES, Results, read_results
 from warpchain.study.sensitivity import Indices, best_indices
 from warpchain.study.surface import TRUSTED, fit_surface
+from warpchain.study.tables import write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -320,5 +321,5 @@ def write_report(
     heading = title or (Path(source).stem if isinstance(source, str | Path) else "Study")
     html = report_html(results, heading, metrics, objectives, notes)
     target = Path(output)
-    write_whole(target, lambda file: file.write(html.encode()))
+    write_text(target, html)
     return target

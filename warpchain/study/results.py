@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
+from warpchain.study.tables import read_table, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -170,33 +170,6 @@ def _is_numeric(table: pa.Table, name: str) -> bool:
     return bool(kinds.is_integer(kind) or kinds.is_floating(kind) or kinds.is_boolean(kind))
 
 
-def read_table(source: pa.Table | str | Path) -> pa.Table:
-    """A table as it is, or read from a Parquet (.parquet) or CSV (.csv) file.
-
-    Raises:
-        StudyError: a file that is missing, of another kind, or cannot be read.
-    """
-    import pyarrow as pa
-
-    if isinstance(source, pa.Table):
-        return source
-    path = Path(source)
-    try:
-        if path.suffix == ".parquet":
-            import pyarrow.parquet as parquet
-
-            return parquet.read_table(path)
-        if path.suffix == ".csv":
-            from pyarrow import csv
-
-            return csv.read_csv(path)
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except pa.ArrowInvalid as error:
-        raise StudyError(f"{path}: not a table ({str(error).splitlines()[0]})") from None
-    raise StudyError(f"{path}: allowed are tables that end in .parquet or .csv")
-
-
 def read_results(
     source: pa.Table | str | Path, factors: Iterable[str] | None = None, metrics: Iterable[str] | None = None
 ) -> Results:
@@ -210,7 +183,9 @@ def read_results(
     Raises:
         StudyError: a table that cannot be read, a column that it lacks, or factors that nothing tells.
     """
-    table = read_table(source)
+    import pyarrow as pa
+
+    table = source if isinstance(source, pa.Table) else read_table(Path(source))
     chosen = tuple(factors) if factors is not None else _with_role(table, b"factor")
     if not chosen:
         raise StudyError(f"factors: none given, and the table marks none; its columns are {_some(table.column_names)}")
@@ -256,21 +231,3 @@ def export_table(table: pa.Table, path: str | Path) -> Path:
 
     write_whole(target, write)
     return target
-
-
-def write_whole(target: Path, write: Any) -> None:
-    """Calls `write` with a temporary binary file beside `target`, flushes it to the disk and renames it.
-
-    Raises:
-        StudyError: a folder or disk that refuses.
-    """
-    partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-    try:
-        with partial.open("wb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(target)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise StudyError(f"{target}: cannot be written ({error.strerror or error})") from None

@@ -16,8 +16,8 @@ from warpchain.drive import Drive
 from warpchain.drive_base import Allowed, Part, Problem, Text
 from warpchain.errors import DriveError, StudyError
 from warpchain.study.spec_factor import Factor
-from warpchain.study.spec_parts import Adjust, Constraint, Design, Keep, Recording, RunOptions
-from warpchain.study.spec_rules import design_rules, expression_rules, name_rules
+from warpchain.study.spec_parts import Adjust, Constraint, Design, Fatigue, Keep, Recording, RunOptions
+from warpchain.study.spec_rules import design_rules, expression_rules, fatigue_rules, name_rules
 
 __all__ = ["Study", "Subject", "check_drive", "dumps_study", "load_study", "loads_study"]
 
@@ -46,6 +46,7 @@ class Study(Part):
         run: run settings.
         metrics: which metrics are kept.
         record: which variants are recorded in full.
+        fatigue: of a link; with it, recorded variants have the objectives of `warpchain.objectives` in the table.
 
     Raises:
         DriveError: with one line for each value that is wrong (`load_study` makes it a StudyError).
@@ -59,6 +60,7 @@ class Study(Part):
     run: RunOptions = RunOptions()
     metrics: Keep = Keep()
     record: Recording = Recording()
+    fatigue: Fatigue | None = None
 
     @classmethod
     def _source(cls) -> str:
@@ -69,6 +71,7 @@ class Study(Part):
         yield from name_rules(node)
         yield from expression_rules(node)
         yield from design_rules(node)
+        yield from fatigue_rules(node)
 
 
 def loads_study(text: str, source: str = "<text>") -> Study:

@@ -199,3 +199,17 @@ class Recording(Part):
         for i, channel in enumerate(get(node, "channels") or ()):
             if channel not in CHANNELS:
                 yield Problem(("channels", i), channel, f"must be one of {', '.join(CHANNELS)}")
+
+
+class Fatigue(Part):
+    """The Woehler curve of a link (`warpchain.fatigue.Woehler`), for the fatigue of recorded variants.
+
+    Attributes:
+        exponent: of the curve.
+        range: range of tension that a link endures for `cycles` [N].
+        cycles: to failure at that range.
+    """
+
+    exponent: Positive
+    range: Positive
+    cycles: Positive = 1e6

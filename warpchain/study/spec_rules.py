@@ -21,6 +21,18 @@ def _targets(factor: Any) -> list[str]:
     return [path for path in found if isinstance(path, str)]
 
 
+def fatigue_rules(node: Any) -> Iterator[Problem]:
+    """Fatigue takes recorded tensions."""
+    record = get(node, "record")
+    if get(node, "fatigue") is None:
+        return
+    if not any(get(record, key) for key in ("variants", "every", "worst")):
+        yield Problem(("fatigue",), None, "needs record.variants, record.every or record.worst", BARE)
+    channels = get(record, "channels")
+    if isinstance(channels, (list, tuple)) and "tension" not in channels:
+        yield Problem(("record", "channels"), channels, 'must hold "tension", which fatigue counts')
+
+
 def name_rules(node: Any) -> Iterator[Problem]:
     """Names are unique, no two factors set the same value, and every factor has a use."""
     factors = elements(node, "factors")
