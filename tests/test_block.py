@@ -54,6 +54,28 @@ def long_chains():
     return [two_sprockets(links=320, span=150.0), two_sprockets(links=340, span=160.0)], 512
 
 
+def unusual_contacts():
+    table = {"time": [0.0, 5e-4, 2e-3], "torque": [0.0, 500.0, 100.0]}
+    drives = [
+        {
+            "contact.sprocket.profile": "iso606",
+            "contact.sprocket.gap": "maximum",
+            "contact.sprocket.clearance": None,
+            "contact.sprocket.seat_angle": None,
+            "contact.sprocket.law": "kelvin-voigt",
+            "sprockets.driven.load.table": table,
+        },
+        {
+            "contact.sprocket.law": "flores",
+            "contact.sprocket.exponent": 1.5,
+            "contact.sprocket.stiffness": 1e10,
+            "chain.worn_links": [{"link": 7, "elongation": 2e-3}],
+            "chain.elongation": 1e-4,
+        },
+    ]
+    return [two_sprockets().with_values(values) for values in drives], 64
+
+
 def moving_sprockets():
     springs = {"kind": "elastic", "stiffness": [1e6, 1e6], "damping": [1e3, 1e3], "preload": [2e3, -500.0]}
     slider = {"kind": "slider", "direction": [1.0, 0.2], "stiffness": 1e5, "damping": 200.0, "preload": 1e3}
@@ -90,7 +112,7 @@ def run_blocks(packed, threads, blocks, order, frames):
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("drives", [marine, equal_sprockets, moving_sprockets, long_chains])
+@pytest.mark.parametrize("drives", [marine, equal_sprockets, moving_sprockets, long_chains, unusual_contacts])
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, precision):
     variants, threads = drives()
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]

@@ -113,7 +113,7 @@ def test_killed_by_signal_it_goes_on_to_the_same_bytes(tmp_path):
 
 def test_ctrl_c_keeps_what_is_done(tmp_path):
     source, out = write_study(tmp_path, points=16), tmp_path / "out"
-    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.05"))
+    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.3"))
     process = subprocess.Popen(command(source, out), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     wait_until(lambda: shards_done(out) >= 1 or process.poll() is not None)
     process.send_signal(signal.SIGINT)

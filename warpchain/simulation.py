@@ -90,7 +90,7 @@ def simulate(
     cores = workers or available_cores()
     packed = pack(chosen, schedules)
     packed.at_precision(precision)  # an unknown precision ends here
-    devices = chosen_devices(device, packed)
+    devices = chosen_devices(device, packed)[: len(chosen)]
     info = RunInfo(
         version=__version__,
         device=",".join(devices),
