@@ -32,6 +32,16 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
-def device(request):
-    """Each device that tests of whole runs are repeated on."""
+def device(request, monkeypatch):
+    """Each device in turn as the one that `simulate` takes when not told; what a GPU cannot run is skipped there."""
+    from warpchain import devices, gpu
+
+    chosen = devices.chosen_devices
+
+    def forced(wanted, packed):
+        if wanted is None and request.param == "cuda" and gpu.refusal(packed) is not None:
+            pytest.skip(str(gpu.refusal(packed)))
+        return chosen(wanted or request.param, packed)
+
+    monkeypatch.setattr(devices, "chosen_devices", forced)
     return request.param

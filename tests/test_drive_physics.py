@@ -62,6 +62,7 @@ def row(drive, **options):
     return simulate(drive, record=Record(variants="none"), **options).metrics.to_pylist()[0]
 
 
+@pytest.mark.usefixtures("device")
 def test_mean_moment_is_the_load_in_steady_running():
     # torque balance: over the window, mean moment = load + J (change of speed) / window
     drive = two_sprockets(torque=300.0, viscous=10.0, duration=1.5, span=20.002, speed=2.0, seat_angle=115.0)
@@ -111,6 +112,7 @@ def test_polygon_action_at_half_odd_and_whole_strands():
     assert high == pytest.approx(1.0, abs=3e-3)
 
 
+@pytest.mark.usefixtures("device")
 def test_energy_balance_closes_and_improves_with_the_step():
     residuals = []
     for step in (8e-6, 4e-6, 2e-6):
@@ -120,6 +122,7 @@ def test_energy_balance_closes_and_improves_with_the_step():
     assert residuals[2] < residuals[0]
 
 
+@pytest.mark.usefixtures("device")
 def test_dissipation_is_never_negative_by_part():
     values = row(two_sprockets(duration=0.3))
     parts = {name: value for name, value in values.items() if name.endswith("dissipated")}
@@ -153,6 +156,7 @@ def test_angular_momentum_of_chain_and_free_sprocket_is_exact():
     assert after == pytest.approx(before, rel=1e-12)
 
 
+@pytest.mark.usefixtures("device")
 def test_seated_chain_tension_falls_geometrically():
     # sprocket locked, one side pulled: T_{i+1} / T_i = sin(phi) / sin(phi + 2 pi / z) on the flanks, phi = 90 deg -
     # b - pi / z
@@ -175,6 +179,7 @@ def test_seated_chain_tension_falls_geometrically():
 
 
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
+@pytest.mark.usefixtures("device")
 def test_integrators_agree_on_a_drive_with_contacts(integrator):
     fine = simulate(two_sprockets(duration=0.01, step=5e-7, integrator="rk4", settle="false"))[0]
     coarse = simulate(two_sprockets(duration=0.01, step=2e-6, integrator=integrator, settle="false"))[0]
@@ -182,6 +187,7 @@ def test_integrators_agree_on_a_drive_with_contacts(integrator):
     assert apart < 5e-6  # contacts open and close within steps: first order in h there
 
 
+@pytest.mark.usefixtures("device")
 def test_float32_tension_follows_float64():
     # until contacts make the motion chaotic; plain float32 positions would lose 1e-7 m * 5e7 N/m = 5 N a link here
     drive = two_sprockets(duration=0.01, gravity=-9.81)
@@ -191,6 +197,7 @@ def test_float32_tension_follows_float64():
     assert np.abs(single.position - exact.position).max() < 1e-6
 
 
+@pytest.mark.usefixtures("device")
 def test_marine_drive_carries_about_20_kn_and_its_load():
     drive = load_drive(MARINE)
     values = simulate(drive, record=Record(variants="none"), window=(1.0, 2.0)).metrics.to_pylist()[0]
@@ -201,6 +208,7 @@ def test_marine_drive_carries_about_20_kn_and_its_load():
     assert abs(values["energy_residual_relative"]) < 0.01
 
 
+@pytest.mark.usefixtures("device")
 def test_marine_metrics_in_float32_are_those_of_float64():
     # the motion is chaotic, and settling has two ends that round-off chooses between: one run's metrics scatter by
     # 1.6 %, 1.9 %, 0.15 % and 0.0014 % (40 runs whose stiffness differs by 1e-13); means of four by half of it, and

@@ -119,6 +119,7 @@ def test_rebound_ratio_of_an_unknown_law():
         rebound_ratio(0.5, "hertz")
 
 
+@pytest.mark.usefixtures("device")
 def test_laws_mix_in_an_ensemble():
     variants = [drive(law, 0.3, duration=0.01) for law in LAWS]
     together = simulate(variants, record=Record("all"))
@@ -131,6 +132,7 @@ def test_laws_mix_in_an_ensemble():
 
 
 @pytest.mark.parametrize("law", LAWS)
+@pytest.mark.usefixtures("device")
 def test_energy_balance_of_every_law(law):
     # the residual is of the step's order, as with the default law (5e-3 at 8e-6 s)
     run = simulate(drive(law, 0.3, duration=0.4, step=2e-6), record=Record("none"))
@@ -139,6 +141,7 @@ def test_energy_balance_of_every_law(law):
     assert values["driver.dissipated"] > 0.0
 
 
+@pytest.mark.usefixtures("device")
 def test_a_damper_shortens_the_longest_step():
     # leapfrog with the damper's speed half a step late: omega^2 h^2 + 2 (c/m) h = 4
     free, damped = drive("lankarani-nikravesh", 0.05), drive("kelvin-voigt", 0.05)

@@ -123,6 +123,7 @@ CASES = {
 }
 
 
+@pytest.mark.usefixtures("device")
 def test_float32_follows_a_moving_sprocket():
     # centers are float64 at both precisions; what differs is the rounding of the contact forces on them
     drive = two_sprockets(duration=0.01, gravity=-9.81).with_values(CASES["elastic with wheel"])
@@ -139,6 +140,7 @@ def test_float32_follows_a_moving_sprocket():
 
 
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.usefixtures("device")
 def test_energy_closes_with_moving_sprockets(case):
     # spring, preload, kinetic energy and gravity of sprocket and wheel, the damper, and the work of what prescribes:
     # leapfrog's residual falls with the step (dissipation and rotation are read half a step late), rk4's is smaller
@@ -155,6 +157,7 @@ def test_energy_closes_with_moving_sprockets(case):
     assert rk4 < 1e-5
 
 
+@pytest.mark.usefixtures("device")
 def test_prescribed_center_moves_as_told_and_takes_the_chain_along():
     # c(t) = c_0 + d (offset + A sin(2 pi f t + phase)), d made a unit vector; rollers start with the center's velocity
     drive = two_sprockets(duration=0.05, gravity=-9.81).with_values(
@@ -226,6 +229,7 @@ def tensioner(pitch=0.05, preload=3e3):
     )
 
 
+@pytest.mark.usefixtures("device")
 def test_tensioner_holds_its_preload_while_the_chain_lengthens():
     # at rest the links on both sides pull the slider's sprocket with the preload, whatever the chain's length: strands
     # of tension T that fall away at angles a and b give T (sin a + sin b) = preload. On a fixed center, links longer by
@@ -293,6 +297,7 @@ def balance_shaft():
     )
 
 
+@pytest.mark.usefixtures("device")
 def test_balance_shaft_at_twice_the_cranks_speed_excites_the_second_order():
     # forced vibration of mass M on springs: amplitude m_b r_b w^2 / |k - M w^2 + i c w| at w = 2 Omega, on both axes, a
     # circle. The chain's two strands stiffen x by 2 k / 35 links, 0.3 %, and shake it at other orders
@@ -350,6 +355,7 @@ def test_archive_keeps_moving_centers_and_tables(tmp_path):
     np.testing.assert_array_equal(back[0].sprocket_center, run[0].sprocket_center)
 
 
+@pytest.mark.usefixtures("device")
 def test_center_that_runs_away_ends_the_variant_as_diverged():
     # a preload that pulls the sprocket out of its chain at once: the rollers stay where they were
     drive = two_sprockets(duration=0.05).with_values(

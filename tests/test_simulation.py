@@ -51,6 +51,7 @@ def test_blocks_do_not_change_the_result(monkeypatch):
     assert whole.metrics.equals(parts.metrics)
 
 
+@pytest.mark.usefixtures("device")
 def test_frames_begin_at_zero_and_follow_the_rate():
     drive = short(step=4e-6)  # 20 kHz asked: 12.5 steps, rounded to 12
     trajectory = simulate(drive)[0]
@@ -64,6 +65,7 @@ def test_frames_begin_at_zero_and_follow_the_rate():
     assert len(every) == 1001
 
 
+@pytest.mark.usefixtures("device")
 def test_recorded_tension_is_the_law_applied_to_recorded_positions():
     drive = short(damping=0.0)
     trajectory = simulate(drive)[0]
@@ -72,6 +74,7 @@ def test_recorded_tension_is_the_law_applied_to_recorded_positions():
     np.testing.assert_allclose(trajectory.tension, expected, atol=1e-6)
 
 
+@pytest.mark.usefixtures("device")
 def test_recorded_velocity_is_the_slope_of_recorded_positions():
     trajectory = simulate(short(), record=Record(rate=2e5))[0]
     slope = (trajectory.position[2:] - trajectory.position[:-2]) / (trajectory.time[2:] - trajectory.time[:-2])[
@@ -80,6 +83,7 @@ def test_recorded_velocity_is_the_slope_of_recorded_positions():
     np.testing.assert_allclose(trajectory.velocity[1:-1], slope, atol=1e-9)  # leapfrog: v(n) is the central difference
 
 
+@pytest.mark.usefixtures("device")
 def test_metrics_equal_those_taken_from_every_step():
     drive = short(duration=0.003)
     run = simulate(drive, record=Record(rate=1 / 5e-6), window=(0.001, 0.003))
@@ -98,6 +102,7 @@ def test_metrics_equal_those_taken_from_every_step():
     )
 
 
+@pytest.mark.usefixtures("device")
 def test_columns_have_units_and_absent_parts_are_null():
     table = simulate([short(), load_drive(MARINE).with_values({"run.duration": 0.002})], record=Record("none")).metrics
     units = {field.name: field.metadata[b"unit"].decode() for field in table.schema}
@@ -111,6 +116,7 @@ def test_columns_have_units_and_absent_parts_are_null():
     assert table["tight strand.force_max"].to_pylist()[1] >= 0.0
 
 
+@pytest.mark.usefixtures("device")
 def test_channels_and_variants_that_are_not_wanted_are_left_out():
     run = simulate([short(), short()], record=Record(variants=[1], channels=("tension",)))
     assert list(run) == [1]
@@ -120,6 +126,7 @@ def test_channels_and_variants_that_are_not_wanted_are_left_out():
         run[0]
 
 
+@pytest.mark.usefixtures("device")
 def test_divergence_stops_one_variant_and_leaves_the_others():
     mad = short(contact=2e8, floor=1e-9, duration=0.02, torque=5e7)
     run = simulate([mad, short()])
@@ -131,6 +138,7 @@ def test_divergence_stops_one_variant_and_leaves_the_others():
     assert same(run[1], simulate(short())[0])
 
 
+@pytest.mark.usefixtures("device")
 def test_settling_leaves_no_net_force():
     drive = two_sprockets(duration=1e-4, gravity=-9.81, span=20.01)
     metrics = simulate(drive).metrics.to_pylist()[0]
@@ -138,6 +146,7 @@ def test_settling_leaves_no_net_force():
     assert 0 < metrics["settle_steps"] < 100_000
 
 
+@pytest.mark.usefixtures("device")
 def test_slack_strand_settles_to_its_catenary():
     # both strands horizontal, slack, gravity: sag = mu g L^2 / (8 T) for a shallow one, tension from where it settles
     drive = two_sprockets(duration=5e-6, speed=0.0, torque=0.0, gravity=-9.81, span=19.98, step=5e-6)
@@ -179,12 +188,14 @@ def test_ctrl_c_keeps_what_was_recorded():
         ({"record": Record(variants=[3])}, "record.variants: 3"),
     ],
 )
+@pytest.mark.usefixtures("device")
 def test_bad_options_are_one_line(options, message):
     with pytest.raises(SimulationError, match=message) as caught:
         simulate(short(), **options)
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.usefixtures("device")
 def test_step_beyond_the_limit_states_the_limit():
     with pytest.raises(DriveError, match=r"variant 1: run\.step = 9e-05: must be above 0 and below 7\.3\d*e-05 s"):
         simulate([short(), short(stiffness=1.5e8, contact=1.5e8)], step=9e-5)

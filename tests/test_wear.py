@@ -76,6 +76,7 @@ def test_every_strand_closes_with_its_own_links(pick, elongation, links):
             assert chord == pytest.approx(length * (1 + assembly.strain), abs=1e-9 * PITCH)
 
 
+@pytest.mark.usefixtures("device")
 def test_a_worn_chain_stands_off_its_seats_without_force():
     drive = worn(WHEELS, 0.5, 0.02, [])
     assembly = assemble(drive)
@@ -122,6 +123,7 @@ def test_one_worn_link_on_an_arc_settles():
     assert metrics["tension_max"] < 5e3
 
 
+@pytest.mark.usefixtures("device")
 def test_energy_balance_of_a_worn_chain():
     # the residual is of the step's order, as for a new chain (2e-3 at 2e-6 s)
     drive = two_sprockets(span=20.0 * 1.01 + 0.001, step=2e-6, duration=0.3).with_values({"chain.elongation": 0.01})
