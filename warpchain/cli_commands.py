@@ -107,6 +107,7 @@ def _start_warp() -> None:
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
+    wp.config.use_precompiled_headers = False  # the CUDA compiler warns of each that does not match
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
