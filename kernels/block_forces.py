@@ -5,13 +5,13 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .contact import closed_contact, elastic_energy, gap_approach, guide_approach, in_gap, moved_seat
+from .contact import closed_contact, elastic_energy, gap_approach, guide_approach, in_gap
 from .exchange import any_lane, exchange, lanes, lowest_bit
 from .link import link_force
 from .rollers import STATE_ROWS
 from .structs import Drive, types, vec2d
 from .sum_structs import ContactSums, Tallies, Totals
-from .tooth import nearest_seat, seat_step
+from .tooth import nearest_seat, seat_step, wrapped_seat
 
 
 @cache
@@ -241,7 +241,7 @@ def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: 
                 gap.lateral = lateral
                 move = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
                 if move != 0:
-                    mesh.seat = moved_seat(mesh.seat, move, sprocket.teeth)
+                    mesh.seat = wrapped_seat(mesh.seat + move, sprocket.teeth)
                     mesh.direction = ensemble.seats[sprocket.first_seat + mesh.seat]
                     new_e, new_radial, new_lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
                     gap.e = new_e
@@ -358,12 +358,29 @@ def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: 
                     mesh.guides = mesh.guides | (1 << g)
         return mesh
 
+    @wp.func
+    def share_geometry(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, center: vec2d):
+        """Teeth and band of sprocket s, whose center is given; with the first one, the chain and the guide-bars."""
+        drive = ensemble.drives[variant]
+        sprocket = ensemble.sprockets[drive.first_sprocket + s]
+        shared.teeth[s] = sprocket
+        band = kinds.Band()
+        band.center = vec2(Real(center[0]), Real(center[1]))
+        band.near_square = sprocket.near_square
+        band.far_square = sprocket.far_square
+        shared.bands[s] = band
+        if s == 0:
+            shared.chain[0] = ensemble.chains[variant]
+            for g in range(wp.static(guides)):
+                shared.bars[g] = ensemble.guides[drive.first_guide + g]
+
     return SimpleNamespace(
         State=State,
         Mesh=Mesh,
         talk=talk,
         link_of=link_of,
         contacts=contacts,
+        share_geometry=share_geometry,
         store_mesh=store_mesh,
         contacts_on=contacts_on,
         move=move,

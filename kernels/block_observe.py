@@ -10,14 +10,14 @@ from types import SimpleNamespace
 import warp as wp
 
 from .block_forces import block_forces
-from .body import body_accelerations, load_at
+from .body import body_accelerations, heading_of, load_at
 from .exchange import lowest_bit
 from .motion import ramp
 from .mount import body_energy, holding_force, prescribing_power
-from .structs import Drive, SprocketState, types, vec2d
+from .rollers import STATE_ROWS
+from .structs import Drive, SprocketState, types
 from .sum_structs import ContactSums, StrandSums, Sums, Tallies, Totals
 from .sums import add_displacement, add_mount, add_sprocket, displacement, following
-from .trigonometry import sine_cosine
 
 EVENT = wp.constant(1)
 """What can happen at a step, as bits."""
@@ -82,7 +82,7 @@ def block_observing(Real: type, threads: int, sprockets: int, guides: int, movin
     def look(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, s: int):
         """Strand s brought up to date from positions published in the state's rows."""
         drive = ensemble.drives[variant]
-        first = 6 * drive.first_roller
+        first = STATE_ROWS * drive.first_roller
         shared.strands[s] = follow(state.rollers, first, first + drive.rollers, drive.rollers, shared.strands[s])
 
     @wp.func
@@ -150,8 +150,7 @@ def block_observing(Real: type, threads: int, sprockets: int, guides: int, movin
         """One step of sprocket s on its active mount for the sums of the window; returns its energy [J]."""
         motion = shared.motions[s]
         mount = shared.mounts[s]
-        sine, cosine = sine_cosine(body.angle)
-        heading = vec2d(cosine, sine)
+        heading = heading_of(body)
         rates = body_accelerations(time, body, heading, on, motion, mount, ensemble.harmonics, ensemble.tables)
         held = holding_force(body, heading, on, rates, mount)
         power = prescribing_power(body, heading, held, rates, motion.prescribed, mount)

@@ -26,6 +26,7 @@ def block_relax_kernel(Real: type, threads: int, sprockets: int, guides: int, bl
     shared_arrays, state_of_next, force_of_previous = talk.shared_arrays, talk.state_of_next, talk.force_of_previous
     warp_sum, warp_max = talk.warp_sum, talk.warp_max
     link_of, contacts, store_mesh, move = part.link_of, part.contacts, part.store_mesh, part.move
+    share_geometry = part.share_geometry
     engaged, fetch, put_back = part.engaged, part.fetch, part.put_back
 
     @wp.func
@@ -39,17 +40,7 @@ def block_relax_kernel(Real: type, threads: int, sprockets: int, guides: int, bl
         wheel.sine = sine
         wheel.center = body.center
         shared.wheels[s] = wheel
-        sprocket = ensemble.sprockets[mine]
-        shared.teeth[s] = sprocket
-        band = kinds.Band()
-        band.center = vec2(Real(body.center[0]), Real(body.center[1]))
-        band.near_square = sprocket.near_square
-        band.far_square = sprocket.far_square
-        shared.bands[s] = band
-        if s == 0:
-            shared.chain[0] = ensemble.chains[variant]
-            for g in range(wp.static(guides)):
-                shared.bars[g] = ensemble.guides[ensemble.drives[variant].first_guide + g]
+        share_geometry(ensemble, shared, variant, s, body.center)
 
     @wp.func
     def block_largest(shared: kinds.Shared, value: Real, i: int):

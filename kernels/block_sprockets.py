@@ -31,7 +31,8 @@ def block_sprockets(Real: type, threads: int, sprockets: int, guides: int, movin
     """The functions of one variant's sprockets on a block of `threads` threads."""
     kinds = types(Real)
     vec2 = kinds.vec2
-    contacts_on = block_forces(Real, threads, sprockets, guides, moving).contacts_on
+    part = block_forces(Real, threads, sprockets, guides, moving)
+    contacts_on, share_geometry = part.contacts_on, part.share_geometry
 
     @wp.func
     def sprocket_of(i: int):
@@ -81,13 +82,7 @@ def block_sprockets(Real: type, threads: int, sprockets: int, guides: int, movin
         wheel.exact_speed = exact
         shared.wheels[s] = wheel
         set_heading(shared, s)
-        sprocket = ensemble.sprockets[mine]
-        shared.teeth[s] = sprocket
-        band = kinds.Band()
-        band.center = vec2(Real(body.center[0]), Real(body.center[1]))
-        band.near_square = sprocket.near_square
-        band.far_square = sprocket.far_square
-        shared.bands[s] = band
+        share_geometry(ensemble, shared, variant, s, body.center)
         shared.motions[s] = ensemble.motions[mine]
         if wp.static(moving):
             shared.mounts[s] = ensemble.mounts[mine]
@@ -97,10 +92,6 @@ def block_sprockets(Real: type, threads: int, sprockets: int, guides: int, movin
         shared.strands[s] = state.strands[mine]
         for k in range(wp.static(3 * threads) // lanes()):
             shared.parts[s * (wp.static(3 * threads) // lanes()) + k] = wp.float64(0.0)
-        if s == 0:
-            shared.chain[0] = ensemble.chains[variant]
-            for g in range(wp.static(guides)):
-                shared.bars[g] = ensemble.guides[drive.first_guide + g]
 
     @wp.func
     def end_sprocket(

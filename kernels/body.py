@@ -14,6 +14,7 @@ from .mount import PRESCRIBED, accelerations, prescribed_center
 from .structs import CenterStages, Drive, Motion, Mount, SprocketState, types, vec2d, vec3d
 from .sum_structs import Totals
 from .table import table_at
+from .trigonometry import sine_cosine
 
 Harmonics = wp.array(dtype=wp.types.vector(3, wp.float64))
 Tables = wp.array(dtype=wp.float64)
@@ -84,7 +85,8 @@ def own_motion(
 @wp.func
 def heading_of(body: SprocketState):
     """Cosine and sine of a sprocket's angle."""
-    return vec2d(wp.cos(body.angle), wp.sin(body.angle))
+    sine, cosine = sine_cosine(body.angle)
+    return vec2d(cosine, sine)
 
 
 @wp.func

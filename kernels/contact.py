@@ -14,7 +14,7 @@ import warp as wp
 from .guide import guide_gap
 from .impact import contact_force, elastic_force
 from .structs import vec2d
-from .tooth import seat_step, tooth_gap
+from .tooth import seat_step, tooth_gap, wrapped_seat
 
 
 @wp.func
@@ -72,17 +72,6 @@ def in_gap(p: vec2d, direction: vec2d, cosine: wp.float64, sine: wp.float64):
 
 
 @wp.func
-def moved_seat(seat: int, move: int, teeth: int):
-    """The seat `move` = +1 or -1 further on."""
-    seat = seat + move
-    if seat < 0:
-        seat = seat + teeth
-    if seat >= teeth:
-        seat = seat - teeth
-    return seat
-
-
-@wp.func
 def gap_approach(p: vec2d, v: Any, omega: Any, e: vec2d, radial: wp.float64, lateral: wp.float64, sprocket: Any):
     """Penetration [m] in a tooth gap whose outward direction is `e`, its normal, and the approach speed [m/s]."""
     xi = type(omega)(radial - sprocket.exact_radius)
@@ -124,7 +113,7 @@ def sprocket_contact(
     e, radial, lateral = in_gap(p, seats[sprocket.first_seat + seat], cosine, sine)
     move = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
     if move != 0:
-        seat = moved_seat(seat, move, sprocket.teeth)
+        seat = wrapped_seat(seat + move, sprocket.teeth)
         e, radial, lateral = in_gap(p, seats[sprocket.first_seat + seat], cosine, sine)
     penetration, n, speed = gap_approach(p, v, omega, e, radial, lateral, sprocket)
     force, first, dissipated, energy = penalty(penetration, speed, impact_speed, sprocket.law)

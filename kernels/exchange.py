@@ -294,7 +294,6 @@ def exchange(Real: type, threads: int, sprockets: int, guides: int) -> SimpleNam
 
     return SimpleNamespace(
         state=state,
-        vec2=vec2,
         state_of_next=state_of_next,
         force_of_previous=force_of_previous,
         warp_sum=warp_sum,

@@ -98,7 +98,7 @@ def stepping(Real: type, capacity: int) -> SimpleNamespace:
     @wp.func
     def rk4_rollers(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, stage: int, weight: Real, reach: Real):
         """Adds this stage's slopes to the sums with `weight`, and goes `reach` along them from the step's start."""
-        inverse_mass = Real(1.0) / chain.mass
+        inverse_mass = chain.inverse_mass
         i = int(0)
         while i < n:
             a = acceleration(w, i, inverse_mass, chain.gravity)

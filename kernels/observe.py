@@ -146,7 +146,7 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
     ):
         """Writes one frame: rows x, y, vx, vy, tension, sprocket force, guide force; then 5 values a sprocket."""
         n = drive.rollers
-        inverse_mass = Real(1.0) / chain.mass
+        inverse_mass = chain.inverse_mass
         for i in range(n):
             a = acceleration(w, i, inverse_mass, chain.gravity)
             at_roller = int(first) + i

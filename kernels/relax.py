@@ -68,7 +68,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         scale = chain.mass * wp.length(chain.gravity)
         i = int(0)
         while i < n:
-            size = wp.length(acceleration(w, i, Real(1.0) / chain.mass, chain.gravity))
+            size = wp.length(acceleration(w, i, chain.inverse_mass, chain.gravity))
             if not size < Real(1.0e30):
                 size = Real(1.0e30)
             worst = wp.max(worst, size)

@@ -264,7 +264,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
     @wp.func
     def kick_drift(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, kick: Real, h: Real):
         """v += kick a, then x += h v."""
-        inverse_mass = Real(1.0) / chain.mass
+        inverse_mass = chain.inverse_mass
         i = int(0)
         while i < n:
             a = acceleration(w, i, inverse_mass, chain.gravity)

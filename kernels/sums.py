@@ -229,7 +229,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         instant.
         """
         total = wp.float64(0.0)
-        inverse_mass = Real(1.0) / chain.mass
+        inverse_mass = chain.inverse_mass
         i = int(0)
         while i < n:
             ax = inverse_mass * (load(w, LINK_X + i + 1) - load(w, LINK_X + i) + load(w, FX + i)) + chain.gravity[0]

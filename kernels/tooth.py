@@ -28,18 +28,23 @@ from .root import inverse_root, reciprocal, root
 
 
 @wp.func
+def wrapped_seat(seat: int, teeth: int):
+    """The seat from 0 to teeth - 1 that `seat`, at most a revolution off, is."""
+    if seat < 0:
+        seat = seat + teeth
+    if seat >= teeth:
+        seat = seat - teeth
+    return seat
+
+
+@wp.func
 def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
     """Seat nearest by angle to `r` (from the sprocket's center) on a sprocket turned by (cosine, sine).
 
     Used once, as a roller comes near a sprocket; from then on `seat_step` follows it.
     """
     local = wp.atan2(float(r[1] * cosine - r[0] * sine), float(r[0] * cosine + r[1] * sine))
-    seat = int(wp.rint(local * float(teeth) * 0.15915494309189535))
-    if seat < 0:
-        seat = seat + teeth
-    if seat >= teeth:
-        seat = seat - teeth
-    return seat
+    return wrapped_seat(int(wp.rint(local * float(teeth) * 0.15915494309189535)), teeth)
 
 
 @wp.func

@@ -8,20 +8,11 @@ import time
 
 import numpy as np
 import pytest
+from command import run
 
-from warpchain import cli, load_drive, read_archive
+from warpchain import load_drive, read_archive
 from warpchain.check import derive, strand_frequency
 from warpchain.examples import drive_path
-
-
-def run(capsys, *words):
-    """Exit status, output lines and error lines of one command."""
-    try:
-        status = cli.main([str(word) for word in words])
-    except SystemExit as leave:
-        status = leave.code
-    captured = capsys.readouterr()
-    return status, captured.out.splitlines(), captured.err.splitlines()
 
 
 def test_check_prints_the_drive(capsys):

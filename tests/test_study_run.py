@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command import run
 from pyarrow import parquet
 from study_helpers import tiny_drive, write_study
 
-from warpchain import Record, cli, read_archive, simulate, simulation
+from warpchain import Record, read_archive, simulate, simulation
 from warpchain.drive import load_drive
 from warpchain.errors import SimulationError, StudyError, WarpchainError
 from warpchain.fatigue import Woehler
@@ -304,16 +305,6 @@ def test_shards_fill_the_device_and_fit_the_memory(tmp_path):
     assert shard_size(study, drive, 100, 1, 2, 10) == 1
     slow = study.model_copy(update={"run": study.run.model_copy(update={"duration": 1e6})})
     assert shard_size(slow, drive, 10**9, 1, 2, 2**30) == 16
-
-
-def run(capsys, *words):
-    """Exit status, output lines and error lines of one command."""
-    try:
-        status = cli.main([str(word) for word in words])
-    except SystemExit as leave:
-        status = leave.code
-    captured = capsys.readouterr()
-    return status, captured.out.splitlines(), captured.err.splitlines()
 
 
 def test_commands_of_a_job_array(tmp_path, capsys):

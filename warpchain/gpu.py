@@ -131,7 +131,6 @@ class GpuEngine:
 
     def __init__(self, packed: Packed, device: str) -> None:
         self.packed, self.device = packed, device
-        self.workers = 1
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
         with _told(device, packed):
             self.stream, self.copies = wp.Stream(device), wp.Stream(device)
