@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from warpchain.alike import alike, taken
 from warpchain.assembly import Assembly, assemble
 from warpchain.contact import contact_damping, guide_stiffness, sprocket_stiffness
 from warpchain.drive import Drive, Harmonic, ImpactLaw
@@ -282,12 +283,9 @@ def _fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
     row["middle"] = (int(assembly.strand_first[s]) + int(assembly.strand_links[s]) // 2) % rollers
 
 
-def _fill_drive(row: Any, drive: Drive, schedule: Schedule, assembly: Assembly) -> None:
+def _fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
-    row["step"], row["steps"] = schedule.step, schedule.steps
-    row["window_start"], row["window_end"] = schedule.window_start, schedule.window_end
-    row["sample_every"] = schedule.sample_every
     margin = ESCAPE_PITCHES * drive.chain.pitch
     reach = np.array([sprocket.center for sprocket in drive.sprockets])
     radius = np.array([drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)])[
@@ -300,9 +298,35 @@ def _fill_drive(row: Any, drive: Drive, schedule: Schedule, assembly: Assembly) 
 def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
     """Packs drives in float64, each in its assembled initial state.
 
+    Drives alike in all but their loads are packed once and repeated; then each is given its own loads.
+
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the variant.
     """
+    firsts, which = alike(drives)
+    harmonics, seats, tables = _Table(3), _Table(2), TableList()
+    packed = _pack_each(drives, firsts, harmonics, seats, tables)
+    if len(firsts) < len(drives):
+        packed = taken(packed, which)
+        blank = np.zeros((), dtype=packed.motions.dtype)
+        for drive, kind, begin in zip(drives, which, packed.drives["first_sprocket"].tolist(), strict=True):
+            twin = drives[firsts[kind]]
+            for s, sprocket in enumerate(drive.sprockets):
+                if sprocket is not twin.sprockets[s]:
+                    packed.motions[begin + s] = blank
+                    angle = float(packed.bodies["angle"][begin + s])
+                    _fill_motion(packed.motions[begin + s], drive, s, angle, harmonics, tables)
+    for name in ("step", "steps", "window_start", "window_end", "sample_every"):
+        packed.drives[name] = [getattr(schedule, name) for schedule in schedules]
+    packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
+    return packed
+
+
+def _pack_each(
+    everyone: Sequence[Drive], chosen: Sequence[int], harmonics: _Table, seats: _Table, tables: TableList
+) -> Packed:
+    """Packs the chosen drives one by one, but for their schedules, and gathers what their rows refer to."""
+    drives = [everyone[v] for v in chosen]
     kinds = structs.types(wp.float64)
     count = len(drives)
     links = np.array([d.chain.links for d in drives])
@@ -325,15 +349,14 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         bodies=_zeros(structs.SprocketState, int(wheels.sum())),
         strands=_zeros(structs.Strand, int(wheels.sum())),
         seat=np.full(int((links * (wheels + bars)).sum()), -1, dtype=np.int32),
-        assemblies=tuple(_assembled(v, drive, known) for v, drive in enumerate(drives)),
+        assemblies=tuple(_assembled(v, drive, known) for v, drive in zip(chosen, drives, strict=True)),
     )
-    harmonics, seats, tables = _Table(3), _Table(2), TableList()
     roller = sprocket = guide = memory = tally = 0
-    for v, (drive, schedule, assembly) in enumerate(zip(drives, schedules, packed.assemblies, strict=True)):
+    for v, (drive, assembly) in enumerate(zip(drives, packed.assemblies, strict=True)):
         row = packed.drives[v]
         row["first_roller"], row["first_sprocket"] = roller, sprocket
         row["first_guide"], row["first_contact"], row["first_tally"] = guide, memory, tally
-        _fill_drive(row, drive, schedule, assembly)
+        _fill_drive(row, drive, assembly)
         _fill_chain(packed.chains[v], drive)
         for s, wheel in enumerate(drive.sprockets):
             _fill_sprocket(packed.sprockets[sprocket + s], drive, s, seats)
@@ -354,9 +377,6 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         roller, sprocket, guide = roller + n, sprocket + len(drive.sprockets), guide + len(drive.guides)
         memory += n * (len(drive.sprockets) + len(drive.guides))
         tally += n * (len(drive.sprockets) + 1)
-    packed.harmonics = harmonics.array()
-    packed.tables = tables.array()
-    packed.seats = seats.array()
     return packed
 
 

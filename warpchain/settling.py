@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.alike import alike
 from warpchain.devices import engine_on
 from warpchain.drive import Drive
 from warpchain.ensemble import STATE_ROWS, Packed
@@ -73,7 +74,8 @@ def settle(
     """
     wanted = np.array([drive.run.settle for drive in drives])
     state = np.zeros(packed.variants, dtype=relax.Settling.numpy_dtype())
-    state["step"] = [SETTLE_STEP * step_limit(drive) for drive in drives]
+    firsts, which = alike(drives)
+    state["step"] = SETTLE_STEP * np.array([step_limit(drives[v]) for v in firsts])[which]
     state["tolerance"] = SETTLE_TOLERANCE
     state["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
     if not wanted.any():

@@ -138,17 +138,22 @@ def schedules_of(
         DriveError: a step beyond a variant's limit.
         SimulationError: a duration that is not positive, or a window outside the run.
     """
+    from warpchain.alike import alike
     from warpchain.ensemble import Schedule
 
     if duration is not None and not (np.isfinite(duration) and duration > 0.0):
         raise SimulationError(f"duration = {duration!r}: allowed is a finite number above 0 (s)")
     recorded = set(record.indices(len(drives)))
     schedules = []
-    for v, drive in enumerate(drives):
+    firsts, which = alike(drives)
+    resolved: dict[int, float] = {}
+    for v, (drive, kind) in enumerate(zip(drives, which, strict=True)):
         try:
-            h = resolve_step(drive, step)
+            if v == firsts[kind]:
+                resolved[kind] = resolve_step(drive, step)
         except DriveError as error:
             raise DriveError(f"variant {v}: {error}") from None
+        h = resolved[kind]
         length = duration if duration is not None else drive.run.duration
         steps = max(1, round(length / h))
         start, end = window if window is not None else (0.5 * length, length)
