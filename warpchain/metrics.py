@@ -229,12 +229,10 @@ def table_of(rows: Sequence[Row]) -> pa.Table:
         names |= dict.fromkeys(row)
     columns, fields = [], []
     for name in names:
-        values = [index if name == "variant" else row.get(name) for index, row in enumerate(rows)]
+        values = range(len(rows)) if name == "variant" else [row.get(name) for row in rows]
         kind = {"variant": pa.int64(), "diverged": pa.bool_(), "settle_steps": pa.int64()}.get(name, pa.float64())
         if name.endswith(".impacts"):
             kind = pa.int64()
-        columns.append(
-            pa.array([None if v is None else v.item() if isinstance(v, np.generic) else v for v in values], kind)
-        )
+        columns.append(pa.array(values, kind))
         fields.append(pa.field(name, kind, metadata={"unit": unit_of(name)}))
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
