@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 def _mark(value: object) -> Hashable:
-    """A part by its identity, which changed copies share and long tables need not be hashed for; a number by value."""
-    return id(value) if isinstance(value, Part | tuple | list) else (type(value), value, str(value))
+    """A part by its identity, which changed copies share and long tables need not be hashed for; others by value."""
+    return id(value) if isinstance(value, Part | tuple | list) else value or str(value)
 
 
 def _sprocket(sprocket: Sprocket) -> Hashable:
