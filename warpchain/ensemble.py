@@ -317,7 +317,8 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
                     angle = float(packed.bodies["angle"][begin + s])
                     _fill_motion(packed.motions[begin + s], drive, s, angle, harmonics, tables)
     for name in ("step", "steps", "window_start", "window_end", "sample_every"):
-        packed.drives[name] = [getattr(schedule, name) for schedule in schedules]
+        values = [getattr(schedule, name) for _, schedule in zip(drives, schedules, strict=True)]
+        packed.drives[name] = values
     packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
     return packed
 
