@@ -1,42 +1,42 @@
-"""The block kernels' forces: of the link after the roller that a thread holds, and of its contacts."""
+"""The block kernels' contacts: who is near what, and the forces of teeth and guide-bars.
+
+A contact's memory (seat, v0) and its sums stay where the state and the tallies have them, which the cache holds.
+"""
 
 from functools import cache
 from types import SimpleNamespace
 
 import warp as wp
 
+from .block_rows import block_rows
 from .contact import closed_contact, elastic_energy, gap_approach, guide_approach, in_gap
-from .exchange import any_lane, exchange, lanes, lowest_bit
-from .link import link_force
-from .rollers import STATE_ROWS
-from .structs import Drive, types, vec2d
-from .sum_structs import ContactSums, Tallies, Totals
+from .exchange import group, lanes, lowest_bit
+from .rollers import accessors
+from .structs import types, vec2d
+from .sum_structs import Tallies, Totals
 from .tooth import nearest_seat, seat_step, wrapped_seat
 
 
 @cache
-def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: bool = False) -> SimpleNamespace:
-    """The functions that evaluate one variant on a block of `threads` threads.
+def block_forces(
+    Real: type, threads: int, per: int, sprockets: int, guides: int, moving: bool = False, measuring: bool = False
+) -> SimpleNamespace:
+    """The functions that evaluate one variant on a block of `threads` threads, thread i with the rollers
+    i, i + threads, ..., `per` of them at most.
 
     `moving` is for drives whose sprockets' centers may move or that have balance wheels.
     """
     kinds = types(Real)
     vec2 = kinds.vec2
-    talk = exchange(Real, threads, sprockets, guides)
-    State = talk.state
-    compensated = Real == wp.float32
-    warp_sum = talk.warp_sum
-
-    @wp.struct
-    class Mesh:
-        """How a roller is engaged: the sprocket it was looked at last, its seat there and the contact's memory."""
-
-        sprocket: wp.int32  # negative: none
-        seat: wp.int32
-        direction: vec2d  # of the seat at angle zero
-        impact_speed: Real  # v0, 0 while open [m/s]
-        held: wp.int32  # all sprockets it is engaged with, as bits
-        guides: wp.int32  # guide-bars it touches, as bits
+    slots = threads * per
+    row = block_rows(Real, threads, per, sprockets, guides, moving, measuring)
+    place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
+    X, Y, group_sum = row.X, row.Y, row.talk.group_sum
+    load, store = accessors(Real).load, accessors(Real).store
+    load_whole, store_whole = accessors(wp.int32).load, accessors(wp.int32).store
+    load_direction = accessors(vec2d).load
+    load_part, store_part = accessors(wp.float64).load, accessors(wp.float64).store
+    SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.struct
     class Gap:
@@ -46,144 +46,187 @@ def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: 
         radial: wp.float64  # along it, from the sprocket's center [m]
         lateral: wp.float64  # across it [m]
 
-    @wp.struct
-    class Net:
-        """What a roller's contacts add up to while they are gone through."""
-
-        x: Real  # force [N]
-        y: Real
-        moment: Real  # of the last contact, on sprocket `on` [N m]
-        push_x: Real  # and its force on that [N]
-        push_y: Real
-        on: wp.int32
-
     @wp.func
-    def place(own: State, center: vec2d):
-        """Position in float64 from `center` [m]."""
-        if wp.static(compensated):
-            return vec2d(
-                wp.float64(own[0]) - center[0] + wp.float64(own[4]),
-                wp.float64(own[1]) - center[1] + wp.float64(own[5]),
-            )
-        else:
-            return vec2d(wp.float64(own[0]) - center[0], wp.float64(own[1]) - center[1])
-
-    @wp.func
-    def engagements(shared: kinds.Shared, own: State):
-        """The sprockets whose band the roller is in, as bits."""
+    def near(shared: kinds.Shared, j: int, n: int):
+        """The partners that roller j may touch, as bits: sprockets whose band it is in, guide-bars it is on."""
+        rows = shared.rows
+        x = load(rows, X + j)
+        y = load(rows, Y + j)
         mask = int(0)
         for s in range(wp.static(sprockets)):
             band = shared.bands[s]
-            x = own[0] - band.center[0]
-            y = own[1] - band.center[1]
-            square = x * x + y * y
+            from_x = x - band.center[0]
+            from_y = y - band.center[1]
+            square = from_x * from_x + from_y * from_y
             if square > band.near_square and square < band.far_square:
-                mask = mask | wp.static(1 << s)
-        return mask
+                mask = mask | (1 << s)
+        for g in range(wp.static(guides)):
+            bar = shared.bars[g]
+            p = place(rows, j, bar.start)
+            along = Real(wp.dot(p, bar.direction))
+            across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
+            reach = bar.end_radius + bar.roller_radius
+            if across < bar.roller_radius and across > -bar.end_radius:
+                if along > -reach and along < bar.length + reach:
+                    mask = mask | (1 << (wp.static(sprockets) + g))
+        return wp.where(j < n, mask, 0)
 
     @wp.func
-    def with_contact(sums: ContactSums, weight: Real, force: Real, dissipated: Real, before: Real):
-        """The sums with one step of a contact, for the time `weight` [s]; `before` is its v0 so far."""
-        sums.force_max = wp.max(sums.force_max, wp.float64(force))
-        sums.impulse = sums.impulse + wp.float64(weight * force)
-        sums.dissipated = sums.dissipated + wp.float64(weight * dissipated)
-        if before == Real(0.0):
-            sums.impacts = sums.impacts + 1
-        return sums
+    def leave(state: kinds.State, memory: int, n: int, left: int):
+        """A roller is no longer near the partners `left`, as bits; its memory with the first begins at `memory`."""
+        while left != 0:
+            at = memory + lowest_bit(left) * n
+            left = left & (left - 1)
+            state.seat[at] = -1
+            state.impact_speed[at] = Real(0.0)
 
     @wp.func
-    def link_of(shared: kinds.Shared, own: State, other: State, length: Real):
-        """Tension [N], rate of elongation [m/s] and force on the roller [N] of the link to `other`, eq. (2), (3)."""
-        chain = shared.chain[0]
-        d = vec2(other[0] - own[0], other[1] - own[1])
-        if wp.static(compensated):
-            d = d + vec2(other[4] - own[4], other[5] - own[5])
-        tension, rate, u = link_force(
-            d, vec2(other[2] - own[2], other[3] - own[3]), length, chain.stiffness, chain.damping
-        )
-        return tension, rate, tension * u
+    def pressed(
+        state: kinds.State,
+        tallies: Tallies,
+        memory: int,
+        before: Real,
+        penetration: Real,
+        speed: Real,
+        law: kinds.ContactLaw,
+        roller: int,
+        stage: int,
+        measured: int,
+        weight: Real,
+        extra: int,
+    ):
+        """Force of a contact [N]; its memory, and if `measured` its sums, brought up to date; `before` is its v0.
+
+        v0 is kept at `stage` 0 only, a step's start (rk4 has three more). Its energy goes to what is kept of `roller`
+        if `extra`.
+        """
+        force = Real(0.0)
+        if penetration > Real(0.0):
+            size, first, elastic = closed_contact(penetration, speed, before, law)
+            if before == Real(0.0) and stage == 0:
+                store(state.impact_speed, memory, first)
+            if measured != 0:
+                sums = tallies.contact
+                dissipated = weight * ((size - elastic) * speed)
+                sums[memory].impulse = sums[memory].impulse + wp.float64(weight * size)
+                sums[memory].dissipated = sums[memory].dissipated + wp.float64(dissipated)
+                if wp.float64(size) > sums[memory].force_max:
+                    sums[memory].force_max = wp.float64(size)
+                if before == Real(0.0):
+                    sums[memory].impacts = sums[memory].impacts + 1
+            if extra != 0:
+                energy = elastic_energy(elastic, penetration, law)
+                state.extra[roller].energy = state.extra[roller].energy + energy
+            force = size
+        else:
+            if before != Real(0.0) and stage == 0:
+                store(state.impact_speed, memory, Real(0.0))
+        return force
 
     @wp.func
-    def store_mesh(state: kinds.State, tallies: Tallies, shared: kinds.Shared, drive: Drive, mesh: Mesh, i: int):
-        """Seat, contact memory and sums of roller i's contact, into the state and the tallies."""
-        if mesh.sprocket >= 0:
-            memory = drive.first_contact + mesh.sprocket * drive.rollers + i
-            state.seat[memory] = mesh.seat
-            state.impact_speed[memory] = mesh.impact_speed
-            tallies.contact[memory] = shared.contact_sums[i]
-
-    @wp.func
-    def load_mesh(
+    def in_teeth(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         tallies: Tallies,
         shared: kinds.Shared,
-        drive: Drive,
-        own: State,
+        memory: int,
+        roller: int,
+        j: int,
         s: int,
         i: int,
+        heeded: int,
+        stage: int,
+        measured: int,
+        weight: Real,
+        extra: int,
     ):
-        """Seat, contact memory and sums of roller i on sprocket s; the nearest seat if it has none."""
-        memory = drive.first_contact + s * drive.rollers + i
+        """Adds the force of the teeth of sprocket s to roller j's.
+
+        Its moment goes to the thread's part if sprocket s is `heeded` (bits).
+        """
         teeth = shared.teeth[s]
-        mesh = Mesh()
-        mesh.sprocket = s
-        mesh.seat = state.seat[memory]
-        mesh.impact_speed = state.impact_speed[memory]
-        if mesh.seat < 0:
-            wheel = shared.wheels[s]
-            mesh.seat = nearest_seat(place(own, wheel.center), wheel.cosine, wheel.sine, teeth.teeth)
-        mesh.direction = ensemble.seats[teeth.first_seat + mesh.seat]
-        shared.contact_sums[i] = tallies.contact[memory]
-        return mesh
-
-    @wp.func
-    def leave(state: kinds.State, drive: Drive, left: int, i: int):
-        """Roller i is no longer engaged with the sprockets `left`, as bits."""
-        while left != 0:
-            memory = drive.first_contact + lowest_bit(left) * drive.rollers + i
-            left = left & (left - 1)
-            state.seat[memory] = -1
-            state.impact_speed[memory] = Real(0.0)
-
-    @wp.func
-    def add_part(shared: kinds.Shared, value: Real, at: int, i: int):
-        """Adds the warp's sum of `value` to its entry of row `at` of the parts."""
-        total = warp_sum(value)
-        if i % lanes() == 0:
-            k = at * (wp.static(threads) // lanes()) + i // lanes()
-            shared.parts[k] = shared.parts[k] + wp.float64(total)
-
-    @wp.func
-    def add_moments(shared: kinds.Shared, net: Net, i: int):
-        """Adds this warp's part of each sprocket's moment, and of the force on it if it may move."""
-        zero = Real(0.0)
-        for s in range(wp.static(sprockets)):
-            mine = net.on == s
-            if any_lane(int(mine)) != 0:
-                add_part(shared, wp.where(mine, net.moment, zero), wp.static(3 * s), i)
-                if wp.static(moving):
-                    add_part(shared, wp.where(mine, net.push_x, zero), wp.static(3 * s + 1), i)
-                    add_part(shared, wp.where(mine, net.push_y, zero), wp.static(3 * s + 2), i)
-
-    @wp.func
-    def taken(shared: kinds.Shared, at: int):
-        """The parts of row `at` added up, warp by warp, and set to zero; between the second barrier and the first."""
-        total = wp.float64(0.0)
-        for w in range(wp.static(threads) // lanes()):
-            k = at * (wp.static(threads) // lanes()) + w
-            total = total + shared.parts[k]
-            shared.parts[k] = wp.float64(0.0)
-        return total
-
-    @wp.func
-    def contacts_on(shared: kinds.Shared, s: int):
-        """The chain's moment [N m] on sprocket `s` and, if it may move, its force [N]; they start anew at zero."""
-        totals = Totals()
-        totals.moment = taken(shared, 3 * s)
+        wheel = shared.wheels[s]
+        kept = load_whole(state.seat, memory)
+        before = load(state.impact_speed, memory)
+        p = place(shared.rows, j, wheel.center)
+        seat = kept
+        if seat < 0:
+            seat = nearest_seat(p, wheel.cosine, wheel.sine, teeth.teeth)
+        e, radial, lateral = in_gap(
+            p, load_direction(ensemble.seats, teeth.first_seat + seat), wheel.cosine, wheel.sine
+        )
+        gap = Gap()
+        gap.e = e
+        gap.radial = radial
+        gap.lateral = lateral
+        step = seat_step(radial, lateral, wp.float64(teeth.half_pitch_tangent))
+        if step != 0:
+            seat = wrapped_seat(seat + step, teeth.teeth)
+            new_e, new_radial, new_lateral = in_gap(
+                p, load_direction(ensemble.seats, teeth.first_seat + seat), wheel.cosine, wheel.sine
+            )
+            gap.e = new_e
+            gap.radial = new_radial
+            gap.lateral = new_lateral
+        if seat != kept:
+            store_whole(state.seat, memory, seat)
+        v = velocity(shared.rows, j)
         if wp.static(moving):
-            totals.push = vec2d(taken(shared, 3 * s + 1), taken(shared, 3 * s + 2))
-        return totals
+            v = vec2(v[0] - Real(wheel.velocity[0]), v[1] - Real(wheel.velocity[1]))
+        penetration, normal, speed = gap_approach(p, v, Real(wheel.speed), gap.e, gap.radial, gap.lateral, teeth)
+        size = pressed(
+            state, tallies, memory, before, penetration, speed, teeth.law, roller, stage, measured, weight, extra
+        )
+        if extra != 0:
+            state.extra[roller].sprocket_force = state.extra[roller].sprocket_force + size
+        force = size * normal
+        if size != Real(0.0):
+            set_force(shared, j, force_on(shared, j) + force)
+        if size != Real(0.0) and (heeded >> s) & 1 != 0:
+            at = s * wp.static(threads) + i
+            moment = Real(p[1]) * force[0] - Real(p[0]) * force[1]
+            store_part(shared.parts, at, load_part(shared.parts, at) + wp.float64(moment))
+            if wp.static(moving):
+                x = at + wp.static(sprockets * threads)
+                store_part(shared.parts, x, load_part(shared.parts, x) - wp.float64(force[0]))
+                y = at + wp.static(2 * sprockets * threads)
+                store_part(shared.parts, y, load_part(shared.parts, y) - wp.float64(force[1]))
+
+    @wp.func
+    def on_bar(
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        memory: int,
+        roller: int,
+        j: int,
+        g: int,
+        stage: int,
+        measured: int,
+        weight: Real,
+        extra: int,
+    ):
+        """Adds the force of guide-bar g to roller j's."""
+        bar = shared.bars[g]
+        before = load(state.impact_speed, memory)
+        v = velocity(shared.rows, j)
+        penetration, normal = guide_approach(place(shared.rows, j, bar.start), v, weight, bar)
+        speed = -wp.dot(v, normal)
+        size = pressed(
+            state, tallies, memory, before, penetration, speed, bar.law, roller, stage, measured, weight, extra
+        )
+        if extra != 0:
+            state.extra[roller].guide_force = state.extra[roller].guide_force + size
+        if size != Real(0.0):
+            set_force(shared, j, force_on(shared, j) + size * normal)
+
+    @wp.func
+    def slot(mask: int):
+        """The first of a thread's rollers in `mask`, bits, which is not zero."""
+        if wp.static(per == 1):
+            return int(0)
+        else:
+            return lowest_bit(mask)
 
     @wp.func
     def contacts(
@@ -191,172 +234,97 @@ def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: 
         state: kinds.State,
         tallies: Tallies,
         shared: kinds.Shared,
-        variant: int,
-        own: State,
-        mesh: Mesh,
+        first: int,
+        memory: int,
+        n: int,
         i: int,
-        live: bool,
+        by_teeth: int,
+        by_bar: int,
+        heeded: int,
         stage: int,
         measured: int,
         weight: Real,
         extra: int,
     ):
-        """Contact force on roller i [N], and how it is engaged now; all threads together.
+        """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, bits of their slots.
 
-        The moments on the sprockets go to `shared.parts`, contacts to their sums if `measured`, for the time `weight`
-        [s], forces and energy to `shared.extra` if `extra`. v0 is kept at `stage` 0 only.
+        Each thread goes on to its next such roller at once, so that few wait. `first` and `memory` are the variant's
+        first roller and contact memory; the rest as in `in_teeth`.
         """
-        total = Net()
-        v = vec2(own[2], own[3])
-        todo = int(0)
-        if live:
-            todo = engagements(shared, own)
-            if todo != mesh.held:
-                drive = ensemble.drives[variant]
-                store_mesh(state, tallies, shared, drive, mesh, i)
-                mesh.sprocket = -1
-                leave(state, drive, mesh.held & ~todo, i)
-                mesh.held = todo
-        more = int(1)
-        while more != 0:
-            total.on = -1
-            if todo != 0:
-                s = lowest_bit(todo)
-                todo = todo & (todo - 1)
-                if s != mesh.sprocket:
-                    drive = ensemble.drives[variant]
-                    store_mesh(state, tallies, shared, drive, mesh, i)
-                    new = load_mesh(ensemble, state, tallies, shared, drive, own, s, i)
-                    mesh.sprocket = s
-                    mesh.seat = new.seat
-                    mesh.direction = new.direction
-                    mesh.impact_speed = new.impact_speed
-                sprocket = shared.teeth[s]
-                wheel = shared.wheels[s]
-                p = place(own, wheel.center)
-                e, radial, lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
-                gap = Gap()
-                gap.e = e
-                gap.radial = radial
-                gap.lateral = lateral
-                move = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
-                if move != 0:
-                    mesh.seat = wrapped_seat(mesh.seat + move, sprocket.teeth)
-                    mesh.direction = ensemble.seats[sprocket.first_seat + mesh.seat]
-                    new_e, new_radial, new_lateral = in_gap(p, mesh.direction, wheel.cosine, wheel.sine)
-                    gap.e = new_e
-                    gap.radial = new_radial
-                    gap.lateral = new_lateral
-                relative = v
+        rest = int(0)
+        while by_teeth != 0:
+            j = slot(by_teeth) * wp.static(threads) + i
+            if rest == 0:
+                rest = shared.held[j] & SPROCKETS
+            s = lowest_bit(rest)
+            rest = rest & (rest - 1)
+            if rest == 0:
+                by_teeth = by_teeth & (by_teeth - 1)
+            at = memory + j + s * n
+            in_teeth(ensemble, state, tallies, shared, at, first + j, j, s, i, heeded, stage, measured, weight, extra)
+        while by_bar != 0:
+            j = slot(by_bar) * wp.static(threads) + i
+            if rest == 0:
+                rest = shared.held[j] & ~SPROCKETS
+            p = lowest_bit(rest)
+            rest = rest & (rest - 1)
+            if rest == 0:
+                by_bar = by_bar & (by_bar - 1)
+            g = p - wp.static(sprockets)
+            on_bar(state, tallies, shared, memory + j + p * n, first + j, j, g, stage, measured, weight, extra)
+
+    @wp.func
+    def part(shared: kinds.Shared, row: int, i: int):
+        """This thread's share of the sum of all parts in `row`, which start anew at zero."""
+        value = wp.float64(0.0)
+        k = row * wp.static(threads) + i % group()
+        for q in range(lanes() // group()):
+            of_lane = wp.float64(0.0)
+            for w in range(wp.static(threads) // lanes()):
+                at = k + w * lanes() + q * group()
+                of_lane = of_lane + load_part(shared.parts, at)
+                store_part(shared.parts, at, wp.float64(0.0))
+            value = value + of_lane
+        return value
+
+    @wp.func
+    def sprocket_of(i: int):
+        """The sprocket that thread i moves, negative for most: each group of threads has one, if they are few."""
+        warps = wp.static(threads) // lanes()
+        s = i // lanes() + warps * (i % lanes() // group() + lanes() // group() * (i % group()))
+        return wp.where(s < wp.static(sprockets), s, -1)
+
+    @wp.func
+    def contacts_on(shared: kinds.Shared, i: int):
+        """The chain's moment [N m] on the sprocket that thread i moves and, if it may move, its force [N].
+
+        All threads together, between the barrier after the contacts and the next one.
+        """
+        totals = Totals()
+        warps = wp.static(threads) // lanes()
+        groups = lanes() // group()
+        turn = int(0)
+        first = i // lanes()  # sprocket of this warp
+        while first < wp.static(sprockets):
+            s = first + warps * (i % lanes() // group())
+            moment = wp.float64(0.0)
+            x = wp.float64(0.0)
+            y = wp.float64(0.0)
+            if s < wp.static(sprockets):
+                moment = part(shared, s, i)
                 if wp.static(moving):
-                    relative = vec2(v[0] - Real(wheel.velocity[0]), v[1] - Real(wheel.velocity[1]))
-                penetration, normal, speed = gap_approach(
-                    p, relative, Real(wheel.speed), gap.e, gap.radial, gap.lateral, sprocket
-                )
-                if penetration > Real(0.0):
-                    size, first, elastic = closed_contact(penetration, speed, mesh.impact_speed, sprocket.law)
-                    f = size * normal
-                    total.x = total.x + f[0]
-                    total.y = total.y + f[1]
-                    total.moment = Real(p[1]) * f[0] - Real(p[0]) * f[1]
-                    total.push_x = -f[0]
-                    total.push_y = -f[1]
-                    total.on = s
-                    if measured != 0:
-                        before = mesh.impact_speed
-                        dissipated = (size - elastic) * speed
-                        shared.contact_sums[i] = with_contact(shared.contact_sums[i], weight, size, dissipated, before)
-                    if extra != 0:
-                        shared.extra[i].sprocket_force = shared.extra[i].sprocket_force + size
-                        energy = elastic_energy(elastic, penetration, sprocket.law)
-                        shared.extra[i].energy = shared.extra[i].energy + energy
-                    if stage == 0:
-                        mesh.impact_speed = first
-                else:
-                    if stage == 0:
-                        mesh.impact_speed = Real(0.0)
-            add_moments(shared, total, i)
-            more = any_lane(todo)
-        if live:
-            for g in range(wp.static(guides)):
-                bar = shared.bars[g]
-                penetration, normal = guide_approach(place(own, bar.start), v, weight, bar)
-                touched = (mesh.guides & wp.static(1 << g)) != 0
-                if penetration > Real(0.0) or touched:
-                    drive = ensemble.drives[variant]
-                    memory = drive.first_contact + wp.static(sprockets + g) * drive.rollers + i
-                    if penetration > Real(0.0):
-                        before = state.impact_speed[memory]
-                        speed = -wp.dot(v, normal)
-                        size, first, elastic = closed_contact(penetration, speed, before, bar.law)
-                        total.x = total.x + size * normal[0]
-                        total.y = total.y + size * normal[1]
-                        mesh.guides = mesh.guides | wp.static(1 << g)
-                        if stage == 0 and first != before:
-                            state.impact_speed[memory] = first
-                        if measured != 0:
-                            dissipated = (size - elastic) * speed
-                            sums = tallies.contact[memory]
-                            tallies.contact[memory] = with_contact(sums, weight, size, dissipated, before)
-                        if extra != 0:
-                            shared.extra[i].guide_force = shared.extra[i].guide_force + size
-                            energy = elastic_energy(elastic, penetration, bar.law)
-                            shared.extra[i].energy = shared.extra[i].energy + energy
-                    elif stage == 0:
-                        mesh.guides = mesh.guides & wp.static(~(1 << g))
-                        state.impact_speed[memory] = Real(0.0)
-        return vec2(total.x, total.y), mesh
-
-    @wp.func
-    def move(own: State, dx: Real, dy: Real):
-        """The state moved by (dx, dy) [m]; what float32 rounds off goes to the low parts (fast two-sum)."""
-        if wp.static(compensated):
-            low_x = own[4] + dx
-            low_y = own[5] + dy
-            x = own[0] + low_x
-            y = own[1] + low_y
-            own[4] = low_x - (x - own[0])
-            own[5] = low_y - (y - own[1])
-            own[0] = x
-            own[1] = y
-        else:
-            own[0] = own[0] + dx
-            own[1] = own[1] + dy
-        return own
-
-    @wp.func
-    def fetch(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
-        """State of roller i, of the last one where there is none."""
-        drive = ensemble.drives[variant]
-        row = STATE_ROWS * drive.first_roller + wp.min(i, drive.rollers - 1)
-        own = State()
-        for k in range(wp.static(6)):
-            own[k] = state.rollers[row + k * drive.rollers]
-        return own
-
-    @wp.func
-    def put_back(ensemble: kinds.Ensemble, state: kinds.State, variant: int, own: State, i: int):
-        """State of roller i back into its rows."""
-        drive = ensemble.drives[variant]
-        row = STATE_ROWS * drive.first_roller + i
-        for k in range(wp.static(6)):
-            state.rollers[row + k * drive.rollers] = own[k]
-
-    @wp.func
-    def engaged(ensemble: kinds.Ensemble, state: kinds.State, variant: int, i: int):
-        """The sprockets that roller i is engaged with and the guide-bars it touches."""
-        drive = ensemble.drives[variant]
-        mesh = Mesh()
-        mesh.sprocket = -1
-        if i < drive.rollers:
-            memory = drive.first_contact + i
-            for s in range(wp.static(sprockets)):
-                if state.seat[memory + s * drive.rollers] >= 0:
-                    mesh.held = mesh.held | (1 << s)
-            for g in range(drive.guides):
-                if state.impact_speed[memory + (wp.static(sprockets) + g) * drive.rollers] != Real(0.0):
-                    mesh.guides = mesh.guides | (1 << g)
-        return mesh
+                    x = part(shared, s + wp.static(sprockets), i)
+                    y = part(shared, s + wp.static(2 * sprockets), i)
+            moment = group_sum(moment)
+            if wp.static(moving):
+                x = group_sum(x)
+                y = group_sum(y)
+            if i % group() == turn:
+                totals.moment = moment
+                totals.push = vec2d(x, y)
+            turn = turn + 1
+            first = first + warps * groups
+        return totals
 
     @wp.func
     def share_geometry(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, center: vec2d):
@@ -375,16 +343,6 @@ def block_forces(Real: type, threads: int, sprockets: int, guides: int, moving: 
                 shared.bars[g] = ensemble.guides[drive.first_guide + g]
 
     return SimpleNamespace(
-        State=State,
-        Mesh=Mesh,
-        talk=talk,
-        link_of=link_of,
-        contacts=contacts,
-        share_geometry=share_geometry,
-        store_mesh=store_mesh,
-        contacts_on=contacts_on,
-        move=move,
-        fetch=fetch,
-        put_back=put_back,
-        engaged=engaged,
+        SPROCKETS=SPROCKETS,
+        **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},
     )

@@ -1,7 +1,7 @@
 """What a block's threads take from an evaluated step: sums of the window, the energy balance, and frames.
 
-A thread adds up its own link's tension over `STRAND_LOOK_EVERY` steps in registers, then adds that to the tally of the
-strand that the link is on; thread s keeps the sums of sprocket s. `collect` makes one row a variant of it.
+A thread adds up its own links' tension over `STRAND_LOOK_EVERY` steps, then adds that to the tally of the strand that
+the link is on; one thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
 """
 
 from functools import cache
@@ -9,133 +9,132 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .block_forces import block_forces
+from .block_events import ENDS, START
+from .block_rows import block_rows
 from .body import body_accelerations, heading_of, load_at
-from .exchange import lowest_bit
 from .motion import ramp
 from .mount import body_energy, holding_force, prescribing_power
-from .rollers import STATE_ROWS
+from .rollers import accessors
 from .structs import Drive, SprocketState, types
-from .sum_structs import ContactSums, StrandSums, Sums, Tallies, Totals
+from .sum_structs import ContactSums, RollerTally, StrandSums, Sums, Tallies, Totals
 from .sums import add_displacement, add_mount, add_sprocket, displacement, following
-
-EVENT = wp.constant(1)
-"""What can happen at a step, as bits."""
-LAST = wp.constant(2)
-FRAME = wp.constant(4)
-START = wp.constant(8)  # of the window
-END = wp.constant(16)
-ENDS = wp.constant(24)
-CHECK = wp.constant(32)  # whether the variant diverged
 
 
 @cache
-def block_observing(Real: type, threads: int, sprockets: int, guides: int, moving: bool = False) -> SimpleNamespace:
+def block_observing(
+    Real: type, threads: int, per: int, sprockets: int, guides: int, moving: bool, measuring: bool
+) -> SimpleNamespace:
     """The functions that look at one variant on a block of `threads` threads."""
     kinds = types(Real)
     vec2 = kinds.vec2
-    part = block_forces(Real, threads, sprockets, guides, moving)
-    State = part.State
+    row = block_rows(Real, threads, per, sprockets, guides, moving, measuring)
+    X, Y = row.X, row.Y
+    load, store = accessors(Real).load, accessors(Real).store
+    slots = threads * per
+    LOWEST, HIGHEST, TENSION, SQUARE, RATE = (wp.constant(k * slots) for k in range(5))
     follow = following(Real).follow
 
     @wp.func
-    def fresh():
-        """Nothing seen yet."""
-        recent = kinds.Recent()
-        recent.tension_min = Real(3.0e38)
-        recent.tension_max = Real(-3.0e38)
-        return recent
+    def begin_seeing(shared: kinds.Shared, j: int):
+        """Nothing has been seen of link j."""
+        store(shared.seen, LOWEST + j, Real(3.0e38))
+        store(shared.seen, HIGHEST + j, -Real(3.0e38))
+        store(shared.seen, TENSION + j, Real(0.0))
+        store(shared.seen, SQUARE + j, Real(0.0))
+        store(shared.seen, RATE + j, Real(0.0))
 
     @wp.func
-    def with_link(recent: kinds.Recent, tension: Real, rate: Real, weight: Real):
-        """One step's tension, and rate squared over the time `weight` that the step stands for [s]."""
-        recent.samples = recent.samples + 1
-        recent.tension_min = wp.min(recent.tension_min, tension)
-        recent.tension_max = wp.max(recent.tension_max, tension)
-        recent.tension = recent.tension + tension
-        recent.tension_square = recent.tension_square + tension * tension
-        recent.rate_square = recent.rate_square + weight * (rate * rate)
-        return recent
+    def see(shared: kinds.Shared, j: int, tension: Real, rate: Real, weight: Real):
+        """One step's tension of link j, and its rate squared over the time `weight` that the step stands for [s]."""
+        if tension < load(shared.seen, LOWEST + j):
+            store(shared.seen, LOWEST + j, tension)
+        if tension > load(shared.seen, HIGHEST + j):
+            store(shared.seen, HIGHEST + j, tension)
+        store(shared.seen, TENSION + j, load(shared.seen, TENSION + j) + tension)
+        store(shared.seen, SQUARE + j, load(shared.seen, SQUARE + j) + tension * tension)
+        store(shared.seen, RATE + j, load(shared.seen, RATE + j) + weight * (rate * rate))
 
     @wp.func
-    def flush(ensemble: kinds.Ensemble, tallies: Tallies, variant: int, recent: kinds.Recent, category: int, i: int):
-        """Adds what link i has seen recently to its tally of strand `category`."""
-        if recent.samples > 0:
-            drive = ensemble.drives[variant]
-            at = drive.first_tally + category * drive.rollers + i
-            tally = tallies.link[at]
-            if tally.samples == wp.int64(0):
-                tally.tension_min = wp.float64(recent.tension_min)
-                tally.tension_max = wp.float64(recent.tension_max)
-            tally.samples = tally.samples + wp.int64(recent.samples)
-            tally.tension_min = wp.min(tally.tension_min, wp.float64(recent.tension_min))
-            tally.tension_max = wp.max(tally.tension_max, wp.float64(recent.tension_max))
-            tally.tension = tally.tension + wp.float64(recent.tension)
-            tally.tension_square = tally.tension_square + wp.float64(recent.tension_square)
-            tallies.link[at] = tally
-            roller = tallies.roller[drive.first_roller + i]
-            power = wp.float64(ensemble.chains[variant].damping) * wp.float64(recent.rate_square)
-            roller.dissipated = roller.dissipated + power
-            tallies.roller[drive.first_roller + i] = roller
-
-    @wp.func
-    def look(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, s: int):
-        """Strand s brought up to date from positions published in the state's rows."""
-        drive = ensemble.drives[variant]
-        first = STATE_ROWS * drive.first_roller
-        shared.strands[s] = follow(state.rollers, first, first + drive.rollers, drive.rollers, shared.strands[s])
-
-    @wp.func
-    def category_of(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, i: int):
-        """Strand that link i is on (S: none), and the strands whose middle it passes, as bits."""
-        drive = ensemble.drives[variant]
-        category = drive.sprockets
-        middle = int(0)
-        for s in range(drive.sprockets):
-            strand = shared.strands[s]
-            place = i - strand.first_link
+    def category_of(shared: kinds.Shared, j: int, n: int):
+        """Strand that link j is on, S where it is on none."""
+        category = int(wp.static(sprockets))
+        for s in range(wp.static(sprockets)):
+            place = j - shared.strands[s].first_link
             if place < 0:
-                place = place + drive.rollers
-            if place < strand.links:
+                place = place + n
+            if place < shared.strands[s].links:
                 category = s
-            if strand.middle == i:
-                middle = middle | (1 << s)
-        return category, middle
+        return category
 
     @wp.func
-    def add_middle(shared: kinds.Shared, own: State, other: State, middle: int):
-        """One step's mid-strand displacement of the strands whose middle this link passes."""
-        while middle != 0:
-            s = lowest_bit(middle)
-            middle = middle & (middle - 1)
-            value = displacement(
-                wp.float64(own[0]), wp.float64(own[1]), wp.float64(other[0]), wp.float64(other[1]), shared.strands[s]
-            )
-            shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
+    def flush(
+        ensemble: kinds.Ensemble,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        variant: int,
+        j: int,
+        n: int,
+        samples: int,
+    ):
+        """Adds what has been seen of link j at `samples` steps to its tally of the strand it is on."""
+        drive = ensemble.drives[variant]
+        at = drive.first_tally + category_of(shared, j, n) * n + j
+        lowest = wp.float64(load(shared.seen, LOWEST + j))
+        highest = wp.float64(load(shared.seen, HIGHEST + j))
+        tally = tallies.link[at]
+        if tally.samples == wp.int64(0):
+            tally.tension_min = lowest
+            tally.tension_max = highest
+        tally.samples = tally.samples + wp.int64(samples)
+        tally.tension_min = wp.min(tally.tension_min, lowest)
+        tally.tension_max = wp.max(tally.tension_max, highest)
+        tally.tension = tally.tension + wp.float64(load(shared.seen, TENSION + j))
+        tally.tension_square = tally.tension_square + wp.float64(load(shared.seen, SQUARE + j))
+        tallies.link[at] = tally
+        roller = tallies.roller[drive.first_roller + j]
+        power = wp.float64(ensemble.chains[variant].damping) * wp.float64(load(shared.seen, RATE + j))
+        roller.dissipated = roller.dissipated + power
+        tallies.roller[drive.first_roller + j] = roller
 
     @wp.func
-    def link_energy(ensemble: kinds.Ensemble, variant: int, own: State, tension: Real, rate: Real):
-        """Potential energy of a roller and elastic energy of its link [J]."""
+    def look(shared: kinds.Shared, n: int, s: int):
+        """Strand s brought up to date."""
+        shared.strands[s] = follow(shared.rows, X, Y, n, shared.strands[s])
+
+    @wp.func
+    def add_middle(shared: kinds.Shared, n: int, s: int):
+        """One step's mid-strand displacement of strand s."""
+        rows = shared.rows
+        a = shared.strands[s].middle
+        b = wp.where(a + 1 < n, a + 1, 0)
+        ax = wp.float64(load(rows, X + a))
+        ay = wp.float64(load(rows, Y + a))
+        value = displacement(ax, ay, wp.float64(load(rows, X + b)), wp.float64(load(rows, Y + b)), shared.strands[s])
+        shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
+
+    @wp.func
+    def roller_energy(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, j: int, v: vec2, extra: kinds.Extra
+    ):
+        """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
         chain = ensemble.chains[variant]
-        spring = wp.float64(tension - chain.damping * rate)
-        lift = wp.float64(chain.gravity[0]) * wp.float64(own[0]) + wp.float64(chain.gravity[1]) * wp.float64(own[1])
-        return wp.float64(0.5) * spring * spring / wp.float64(chain.stiffness) - wp.float64(chain.mass) * lift
+        mass = wp.float64(chain.mass)
+        spring = wp.float64(extra.tension - chain.damping * extra.rate)
+        x = wp.float64(load(shared.rows, X + j))
+        y = wp.float64(load(shared.rows, Y + j))
+        lift = wp.float64(chain.gravity[0]) * x + wp.float64(chain.gravity[1]) * y
+        moving_part = wp.float64(0.5) * mass * wp.float64(wp.dot(v, v))
+        elastic = wp.float64(0.5) * spring * spring / wp.float64(chain.stiffness)
+        return moving_part + elastic - mass * lift + wp.float64(extra.energy)
 
     @wp.func
-    def motion_energy(ensemble: kinds.Ensemble, variant: int, v: vec2):
-        """Kinetic energy of a roller [J]."""
-        return wp.float64(0.5) * wp.float64(ensemble.chains[variant].mass) * wp.float64(wp.dot(v, v))
-
-    @wp.func
-    def add_energy(ensemble: kinds.Ensemble, tallies: Tallies, variant: int, i: int, start: int, energy: wp.float64):
-        """Adds to the energy at the window's start if `start`, else at its end, kept with roller i."""
-        at = ensemble.drives[variant].first_roller + i
-        roller = tallies.roller[at]
+    def with_energy(tally: RollerTally, start: int, energy: wp.float64):
+        """The tally with more energy at the window's start if `start`, else at its end."""
         if start != 0:
-            roller.energy_start = roller.energy_start + energy
+            tally.energy_start = tally.energy_start + energy
         else:
-            roller.energy_end = roller.energy_end + energy
-        tallies.roller[at] = roller
+            tally.energy_end = tally.energy_end + energy
+        return tally
 
     @wp.func
     def observe_mount(
@@ -164,29 +163,29 @@ def block_observing(Real: type, threads: int, sprockets: int, guides: int, movin
         shared: kinds.Shared,
         variant: int,
         s: int,
-        i: int,
         time: wp.float64,
         body: SprocketState,
         on: Totals,
-        target: wp.float64,
+        load: wp.float64,
         half_behind: wp.float64,
         weight: wp.float64,
         flags: int,
     ):
-        """One step of sprocket s for the sums of the window, and its energy at their ends, kept with roller i.
+        """One step of sprocket s for the sums of the window, and its energy at their ends.
 
-        `target` is its load moment at the angular velocity `half_behind`, if it is free.
+        `load` is its load moment at the angular velocity `half_behind`, if it is free.
         """
         motion = shared.motions[s]
-        load = wp.float64(0.0)
         energy = wp.float64(0.0)
-        if motion.prescribed == 0:
+        if motion.prescribed == 1:
+            load = wp.float64(0.0)
+        else:
             # the load of the step, but at the speed of its instant
             speed = body.speed
             damped = motion.load[1] * (speed - half_behind) + motion.load[2] * (
                 speed * wp.abs(speed) - half_behind * wp.abs(half_behind)
             )
-            load = target - damped * ramp(time, motion.load_ramp_time)
+            load = load - damped * ramp(time, motion.load_ramp_time)
             energy = wp.float64(0.5) * body.speed * body.speed / motion.inverse_inertia
         if wp.static(moving):
             if shared.mounts[s].active != 0:
@@ -194,23 +193,22 @@ def block_observing(Real: type, threads: int, sprockets: int, guides: int, movin
                     load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
                 energy = observe_mount(ensemble, shared, s, time, body, on, weight)
         if flags & ENDS != 0:
-            add_energy(ensemble, tallies, variant, i, flags & START, energy)
+            at = ensemble.drives[variant].first_sprocket + s
+            tallies.sprocket[at] = with_energy(tallies.sprocket[at], flags & START, energy)
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, on.moment, load, weight)
 
     @wp.func
-    def write_link(frames: wp.array(dtype=Real), at: int, n: int, own: State, tension: Real):
-        """A roller's place and its link's tension in a frame, as `observe.sample` lays it out."""
-        frames[at] = own[0]
-        frames[at + n] = own[1]
-        frames[at + 4 * n] = tension
-
-    @wp.func
-    def write_rest(frames: wp.array(dtype=Real), at: int, n: int, v: vec2, extra: kinds.Extra):
-        """A roller's velocity and contact forces in a frame."""
-        frames[at + 2 * n] = v[0]
-        frames[at + 3 * n] = v[1]
-        frames[at + 5 * n] = extra.sprocket_force
-        frames[at + 6 * n] = extra.guide_force
+    def write_roller(
+        frames: wp.array(dtype=Real), at: int, n: int, shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra
+    ):
+        """Roller j in a frame whose first value is at `at`, laid out as by `observe.sample`."""
+        frames[at + j] = load(shared.rows, X + j)
+        frames[at + n + j] = load(shared.rows, Y + j)
+        frames[at + 2 * n + j] = v[0]
+        frames[at + 3 * n + j] = v[1]
+        frames[at + 4 * n + j] = extra.tension
+        frames[at + 5 * n + j] = extra.sprocket_force
+        frames[at + 6 * n + j] = extra.guide_force
 
     @wp.func
     def write_sprocket(frames: wp.array(dtype=Real), at: int, body: SprocketState, moment: wp.float64):
@@ -265,6 +263,10 @@ def collect(drives: wp.array(dtype=Drive), tallies: Tallies, sums: Sums):
         chain.dissipated = chain.dissipated + roller.dissipated
         chain.energy_start = chain.energy_start + roller.energy_start
         chain.energy_end = chain.energy_end + roller.energy_end
+    for s in range(drive.sprockets):
+        sprocket = tallies.sprocket[drive.first_sprocket + s]
+        chain.energy_start = chain.energy_start + sprocket.energy_start
+        chain.energy_end = chain.energy_end + sprocket.energy_end
     sums.chain[variant] = chain
     memory = drive.first_contact
     for p in range(drive.sprockets + drive.guides):

@@ -7,10 +7,10 @@ import warp as wp
 
 from .block_forces import block_forces
 from .body import body_at, leapfrog_body, load_at, prescribed_at
-from .exchange import lanes
+from .exchange import COURSE, lanes
 from .root import reciprocal
 from .structs import SprocketState, Wheel, types, vec2d
-from .sum_structs import Sums
+from .sum_structs import Sums, Totals
 from .trigonometry import sine_cosine
 
 
@@ -27,21 +27,14 @@ def rotated(direction: vec2d, angle: wp.float64):
 
 
 @cache
-def block_sprockets(Real: type, threads: int, sprockets: int, guides: int, moving: bool) -> SimpleNamespace:
+def block_sprockets(
+    Real: type, threads: int, per: int, sprockets: int, guides: int, moving: bool, measuring: bool
+) -> SimpleNamespace:
     """The functions of one variant's sprockets on a block of `threads` threads."""
     kinds = types(Real)
     vec2 = kinds.vec2
-    part = block_forces(Real, threads, sprockets, guides, moving)
-    contacts_on, share_geometry = part.contacts_on, part.share_geometry
-
-    @wp.func
-    def sprocket_of(i: int):
-        """The sprocket that thread i moves, -1 for most: one warp after the other has one."""
-        warps = wp.static(threads // 32)
-        s = (i % 32) * warps + i // 32
-        if s < wp.static(sprockets):
-            return s
-        return -1
+    part = block_forces(Real, threads, per, sprockets, guides, moving, measuring)
+    share_geometry = part.share_geometry
 
     @wp.func
     def center_outside(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int):
@@ -90,8 +83,6 @@ def block_sprockets(Real: type, threads: int, sprockets: int, guides: int, movin
         shared.sprocket_sums[s] = sums.sprocket[mine]
         shared.strand_sums[s] = sums.strand[mine]
         shared.strands[s] = state.strands[mine]
-        for k in range(wp.static(3 * threads) // lanes()):
-            shared.parts[s * (wp.static(3 * threads) // lanes()) + k] = wp.float64(0.0)
 
     @wp.func
     def end_sprocket(
@@ -112,36 +103,51 @@ def block_sprockets(Real: type, threads: int, sprockets: int, guides: int, movin
         state.strands[mine] = shared.strands[s]
 
     @wp.func
-    def foresee(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, step: int):
-        """What sprocket s needs at the step's end and the rollers do not decide: its prescribed angle, or its load."""
+    def plan(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, i: int, step: int):
+        """Prescribed angles and speeds of the next `COURSE` steps: each warp its own sprockets', a step a thread."""
         drive = ensemble.drives[variant]
-        motion = shared.motions[s]
-        time = wp.float64(step) * drive.step
-        wheel = shared.wheels[s]
-        if motion.prescribed == 1:
-            target, exact = prescribed_at(time + drive.step, motion, ensemble.harmonics, ensemble.tables)
-            shared.wheels[s].target = target
-            shared.wheels[s].next_speed = exact
-        else:
-            shared.wheels[s].target = load_at(
-                time, wheel.angle, wheel.speed, motion, ensemble.harmonics, ensemble.tables
-            )
+        s = i // lanes()
+        while s < wp.static(sprockets):
+            motion = shared.motions[s]
+            if motion.prescribed == 1:
+                ahead = 1 + i % lanes()
+                while ahead <= wp.static(COURSE):
+                    time = wp.float64(step + ahead) * drive.step
+                    angle, speed = prescribed_at(time, motion, ensemble.harmonics, ensemble.tables)
+                    at = course_of(s, step + ahead)
+                    shared.course[at] = angle
+                    shared.course[at + 1] = speed
+                    ahead = ahead + lanes()
+            s = s + wp.static(threads) // lanes()
 
     @wp.func
-    def turn(shared: kinds.Shared, s: int, h: wp.float64, step: int, going: bool):
+    def course_of(s: int, step: int):
+        """Where the prescribed angle and speed of sprocket s at `step` stand."""
+        return 2 * (s * wp.static(COURSE) + step % wp.static(COURSE))
+
+    @wp.func
+    def foresee(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, time: wp.float64):
+        """The load on sprocket s, if it is free."""
+        motion = shared.motions[s]
+        if motion.prescribed == 0:
+            wheel = shared.wheels[s]
+            shared.wheels[s].load = load_at(time, wheel.angle, wheel.speed, motion, ensemble.harmonics, ensemble.tables)
+
+    @wp.func
+    def turn(shared: kinds.Shared, s: int, contacts: Totals, h: wp.float64, step: int, going: bool):
         """Takes sprocket s, which only turns, one step on if `going`; returns how it was at the step's instant."""
         wheel = shared.wheels[s]
-        contacts = contacts_on(shared, s)
         body = SprocketState()
         body.angle = wheel.angle
         body.center = wheel.center
         body.speed = wheel.exact_speed
-        turned = wheel.target - wheel.angle
         if shared.motions[s].prescribed == 1:
-            shared.wheels[s].exact_speed = wheel.next_speed
+            at = course_of(s, step + 1)
+            turned = shared.course[at] - wheel.angle
+            wheel.exact_speed = shared.course[at + 1]
             wheel.speed = turned * reciprocal(h)
         else:
-            gain = h * ((contacts.moment + wheel.target) * shared.motions[s].inverse_inertia)
+            gain = h * ((contacts.moment + wheel.load) * shared.motions[s].inverse_inertia)
             if step == 0:
                 wheel.speed = wheel.speed - wp.float64(0.5) * gain
             body.speed = wheel.speed + wp.float64(0.5) * gain
@@ -152,14 +158,22 @@ def block_sprockets(Real: type, threads: int, sprockets: int, guides: int, movin
             shared.wheels[s].cosine = heading[0]
             shared.wheels[s].sine = heading[1]
             shared.wheels[s].speed = wheel.speed
+            shared.wheels[s].exact_speed = wheel.exact_speed
             shared.wheels[s].angle = wheel.angle + turned
-        return body, contacts
+        return body
 
     @wp.func
-    def turn_and_move(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, h: wp.float64, step: int, going: bool):
+    def turn_and_move(
+        ensemble: kinds.Ensemble,
+        shared: kinds.Shared,
+        s: int,
+        contacts: Totals,
+        h: wp.float64,
+        step: int,
+        going: bool,
+    ):
         """Takes sprocket s on an active mount one step on if `going`; returns how it was at the step's instant."""
         wheel = shared.wheels[s]
-        contacts = contacts_on(shared, s)
         motion = shared.motions[s]
         mount = shared.mounts[s]
         time = wp.float64(step) * h
@@ -190,6 +204,6 @@ def block_sprockets(Real: type, threads: int, sprockets: int, guides: int, movin
             band = shared.bands[s]
             band.center = vec2(Real(body.center[0]), Real(body.center[1]))
             shared.bands[s] = band
-        return now, contacts
+        return now
 
     return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .sum_structs import ContactSums, MountSums, SprocketSums, StrandSums, Totals
+from .sum_structs import MountSums, SprocketSums, StrandSums, Totals
 
 vec2d = wp.types.vector(2, wp.float64)
 vec3d = wp.types.vector(3, wp.float64)
@@ -124,8 +124,7 @@ class Wheel:
     velocity: vec2d  # of the center [m/s]
     angle: wp.float64  # [rad]
     exact_speed: wp.float64  # prescribed: angular velocity at the step's instant [rad/s]
-    target: wp.float64  # prescribed: angle at the step's end [rad]; free: load moment [N m]
-    next_speed: wp.float64  # prescribed: angular velocity at the step's end [rad/s]
+    load: wp.float64  # free: load moment [N m]
 
 
 @wp.struct
@@ -236,20 +235,11 @@ def types(Real: type) -> SimpleNamespace:
         seats: wp.array(dtype=vec2d)  # directions of the seats of each number of teeth in use
 
     @wp.struct
-    class Recent:
-        """A link's tension since it was last added to its tally."""
-
-        samples: wp.int32
-        tension_min: Real  # [N]
-        tension_max: Real
-        tension: Real
-        tension_square: Real
-        rate_square: Real  # integral over time [m^2/s]
-
-    @wp.struct
     class Extra:
-        """What frames and the energy balance want of one roller's contacts, at the steps that want it."""
+        """What frames and the energy balance want of one roller, at the steps that want it."""
 
+        tension: Real  # of the link after it [N]
+        rate: Real  # of that link's elongation [m/s]
         sprocket_force: Real  # sum of magnitudes [N]
         guide_force: Real  # [N]
         energy: Real  # elastic [J]
@@ -265,30 +255,33 @@ def types(Real: type) -> SimpleNamespace:
         seat: wp.array(dtype=wp.int32)  # (contact memories,): seat of an engaged roller, else -1
         impact_speed: wp.array(dtype=Real)  # (contact memories,): v0 of a contact, 0 while open [m/s]
         totals: wp.array(dtype=Totals)  # (all sprockets and guide-bars,)
-        recent: wp.array(dtype=Recent)  # (all rollers,), for blocks too large to share theirs; else (1,)
-        extra: wp.array(dtype=Extra)  # the same
-        contact_sums: wp.array(dtype=ContactSums)  # the same
+        extra: wp.array(dtype=Extra)  # (all rollers,), for block kernels; else (1,)
+        stages: wp.array(dtype=Real)  # (10 * all rollers,) for rk4 on blocks, else (1,): see `block_rk4`
+        rows: wp.array(dtype=Real)  # for blocks too large to share theirs; else (1,)
+        held: wp.array(dtype=wp.int32)  # the same
+        parts: wp.array(dtype=wp.float64)  # the same
         progress: wp.array(dtype=Progress)  # (variants,)
 
     @wp.struct
     class Shared:
         """What the threads of a block share of the variant they are at, in the block's own memory."""
 
+        rows: wp.array(dtype=Real)  # of rollers, one after the other (`exchange.ROWS`)
+        held: wp.array(dtype=wp.int32)  # partners that each roller is near, as bits: sprockets, then guide-bars
+        seen: wp.array(dtype=Real)  # of links, one row after the other (`exchange.SEEN`)
         wheels: wp.array(dtype=Wheel)  # (S,)
         teeth: wp.array(dtype=Sprocket)  # (S,)
         bands: wp.array(dtype=Band)  # (S,)
         bars: wp.array(dtype=Guide)  # (G,), at least one
         chain: wp.array(dtype=Chain)  # (1,)
-        parts: wp.array(dtype=wp.float64)  # (S, 3, warps): of each sprocket's moment [N m] and pushing force [N]
+        parts: wp.array(dtype=wp.float64)  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
         motions: wp.array(dtype=Motion)  # (S,)
+        course: wp.array(dtype=wp.float64)  # (S, steps, 2): angle, speed of prescribed sprockets (`exchange.COURSE`)
         mounts: wp.array(dtype=Mount)  # (S,)
         sprocket_sums: wp.array(dtype=SprocketSums)  # (S,)
         strands: wp.array(dtype=Strand)  # (S,)
         strand_sums: wp.array(dtype=StrandSums)  # (S,)
         mount_sums: wp.array(dtype=MountSums)  # (S,)
-        recent: wp.array(dtype=Recent)  # (threads,)
-        extra: wp.array(dtype=Extra)  # (threads,)
-        contact_sums: wp.array(dtype=ContactSums)  # (threads,): of the contact that each roller is in
 
     return SimpleNamespace(
         Real=Real,
@@ -298,7 +291,6 @@ def types(Real: type) -> SimpleNamespace:
         Chain=Chain,
         Sprocket=Sprocket,
         Band=Band,
-        Recent=Recent,
         Extra=Extra,
         Guide=Guide,
         Ensemble=Ensemble,

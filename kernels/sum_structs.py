@@ -112,6 +112,7 @@ class Tallies:
     link: wp.array(dtype=LinkTally)  # (sum of (S + 1) N,)
     contact: wp.array(dtype=ContactSums)  # (contact memories,)
     roller: wp.array(dtype=RollerTally)  # (all rollers,)
+    sprocket: wp.array(dtype=RollerTally)  # (all sprockets,): energy only
 
 
 @wp.struct

@@ -9,13 +9,14 @@ from test_drive_physics import two_sprockets
 
 from warpchain import load_drive
 from warpchain.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.block_shape import BlockShape, block_shape, room_for
 from warpchain.cpu import CpuEngine
 from warpchain.ensemble import Schedule, pack
 from warpchain.examples import drive_path
 from warpchain.kernels.block import block_kernel
 from warpchain.kernels.block_observe import collect
 from warpchain.kernels.block_relax import block_relax_kernel
-from warpchain.kernels.exchange import keeps_in_shared
+from warpchain.kernels.exchange import room
 from warpchain.kernels.relax import Settling
 from warpchain.recorder import frame_width
 from warpchain.settling import elastic
@@ -43,15 +44,15 @@ def fibers():
 
 def marine():
     drive = load_drive(drive_path("marine"))
-    return [drive, drive.with_values({"sprockets.camshaft.load.torque": 5e3, "run.step": 8e-6})], 192
+    return [drive, drive.with_values({"sprockets.camshaft.load.torque": 5e3, "run.step": 8e-6})]
 
 
 def equal_sprockets():
-    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)], 64
+    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)]
 
 
 def long_chains():
-    return [two_sprockets(links=320, span=150.0), two_sprockets(links=340, span=160.0)], 512
+    return [two_sprockets(links=320, span=150.0), two_sprockets(links=340, span=160.0)]
 
 
 def unusual_contacts():
@@ -73,7 +74,7 @@ def unusual_contacts():
             "chain.elongation": 1e-4,
         },
     ]
-    return [two_sprockets().with_values(values) for values in drives], 64
+    return [two_sprockets().with_values(values) for values in drives]
 
 
 def moving_sprockets():
@@ -85,36 +86,62 @@ def moving_sprockets():
         {"sprockets.driven.mount": springs, "sprockets.driven.mass": 30.0, "sprockets.driven.balance_wheel": wheel},
         {"sprockets.driven.mount": slider, "sprockets.driven.mass": 30.0, "sprockets.driver.mount": shaken},
     ]
-    return [two_sprockets().with_values(values) for values in drives], 64
+    return [two_sprockets().with_values(values) for values in drives]
 
 
-def run_blocks(packed, threads, blocks, order, frames):
+def large(packed, shape, blocks):
+    """What `upload_state` is to keep in global memory for such blocks."""
+    of = room_of(packed, shape)
+    return blocks * of.values, blocks * of.integers, blocks * of.doubles
+
+
+def room_of(packed, shape):
+    """What such a block shares."""
+    wheels, bars = int(packed.drives["sprockets"][0]), int(packed.drives["guides"][0])
+    return room(packed.real, shape.threads, shape.slots, wheels, bars, bool(packed.mounts["active"].any()), True)
+
+
+def rk4():
+    drives = [*equal_sprockets()[:1], *moving_sprockets()[1:]]
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in drives]
+
+
+def rk4_on_guide_bar():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in marine()]
+
+
+def run_blocks(packed, shape, blocks, order, frames):
     """The ensemble on blocks of fibers: its state, its sums, and its frames."""
-    ensemble, state = (
-        upload_ensemble(packed, "cpu"),
-        upload_state(packed, "cpu", not keeps_in_shared(packed.real, threads)),
-    )
+    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, len(order)))
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+    threads = shape.threads
     kernel = block_kernel(
         packed.real,
         threads,
+        shape.per,
         int(packed.drives["sprockets"][0]),
         int(packed.drives["guides"][0]),
         4,
         bool(packed.mounts["active"].any()),
+        True,
+        bool(packed.drives["integrator"].any()),
     )
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
-        inputs = [ensemble, state, sums, tallies, frames, turn, block]
+        inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
         wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=threads, device="cpu")
     wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, sums
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("drives", [marine, equal_sprockets, moving_sprockets, long_chains, unusual_contacts])
-def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, precision):
-    variants, threads = drives()
+@pytest.mark.parametrize("many", [False, True], ids=["few", "many"])
+@pytest.mark.parametrize(
+    "drives", [marine, equal_sprockets, moving_sprockets, long_chains, unusual_contacts, rk4, rk4_on_guide_bar]
+)
+def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
+    variants = drives()
+    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), many)
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]
     packed = pack(variants, schedules).at_precision(precision)
     widths = [frame_width(drive) * 16 for drive in variants]
@@ -126,7 +153,7 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, precisio
     serial.close()
     ours = serial.frame_buffer(sum(widths))
     ours.fill_(np.nan)
-    state, sums = run_blocks(packed, threads, [301], [1, 0], ours)  # the launch's order of variants does not matter
+    state, sums = run_blocks(packed, shape, [301], [1, 0], ours)  # the launch's order of variants does not matter
     assert state.progress.numpy()["step"].tolist() == [301, 301]
     assert state.progress.numpy()["diverged"].tolist() == [0, 0]
     # the same functions in the same order; moments are added up in another: round-off, which contacts amplify
@@ -146,12 +173,39 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, precisio
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
 
 
-def test_where_launches_end_does_not_matter(fibers):
-    variants, threads = equal_sprockets()
+def test_rows_beyond_shared_memory(fibers):
+    variants = long_chains()
+    shape = BlockShape(64, 16)
+    packed = pack(variants, [Schedule(drive.run.step, 100, 11, 90, 0) for drive in variants])
+    assert not room_of(packed, shape).shares_rows
+    serial = CpuEngine(packed, 1)
+    none = serial.frame_buffer(0)
+    for future in serial.advance(101, none):
+        future.result()
+    serial.close()
+    state, sums = run_blocks(packed, shape, [64, 37], [0, 1], none)
+    # the same functions in the same order: round-off, which contacts amplify
+    np.testing.assert_allclose(state.rollers.numpy(), serial.state.rollers.numpy(), atol=1e-9, rtol=1e-9)
+    theirs = serial.sums()["chain"]
+    np.testing.assert_allclose(sums.chain.numpy()["tension"], theirs["tension"], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "form", [(640, 1, 3, 1, 1, True, True), (768, 1, 2, 0, 1, False, False), (192, 1, 31, 0, 4, False, True)]
+)
+def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form):
+    kernel = block_kernel(wp.float64, *form)  # ptxas refuses what asks for more than 48 KiB
+    wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
+    assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
+
+
+@pytest.mark.parametrize("drives", [equal_sprockets, rk4])
+def test_where_launches_end_does_not_matter(fibers, drives):
+    variants = drives()[:1]
     packed = pack(variants, [Schedule(drive.run.step, 2100, 1000, 2100, 0) for drive in variants])
     none = wp.zeros(1, dtype=wp.float64, device="cpu")
-    once = run_blocks(packed, threads, [2101], [0, 1], none)
-    twice = run_blocks(packed, threads, [1024, 1024, 53], [0, 1], none)
+    once = run_blocks(packed, BlockShape(32, 2), [2101], [0], none)
+    twice = run_blocks(packed, BlockShape(32, 2), [1024, 1024, 53], [0], none)
     np.testing.assert_array_equal(once[0].rollers.numpy(), twice[0].rollers.numpy())
     for name in ("chain", "strand", "sprocket", "mount", "contact"):
         mine, theirs = getattr(once[1], name).numpy(), getattr(twice[1], name).numpy()
@@ -162,9 +216,11 @@ def test_where_launches_end_does_not_matter(fibers):
 @pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
 def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch):
     for kernel in (
-        block_kernel(real, 128, 2, 1),
-        block_kernel(real, 128, 2, 1, 4, True),
-        block_relax_kernel(real, 128, 2, 1, 4),
+        block_kernel(real, 128, 1, 2, 1, 4),
+        block_kernel(real, 32, 4, 2, 1, 16),
+        block_kernel(real, 128, 1, 2, 1, 4, True),
+        block_kernel(real, 128, 1, 2, 1, 4, False, True, True),
+        block_relax_kernel(real, 128, 1, 2, 1, 4),
     ):
         wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(tmp_path))
     assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
@@ -182,10 +238,14 @@ def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
         future.result()
     serial.close()
     settling = wp.array(start, dtype=Settling, device="cpu")
-    ensemble, state, tallies = upload_ensemble(still, "cpu"), upload_state(still, "cpu"), empty_tallies(still, "cpu")
+    ensemble, state, tallies = (
+        upload_ensemble(still, "cpu"),
+        upload_state(still, "cpu", (0, 0, 0)),
+        empty_tallies(still, "cpu"),
+    )
     order = wp.zeros(1, dtype=wp.int32, device="cpu")
     threads = 32 * -(-drive.chain.links // 32)
-    kernel = block_relax_kernel(wp.float64, threads, 2, 0, 4)
+    kernel = block_relax_kernel(wp.float64, threads, 1, 2, 0, 4)
     for _ in range(40):
         inputs = [ensemble, state, tallies, settling, order, 1000]
         wp.launch(kernel, dim=threads, inputs=inputs, block_dim=threads, device="cpu")

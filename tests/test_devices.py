@@ -1,18 +1,19 @@
 """Devices by name, and an ensemble cut into parts on several engines."""
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
 from test_drive_physics import two_sprockets
 
 from warpchain import Record, load_drive, simulate
+from warpchain.block_shape import LONGEST_ON_A_WARP, THREADS, block_shape, room_for
 from warpchain.cpu import CpuEngine
 from warpchain.devices import SeveralEngines, _cuts, chosen_devices
 from warpchain.ensemble import Schedule, pack
 from warpchain.errors import SimulationError
 from warpchain.examples import drive_path
-from warpchain.gpu import THREADS, launch_steps, refusal, resident_blocks
+from warpchain.gpu import launch_steps, refusal
 from warpchain.recorder import frame_width
 
 STEPS = 200
@@ -90,9 +91,25 @@ def test_launches_take_whole_units_of_steps_and_about_equal_time():
 
 def test_registers_of_a_block_fit_a_multiprocessor():
     for precision in ("float64", "float32"):
-        for threads in THREADS:
-            registers = 65536 // (threads * resident_blocks(precision, threads))
-            assert registers >= 64, (precision, threads)
+        for room in THREADS:
+            for many, measuring in product((False, True), repeat=2):
+                shape = block_shape(room, many)
+                assert 65536 // (shape.threads * shape.resident(precision, measuring, 1000)) >= 64, (precision, shape)
+                assert shape.resident(precision, measuring, 1) <= 2
+
+
+def test_blocks_have_room_for_the_chain_and_little_more():
+    links = np.array([3, 32, 33, 118, 162, 257, 1000, 1024, 1025, 4000])
+    room = room_for(links)
+    assert (room >= links).all()
+    assert room.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 2048, 4096]
+    for many in (False, True):
+        shapes = [block_shape(int(r), many) for r in room]
+        assert [shape.slots for shape in shapes] == room.tolist()
+        # moments are added up in the order of rollers only by one warp, or with one roller a thread
+        assert all(shape.threads == 32 or shape.per == 1 or shape.slots > THREADS[-1] for shape in shapes)
+        assert all((shape.threads == 32) == (many or shape.slots == 32) for shape in shapes if shape.slots <= 512)
+    assert LONGEST_ON_A_WARP == 512
 
 
 def test_no_gpu_is_told_in_one_line(monkeypatch):
@@ -121,13 +138,11 @@ def test_what_a_gpu_cannot_run_goes_to_the_cpu_or_is_told(monkeypatch):
     monkeypatch.setattr("warpchain.devices._gpus", lambda: {"cuda:0": 90})
     drives = [two_sprockets(), two_sprockets().with_values({"run.integrator": "rk4"})]
     packed = pack(drives, [Schedule(1e-5, 100, 0, 100, 0)] * 2)
-    assert chosen_devices(None, packed) == ("cpu",)
-    with pytest.raises(SimulationError, match=r"variant 1: run.integrator = \"rk4\" runs on the CPU only"):
-        chosen_devices("cuda", packed)
-    packed.drives["integrator"] = 0
     assert refusal(packed) is None
-    packed.drives["rollers"][0] = 5000
-    assert "chain.links = 5000" in str(refusal(packed))
+    packed.drives["rollers"][1] = 20_000
+    assert chosen_devices(None, packed) == ("cpu",)
+    with pytest.raises(SimulationError, match=r"variant 1: chain.links = 20000: a GPU takes up to 16384"):
+        chosen_devices("cuda", packed)
 
 
 @pytest.mark.gpu
@@ -153,3 +168,37 @@ def test_gpu_gives_what_the_cpu_gives():
         # settling ends within its tolerance of equilibrium, not at one point: forces agree to that tolerance
         np.testing.assert_allclose(gpu[v].position, cpu[v].position, atol=2e-6)
         np.testing.assert_allclose(gpu[v].tension.mean(), cpu[v].tension.mean(), rtol=1e-2)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_conveyor_of_4000_links_runs_on_a_gpu(precision):
+    drive = two_sprockets(links=4000, span=1990.0, duration=2e-3, settle="false")
+    runs = [simulate([drive] * count, device="cuda:0", precision=precision) for count in (1, 2)]
+    row = runs[0].metrics.to_pylist()[0]
+    assert not row["diverged"]
+    assert abs(row["energy_residual_relative"]) < 1e-2  # the balance that shorter chains are held to as well
+    assert runs[1].metrics.to_pylist()[1]["tension_mean"] == row["tension_mean"]  # bitwise, beside another
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision):
+    import warp as wp
+
+    from warpchain.gpu import MANY, GpuEngine
+
+    drive = two_sprockets()
+    many = MANY * wp.get_device("cuda:0").sm_count
+    ends = []
+    for count in (1, many):
+        packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count).at_precision(precision)
+        engine = GpuEngine(packed, "cuda:0")
+        frames = engine.frame_buffer(0)
+        for future in engine.advance(2001, frames):
+            future.result()
+        ends.append((engine.rollers()[: 6 * drive.chain.links], engine.sums()["chain"][0], engine.buckets[0].shape))
+        engine.close()
+    assert ends[0][2] != ends[1][2]  # different kernels
+    np.testing.assert_array_equal(ends[0][0], ends[1][0])
+    assert ends[0][1] == ends[1][1]

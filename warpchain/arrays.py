@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warpchain.ensemble import Packed
+from warpchain.ensemble import INTEGRATORS, Packed
 from warpchain.kernels import structs, sum_structs
+from warpchain.kernels.block_rk4 import STAGE_ROWS
+
+SPARE_LENGTHS = 4096
+"""Lengths after the last: the block kernels' threads that have no roller read them."""
 
 
 def upload_ensemble(packed: Packed, device: str) -> Any:
@@ -18,7 +22,7 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
     for name, values, dtype in (
         ("drives", packed.drives, structs.Drive),
         ("chains", packed.chains, kinds.Chain),
-        ("lengths", packed.lengths, packed.real),
+        ("lengths", np.append(packed.lengths, np.ones(SPARE_LENGTHS)), packed.real),
         ("sprockets", packed.sprockets, kinds.Sprocket),
         ("motions", packed.motions, structs.Motion),
         ("mounts", packed.mounts, structs.Mount),
@@ -31,17 +35,20 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
     return ensemble
 
 
-def upload_state(packed: Packed, device: str, keeps: bool = False) -> Any:
+def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None = None) -> Any:
     """The initial state (`kernels.structs.types(...).State`), copied to `device`.
 
-    `keeps` is for block kernels whose threads keep in global memory what they add up.
+    `large` is for block kernels: how many values, integers and doubles of what blocks share lie in global memory.
     """
     kinds = structs.types(packed.real)
     state = kinds.State()
-    kept = len(packed.lengths) if keeps else 1
-    state.recent = wp.zeros(kept, dtype=kinds.Recent, device=device)
-    state.extra = wp.zeros(kept, dtype=kinds.Extra, device=device)
-    state.contact_sums = wp.zeros(kept, dtype=sum_structs.ContactSums, device=device)
+    in_rows, integers, doubles = large or (0, 0, 0)
+    state.rows = wp.empty(max(in_rows, 1), dtype=packed.real, device=device)
+    state.held = wp.empty(max(integers, 1), dtype=wp.int32, device=device)
+    state.parts = wp.empty(max(doubles, 1), dtype=wp.float64, device=device)
+    rk4 = large is not None and bool((packed.drives["integrator"] == INTEGRATORS["rk4"]).any())
+    state.stages = wp.empty(STAGE_ROWS * len(packed.lengths) if rk4 else 1, dtype=packed.real, device=device)
+    state.extra = wp.zeros(1 if large is None else len(packed.lengths), dtype=kinds.Extra, device=device)
     for name, values, dtype in (
         ("rollers", packed.rollers, packed.real),
         ("sprockets", packed.bodies, structs.SprocketState),
@@ -88,4 +95,5 @@ def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     tallies.link = wp.zeros(int((links * (wheels + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
     tallies.contact = wp.zeros(len(packed.seat), dtype=sum_structs.ContactSums, device=device)
     tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
+    tallies.sprocket = wp.zeros(len(packed.sprockets), dtype=sum_structs.RollerTally, device=device)
     return tallies

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Protocol
 
 import numpy as np
@@ -164,12 +164,13 @@ class SeveralEngines:
         for part, first in zip(self.parts, self.firsts, strict=True):
             part.drives["first_value"] -= first or 0
         self.engines: list[Engine] = []
-        try:
-            for (name, _, _), part in zip(parts, self.parts, strict=True):
-                self.engines.append(make(part, name))
-        except BaseException:
+        with ThreadPoolExecutor(len(parts)) as pool:  # the parts go to their devices side by side
+            made = [pool.submit(make, part, name) for (name, _, _), part in zip(parts, self.parts, strict=True)]
+        self.engines = [future.result() for future in made if future.exception() is None]
+        if len(self.engines) < len(made):
             self.close()
-            raise
+            for future in made:
+                future.result()  # raises
 
     def advance(self, block: int, frames: SeveralBuffers) -> list[Future[None]]:
         """Starts `block` steps on all engines."""

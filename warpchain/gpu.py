@@ -17,20 +17,21 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.arrays import SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.ensemble import INTEGRATORS, Packed
+from warpchain.block_shape import MANY, THREADS, BlockShape, block_shape, room_for
+from warpchain.ensemble import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relax
 from warpchain.kernels.block import block_kernel
 from warpchain.kernels.block_observe import collect
 from warpchain.kernels.block_relax import block_relax_kernel
-from warpchain.kernels.exchange import keeps_in_shared
+from warpchain.kernels.exchange import room
 from warpchain.kernels.serial import DIVERGENCE_CHECK
 
-THREADS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 1024)
-"""Block sizes that kernels are made for."""
+MOST_LINKS = 16 * THREADS[-1]
+"""Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
 
-MOST_SPROCKETS = 31
-"""Sprockets of one drive: which of them a roller is engaged with is kept in the bits of an int."""
+MOST_PARTNERS = 31
+"""Sprockets and guide-bars of one drive: which of them a roller is near is kept in the bits of an int."""
 
 OLDEST = 70
 """Oldest architecture (compute capability times ten) that the kernels are compiled for."""
@@ -43,14 +44,6 @@ LAUNCH_WORK = 5.0e9
 
 LAUNCH_STEPS = 131_072
 """Most steps of one launch, about a quarter of a second for a single variant."""
-
-
-def resident_blocks(precision: str, threads: int) -> int:
-    """How many blocks of `threads` threads the compiler is to make room for on a multiprocessor.
-
-    This bounds the registers of a thread; what is best was measured on an H200 (docs/performance.md).
-    """
-    return max(1, (512 if precision == "float64" and threads <= 128 else 768) // threads)
 
 
 def launch_steps(rollers: float, wanted: int) -> int:
@@ -66,12 +59,13 @@ def launch_steps(rollers: float, wanted: int) -> int:
 def refusal(packed: Packed) -> str | None:
     """Why a GPU cannot run this ensemble, None if it can."""
     drives = packed.drives
-    for v in np.flatnonzero(drives["integrator"] != INTEGRATORS["leapfrog"]):
-        return f'variant {v}: run.integrator = "rk4" runs on the CPU only; use "leapfrog", or device="cpu"'
-    for v in np.flatnonzero(drives["rollers"] > THREADS[-1]):
-        return f'variant {v}: chain.links = {drives["rollers"][v]}: a GPU takes up to {THREADS[-1]}; use device="cpu"'
-    for v in np.flatnonzero(drives["sprockets"] > MOST_SPROCKETS):
-        return f'variant {v}: {drives["sprockets"][v]} sprockets: a GPU takes up to {MOST_SPROCKETS}; use device="cpu"'
+    for v in np.flatnonzero(drives["rollers"] > MOST_LINKS):
+        return f'variant {v}: chain.links = {drives["rollers"][v]}: a GPU takes up to {MOST_LINKS}; use device="cpu"'
+    partners = drives["sprockets"] + drives["guides"]
+    for v in np.flatnonzero(partners > MOST_PARTNERS):
+        return (
+            f'variant {v}: {partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}; use device="cpu"'
+        )
     return None
 
 
@@ -110,12 +104,18 @@ class FrameBuffer:
 class Bucket:
     """Variants that share a kernel."""
 
-    threads: int
+    shape: BlockShape
     sprockets: int
     guides: int
     moving: bool
-    order: wp.array  # of the variants
-    count: int
+    rk4: bool
+    variants: NDArray[np.integer]
+    order: wp.array  # of the variants, on the device
+
+    @property
+    def count(self) -> int:
+        """How many variants."""
+        return len(self.variants)
 
 
 class GpuEngine:
@@ -135,56 +135,86 @@ class GpuEngine:
         with _told(device, packed):
             self.stream, self.copies = wp.Stream(device), wp.Stream(device)
             with wp.ScopedStream(self.stream):
+                self.buckets = self._bucketed()
                 self.ensemble = upload_ensemble(packed, device)
-                self.state = upload_state(packed, device, self._keeps())
+                self.state = upload_state(packed, device, self._large())
                 self.gpu_sums = empty_sums(packed, device)
                 self.tallies = empty_tallies(packed, device)
-                self.buckets = self._bucketed()
             wp.synchronize_stream(self.stream)
         self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
         self._settling: Any = None
-        self._kernels: dict[str, list[Any]] = {}
+        self._kernels: dict[Any, Any] = {}
         self._settling_now: NDArray[Any] = np.zeros(0)
 
-    def _keeps(self) -> bool:
-        """Whether some blocks are too large to keep in shared memory what their threads add up."""
-        largest = THREADS[int(np.searchsorted(THREADS, self.packed.drives["rollers"].max()))]
-        return not keeps_in_shared(self.packed.real, largest)
+    def _large(self) -> tuple[int, int, int]:
+        """Values, integers and doubles that blocks too large for shared memory keep in global memory."""
+        needs = np.zeros(3, dtype=int)
+        for b in self.buckets:
+            kernels = (("advance", b.moving, False), ("measure", b.moving, True), ("relax", False, False))
+            for name, moving, measuring in kernels:
+                shape = self._shape(name, b)
+                of = room(self.packed.real, shape.threads, shape.slots, b.sprockets, b.guides, moving, measuring)
+                needs = np.maximum(needs, b.count * np.array([of.values, of.integers, of.doubles]))
+        return int(needs[0]), int(needs[1]), int(needs[2])
 
     def _bucketed(self) -> list[Bucket]:
         """The variants by kernel, the longest first."""
         drives = self.packed.drives
-        threads = np.array(THREADS)[np.searchsorted(THREADS, drives["rollers"])]
         moving = np.add.reduceat(self.packed.mounts["active"], drives["first_sprocket"]) > 0
-        keys = np.stack([threads, drives["sprockets"], drives["guides"], moving])
+        slots = room_for(drives["rollers"])
+        keys = np.column_stack([slots, drives["sprockets"], drives["guides"], moving, drives["integrator"]])
+        processors = int(wp.get_device(self.device).sm_count)
         buckets = []
-        for size, wheels, bars, moves in sorted({tuple(key) for key in keys.T.tolist()}, reverse=True):
-            order = np.flatnonzero((keys == [[size], [wheels], [bars], [moves]]).all(axis=0))
+        for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
+            order = np.flatnonzero((keys == key).all(axis=1))
+            order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
+            slots, wheels, bars, moves, rk4 = key
+            shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            buckets.append(Bucket(size, wheels, bars, bool(moves), array, len(order)))
+            buckets.append(Bucket(shape, wheels, bars, bool(moves), bool(rk4), order, array))
         return buckets
 
-    def _ready(self, name: str) -> list[Any]:
-        """Each bucket's kernel, compiled and loaded by the calling thread: Warp builds one at a time."""
-        if name not in self._kernels:
-            kernels = []
-            for b in self.buckets:
-                blocks = resident_blocks(self.packed.precision, b.threads)
-                if name == "advance":
-                    kernel = block_kernel(self.packed.real, b.threads, b.sprockets, b.guides, blocks, b.moving)
-                else:
-                    kernel = block_relax_kernel(self.packed.real, b.threads, b.sprockets, b.guides, blocks)
-                wp.load_module(kernel.module, device=self.device, block_dim=b.threads)
-                kernels.append(kernel)
-            self._kernels[name] = kernels
-        return self._kernels[name]
+    def _kernel(self, name: str, bucket: Bucket) -> Any:
+        """A bucket's kernel, compiled and loaded by the calling thread: Warp builds one at a time.
 
-    def _launch(self, kernel: Any, bucket: Bucket, inputs: Sequence[Any]) -> None:
+        "advance" takes no metrics, "measure" does, "relax" settles.
+        """
+        shape = self._shape(name, bucket)
+        form = (self.packed.real, shape.threads, shape.per, bucket.sprockets, bucket.guides)
+        kind = (name, form, bucket.moving, bucket.rk4)
+        each = 2**31 if name == "relax" else -(-bucket.count // int(wp.get_device(self.device).sm_count))
+        blocks = shape.resident(self.packed.precision, name == "measure", each)
+        if kind not in self._kernels:
+            if name == "relax":
+                kernel = block_relax_kernel(*form, blocks)
+            else:
+                kernel = block_kernel(*form, blocks, bucket.moving, name == "measure", bucket.rk4)
+            wp.load_module(kernel.module, device=self.device, block_dim=shape.threads)
+            self._kernels[kind] = kernel
+        return self._kernels[kind]
+
+    def _phases(self, bucket: Bucket, block: int) -> list[tuple[str, int, int]]:
+        """How to take a bucket `block` steps on: kernel, steps, and steps before in this launch.
+
+        What takes metrics is slower, so it runs from where the first window begins to where the last one ends.
+        """
+        drives, progress = self.packed.drives[bucket.variants], self._progress[bucket.variants]
+        alive = (progress["diverged"] == 0) & (drives["window_end"] >= progress["step"])
+        until = np.maximum(drives["window_start"] - progress["step"], 0)[alive].min(initial=block)
+        bare = block if until >= block else int(until) // int(DIVERGENCE_CHECK) * int(DIVERGENCE_CHECK)
+        phases = [("advance", bare, 0), ("measure", block - bare, bare)]
+        return [phase for phase in phases if phase[1] > 0]
+
+    def _shape(self, name: str, bucket: Bucket) -> BlockShape:
+        """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
+        return block_shape(bucket.shape.slots, True) if name == "relax" else bucket.shape
+
+    def _launch(self, kernel: Any, shape: BlockShape, bucket: Bucket, inputs: Sequence[Any]) -> None:
         wp.launch(
             kernel,
-            dim=bucket.count * bucket.threads,
+            dim=bucket.count * shape.threads,
             inputs=[*inputs],
-            block_dim=bucket.threads,
+            block_dim=shape.threads,
             device=self.device,
             stream=self.stream,
         )
@@ -192,13 +222,17 @@ class GpuEngine:
     def advance(self, block: int, frames: FrameBuffer) -> list[Future[None]]:
         """Starts `block` steps of every variant that has not ended; frames go to `frames`."""
 
-        kernels = self._ready("advance")
+        launches = [
+            (bucket, self._kernel(name, bucket), steps, before)
+            for bucket in self.buckets
+            for name, steps, before in self._phases(bucket, block)
+        ]
 
         def work() -> None:
             with _told(self.device, self.packed):
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
-                for bucket, kernel in zip(self.buckets, kernels, strict=True):
+                for bucket, kernel, steps, before in launches:
                     inputs = [
                         self.ensemble,
                         self.state,
@@ -206,9 +240,10 @@ class GpuEngine:
                         self.tallies,
                         frames.device,
                         bucket.order,
-                        block,
+                        steps,
+                        before,
                     ]
-                    self._launch(kernel, bucket, inputs)
+                    self._launch(kernel, bucket.shape, bucket, inputs)
                 done = self.stream.record_event()
                 if frames.values:
                     self.copies.wait_event(done)
@@ -233,13 +268,13 @@ class GpuEngine:
     def settle(self, block: int) -> list[Future[None]]:
         """Starts up to `block` steps of relaxation of every variant that has not settled."""
 
-        kernels = self._ready("relax")
+        kernels = [self._kernel("relax", bucket) for bucket in self.buckets]
 
         def work() -> None:
             with _told(self.device, self.packed):
                 for bucket, kernel in zip(self.buckets, kernels, strict=True):
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, block]
-                    self._launch(kernel, bucket, inputs)
+                    self._launch(kernel, self._shape("relax", bucket), bucket, inputs)
                 self._settling_now = self._read(self._settling)
 
         return [self._pool.submit(work)]
