@@ -67,7 +67,7 @@ def block_kernel(
 
     @wp.struct
     class Now:
-        """Where the time loop is; all threads of a block agree but on category and middle."""
+        """Where the time loop is; all threads of a block agree."""
 
         step: wp.int32
         stage: wp.int32  # of the step, 0 to 3 with rk4
@@ -195,6 +195,7 @@ def block_kernel(
             heeded = chain_heeds
             if measured != 0 or now.flags != 0:
                 heeded = SPROCKETS
+            # links: a thread's together, so that one's latency hides behind the others' work
             tension = of_each()
             rate = of_each()
             pull_x = of_each()
@@ -230,6 +231,7 @@ def block_kernel(
                     extra.rate = rate_j
                     state.extra[first + j] = extra
                     j = j + wp.static(threads)
+            # contacts: first who is near what, then each thread one of its rollers after the other
             next_held = whole_numbers()
             by_teeth = int(0)
             by_bar = int(0)
@@ -290,6 +292,7 @@ def block_kernel(
                             tally = tallies.roller[first + j]
                             tallies.roller[first + j] = look.with_energy(tally, now.flags & START, energy)
                     j = j + wp.static(threads)
+            # sprockets, while the other threads move their rollers
             on = contacts_on(shared, i)
             if s >= 0:
                 going = now.going != 0

@@ -1,4 +1,4 @@
-"""What the threads of a block share: the rollers' states and link forces, and what they have in common of a variant.
+"""What the threads of a block share: the rollers' states and forces, and what they have in common of a variant.
 
 The only native code of the block kernel. On CUDA the arrays lie in the block's shared memory, those of large blocks in
 global memory; elsewhere they are static. (On the CPU a block's threads are cooperative fibers of one thread, a warp is
@@ -33,7 +33,6 @@ SUM = """
 #endif
     return value;
 """
-
 
 GROUP_SUM = """
 #if defined(__CUDA_ARCH__)
@@ -148,7 +147,7 @@ class Room:
 
     @property
     def doubles(self) -> int:
-        """Values of a block in global memory, of the kernel's own float64."""
+        """Float64 values of a block in global memory."""
         return self.parts * (not self.shares_parts)
 
     @property

@@ -1,9 +1,12 @@
 """Devices by name, and an ensemble cut into parts on several engines."""
 
+from functools import partial
 from itertools import pairwise, product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import warp as wp
 from test_drive_physics import two_sprockets
 
 from warpchain import Record, load_drive, simulate
@@ -13,7 +16,8 @@ from warpchain.devices import SeveralEngines, _cuts, chosen_devices
 from warpchain.ensemble import Schedule, pack
 from warpchain.errors import SimulationError
 from warpchain.examples import drive_path
-from warpchain.gpu import launch_steps, refusal
+from warpchain.gpu import Bucket, GpuEngine, launch_steps, refusal
+from warpchain.kernels.exchange import room
 from warpchain.recorder import frame_width
 
 STEPS = 200
@@ -91,25 +95,39 @@ def test_launches_take_whole_units_of_steps_and_about_equal_time():
 
 def test_registers_of_a_block_fit_a_multiprocessor():
     for precision in ("float64", "float32"):
-        for room in THREADS:
+        for links in THREADS:
             for many, measuring in product((False, True), repeat=2):
-                shape = block_shape(room, many)
+                shape = block_shape(links, many)
                 assert 65536 // (shape.threads * shape.resident(precision, measuring, 1000)) >= 64, (precision, shape)
                 assert shape.resident(precision, measuring, 1) <= 2
 
 
 def test_blocks_have_room_for_the_chain_and_little_more():
     links = np.array([3, 32, 33, 118, 162, 257, 1000, 1024, 1025, 4000])
-    room = room_for(links)
-    assert (room >= links).all()
-    assert room.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 2048, 4096]
+    most = room_for(links)
+    assert (most >= links).all()
+    assert most.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 2048, 4096]
     for many in (False, True):
-        shapes = [block_shape(int(r), many) for r in room]
-        assert [shape.slots for shape in shapes] == room.tolist()
+        shapes = [block_shape(int(r), many) for r in most]
+        assert [shape.slots for shape in shapes] == most.tolist()
         # moments are added up in the order of rollers only by one warp, or with one roller a thread
         assert all(shape.threads == 32 or shape.per == 1 or shape.slots > THREADS[-1] for shape in shapes)
         assert all((shape.threads == 32) == (many or shape.slots == 32) for shape in shapes if shape.slots <= 512)
     assert LONGEST_ON_A_WARP == 512
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("room_", [128, 640, 768, 1024, 4096])
+def test_every_kernel_finds_its_rows(room_, moves):
+    # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
+    bucket = Bucket(block_shape(room_, False), 3, 1, moves, False, np.arange(7), None)
+    engine = SimpleNamespace(packed=SimpleNamespace(real=wp.float64), buckets=[bucket])
+    engine._shape = partial(GpuEngine._shape, engine)
+    there = GpuEngine._large(engine)
+    for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
+        shape = engine._shape(name, bucket)
+        of = room(wp.float64, shape.threads, shape.slots, 3, 1, moving, measuring)
+        assert there[0] >= 7 * of.values and there[1] >= 7 * of.integers and there[2] >= 7 * of.doubles
 
 
 def test_no_gpu_is_told_in_one_line(monkeypatch):
@@ -184,9 +202,7 @@ def test_a_conveyor_of_4000_links_runs_on_a_gpu(precision):
 @pytest.mark.gpu
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision):
-    import warp as wp
-
-    from warpchain.gpu import MANY, GpuEngine
+    from warpchain.gpu import MANY
 
     drive = two_sprockets()
     many = MANY * wp.get_device("cuda:0").sm_count
