@@ -15,10 +15,15 @@ def mixed():
     """All examples, some alike in all but a load, out of order and some repeated."""
     marine = load_drive(drive_path("marine"))
     torque = [marine.with_values({"sprockets.camshaft.load.torque": 8000.0 + k}) for k in range(3)]
+    beats = [{"order": 3, "amplitude": 100.0, "phase": 0.5}, {"order": 6, "amplitude": 50.0, "phase": 0.0}]
+    torque.append(marine.with_values({"sprockets.camshaft.load.harmonics": beats}))
+    for most in (500.0, 700.0):
+        table = {"time": [0.0, 0.1, 0.3], "torque": [0.0, most, 100.0]}
+        torque.append(marine.with_values({"sprockets.camshaft.load.table": table}))
     worn = marine.with_values({"chain.elongation": 0.002})
     stiff = marine.with_values({"sprockets.camshaft.inertia": 9.0})
     others = [load_drive(drive_path(name)) for name in example_names()]
-    return [torque[0], two_sprockets(), worn, torque[1], *others, stiff, *others[::-1], torque[2], two_sprockets()]
+    return [torque[0], two_sprockets(), worn, torque[1], *others, stiff, *others[::-1], *torque[2:], two_sprockets()]
 
 
 def schedules(count):
@@ -41,6 +46,9 @@ def rows_of(motion, packed):
     for name in ("drive_harmonics", "load_harmonics"):
         first, count = int(motion[name]["first"]), int(motion[name]["count"])
         yield packed.harmonics[first : first + count]
+    for name in ("drive_table", "load_table"):
+        first, cells = int(motion[name]["first"]), int(motion[name]["cells"])
+        yield packed.tables[first : first + 5 * cells]
 
 
 def test_each_variant_is_packed_as_if_alone():

@@ -33,6 +33,17 @@ ESCAPE_PITCHES = 10.0
 """A roller this many pitches outside the drive's bounding box has left it (the variant diverged)."""
 
 
+def real_of(precision: str) -> type:
+    """Warp's type of a precision.
+
+    Raises:
+        SimulationError: for an unknown precision.
+    """
+    if precision not in REAL:
+        raise SimulationError(f'precision = {precision!r}: allowed are "float64" and "float32"')
+    return REAL[precision]
+
+
 @dataclass(frozen=True)
 class Schedule:
     """When a variant steps, samples and measures; counts of steps of `step` seconds."""
@@ -133,11 +144,9 @@ class Packed:
         Raises:
             SimulationError: for an unknown precision.
         """
-        if precision not in REAL:
-            raise SimulationError(f'precision = {precision!r}: allowed are "float64" and "float32"')
+        kinds = structs.types(real_of(precision))
         if precision == self.precision:
             return self
-        kinds = structs.types(REAL[precision])
         rollers = self.rollers.astype(precision)
         other = replace(
             self,

@@ -80,7 +80,7 @@ def simulate(
     """
     from warpchain import __version__
     from warpchain.devices import chosen_devices, engine_on, frame_bytes, launch_steps
-    from warpchain.ensemble import pack
+    from warpchain.ensemble import pack, real_of
 
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
     if not chosen:
@@ -89,7 +89,7 @@ def simulate(
     schedules = schedules_of(chosen, duration, step, record, window)
     cores = workers or available_cores()
     packed = pack(chosen, schedules)
-    packed.at_precision(precision)  # an unknown precision ends here
+    real_of(precision)  # an unknown precision ends here
     devices = chosen_devices(device, packed)[: len(chosen)]
     info = RunInfo(
         version=__version__,
