@@ -34,11 +34,7 @@ ESCAPE_PITCHES = 10.0
 
 
 def real_of(precision: str) -> type:
-    """Warp's type of a precision.
-
-    Raises:
-        SimulationError: for an unknown precision.
-    """
+    """Warp's type of a precision; a SimulationError for an unknown one."""
     if precision not in REAL:
         raise SimulationError(f'precision = {precision!r}: allowed are "float64" and "float32"')
     return REAL[precision]
@@ -326,8 +322,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
                     angle = float(packed.bodies["angle"][begin + s])
                     _fill_motion(packed.motions[begin + s], drive, s, angle, harmonics, tables)
     for name in ("step", "steps", "window_start", "window_end", "sample_every"):
-        values = [getattr(schedule, name) for _, schedule in zip(drives, schedules, strict=True)]
-        packed.drives[name] = values
+        packed.drives[name] = [getattr(schedule, name) for _, schedule in zip(drives, schedules, strict=True)]
     packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
     return packed
 
