@@ -1,0 +1,143 @@
+"""Guard of a redesign: what the project computes stays bitwise the same.
+
+    python scripts/golden.py                    # runs every case, stores what it gives in out/golden
+    python scripts/golden.py --compare          # runs every case again, compares bit by bit; status 1 on a difference
+    python scripts/golden.py --compare --only marine laws
+
+Together the cases exercise everything but figures: drives, contacts, mounts, tables, both integrators and precisions,
+the CPU kernel and, on fibers, the GPU's block kernel, archives, studies, and what is read off a recorded run. Results
+hold for one machine and one version of Warp and numpy, so they are made anew and not committed. To compare with an
+older commit, store with that tree and its own script (or copies of these, where it has none):
+
+    git worktree add ../before REV
+    PYTHONPATH=../before python ../before/scripts/golden.py -o out/before
+    PYTHONPATH=. python scripts/golden.py --compare -o out/before
+    git worktree remove ../before
+
+The first line printed tells which tree's package ran. The cases are in `golden_cases.py` and `golden_blocks.py`, their
+drives in `golden_drives.py`; when a redesign moves modules, only the imports of these three follow.
+"""
+
+import argparse
+import dataclasses
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import warp as wp
+from golden_cases import CASES
+
+import warpchain
+from warpchain import Run, Trajectory
+
+
+def parts(value: Any) -> dict[Any, Any] | None:
+    """What a value consists of, by name; None if it is a leaf."""
+    if isinstance(value, Run):
+        return {"metrics": value.metrics, "ended": value.info.ended, "run": dict(value.items())}
+    if isinstance(value, Trajectory):
+        return {"drive": warpchain.dumps_drive(value.drive), "time": value.time, **value.channels()}
+    if isinstance(value, pa.Table):
+        fields = {f.name: f"{f.type} {f.nullable} {f.metadata}" for f in value.schema}
+        columns = {name: column(value[name]) for name in value.column_names}
+        return {"columns": columns, "fields": fields, "names": repr((value.column_names, value.schema.metadata))}
+    if dataclasses.is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if isinstance(value, np.ndarray) and value.dtype.names:
+        return {name: value[name] for name in value.dtype.names}
+    if isinstance(value, list | tuple):
+        return dict(enumerate(value))
+    return value if isinstance(value, dict) else None
+
+
+def column(values: pa.ChunkedArray) -> Any:
+    """A table's column: numbers and where there are none, or else its text."""
+    if pa.types.is_integer(values.type) or pa.types.is_floating(values.type):
+        return {"value": values.fill_null(0).to_numpy(), "null": values.is_null().to_numpy()}
+    return repr(values.to_pylist())
+
+
+def flat(value: Any, name: str = "") -> dict[str, np.ndarray]:
+    """Arrays by name; text as bytes.
+
+    Raises:
+        TypeError: what is no array.
+    """
+    value = value.numpy() if isinstance(value, wp.array) else value
+    inner = parts(value)
+    if inner is not None:
+        each = (flat(part, f"{name}/{key}".removeprefix("/")) for key, part in inner.items())
+        return {key: array for part in each for key, array in part.items()}
+    if value is None or isinstance(value, str):
+        value = str(value).encode()
+    array = np.frombuffer(value, dtype=np.uint8) if isinstance(value, bytes) else np.asarray(value)
+    if array.dtype == object:
+        raise TypeError(f"{name}: {type(value).__name__} is no array")
+    return {name: array}
+
+
+def difference(old: np.ndarray, new: np.ndarray) -> str:
+    """How two arrays differ, "" if not in a single bit."""
+    if (old.dtype, old.shape) != (new.dtype, new.shape):
+        return f"{new.dtype}{list(new.shape)} instead of {old.dtype}{list(old.shape)}"
+    bits = [np.frombuffer(a.tobytes(), dtype=np.uint8).reshape(a.size, -1) for a in (old, new) if a.size]
+    count = int((bits[0] != bits[1]).any(axis=1).sum()) if bits else 0
+    if not count:
+        return ""
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(new.astype(float) - old.astype(float)) if new.dtype.kind in "biuf" else np.zeros(0)
+    largest = float(np.max(apart[np.isfinite(apart)], initial=0.0))
+    return f"{count} of {new.size} values, largest difference {largest:.3g}"
+
+
+def compare(path: Path, new: dict[str, np.ndarray], most: int = 5) -> str:
+    """One line of how a case differs from what is stored, "" if not in a single bit."""
+    if not path.exists():
+        return f"missing: {path}"
+    with np.load(path) as old:
+        found = [f"{name} is missing" for name in old.files if name not in new]
+        found += [f"{name} is new" for name in new if name not in old.files]
+        pairs = ((name, difference(old[name], new[name])) for name in new if name in old.files)
+        found += [f"{name}: {text}" for name, text in pairs if text]
+    return "; ".join(found[:most]) + (f"; and {len(found) - most} more" if len(found) > most else "")
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Runs the cases; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--compare", action="store_true", help="compare with what is stored")
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("out/golden"), help="the store")
+    parser.add_argument("--only", nargs="+", metavar="NAME", choices=CASES, default=list(CASES), help="cases to run")
+    arguments = parser.parse_args(words)
+    wp.config.log_level = wp.LOG_ERROR
+    wp.init()
+    print(f"warpchain of {Path(warpchain.__file__).parent}", flush=True)
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    failed = 0
+    for name in arguments.only:
+        begun, path = time.perf_counter(), arguments.output.resolve() / f"{name}.npz"
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            arrays = flat(CASES[name](Path(folder)))
+        line = f"stored {len(arrays)} arrays"
+        if arguments.compare:
+            differs = compare(path, arrays)
+            failed += bool(differs)
+            line = differs or "same"
+        else:
+            np.savez(path, **arrays)
+        print(f"{name:14s} {time.perf_counter() - begun:6.1f} s  {line}", flush=True)
+    gone = sorted({path.stem for path in arguments.output.glob("*.npz")} - set(CASES)) if arguments.compare else []
+    for name in gone:
+        print(f"{name:14s}           stored, but no case any more")
+    return 1 if failed or gone else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,102 @@
+"""The cases of `golden.py` for the GPU's block kernel, which runs on CPU fibers here."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+from golden_drives import MOUNTS, PROFILES, TABLES, WORN, example, pair
+
+from warpchain import Drive
+from warpchain.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.block_shape import BlockShape, block_shape, room_for
+from warpchain.ensemble import Packed, Schedule, pack
+from warpchain.kernels.block import block_kernel
+from warpchain.kernels.block_observe import collect
+from warpchain.kernels.block_relax import block_relax_kernel
+from warpchain.kernels.exchange import room
+from warpchain.kernels.relax import Settling
+from warpchain.recorder import frame_width
+from warpchain.settling import elastic
+from warpchain.timestep import step_limit
+
+
+@contextlib.contextmanager
+def fibers() -> Iterator[None]:
+    """Blocks of several threads on the CPU."""
+    before = wp.config.enable_cpu_blocks
+    wp.config.enable_cpu_blocks = True
+    try:
+        yield
+    finally:
+        wp.config.enable_cpu_blocks = before
+
+
+def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool = True) -> dict[str, Any]:
+    """300 steps on blocks of fibers: state, sums and frames."""
+    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in drives])).max()), many)
+    packed = pack(drives, [Schedule(drive.run.step, 300, 111, 290, 20) for drive in drives]).at_precision(precision)
+    widths = [frame_width(drive) * 16 for drive in drives]
+    packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
+    moving, blocks = bool(packed.mounts["active"].any()), len(drives)
+    counts = int(packed.drives["sprockets"][0]), int(packed.drives["guides"][0])
+    of = room(packed.real, shape.threads, shape.slots, *counts, moving, measuring)
+    with fibers():
+        large = blocks * of.values, blocks * of.integers, blocks * of.doubles
+        ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large)
+        sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+        frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
+        of_rk4 = bool(packed.drives["integrator"].any())
+        kernel = block_kernel(packed.real, shape.threads, shape.per, *counts, 4, moving, measuring, of_rk4)
+        order = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
+        inputs = [ensemble, state, sums, tallies, frames, order, 301 if measuring else 100, 0]
+        wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
+        wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
+    held = {name: getattr(state, name) for name in ("rollers", "sprockets", "seat", "progress")}
+    names = ("chain", "strand", "sprocket", "mount", "contact")
+    return held | {"frames": frames, "sums": {name: getattr(sums, name) for name in names}}
+
+
+def shapes(drives: list[Drive]) -> dict[str, Any]:
+    """On few and on many blocks, in both precisions."""
+    each = [(many, precision) for many in (False, True) for precision in ("float64", "float32")]
+    return {f"{'many' if many else 'few'}/{precision}": on_blocks(drives, many, precision) for many, precision in each}
+
+
+def guides(_: Path) -> dict[str, Any]:
+    """Drives with a guide-bar; also by the kernel that takes no metrics."""
+    drives = [example("marine"), example("marine", {"sprockets.camshaft.load.torque": 5e3, "run.step": 8e-6})]
+    return shapes(drives) | {"unmeasured": on_blocks(drives, True, "float64", False)}
+
+
+def moving(_: Path) -> dict[str, Any]:
+    """Mounts, balance wheels, tables, laws and worn links."""
+    laws = {"contact.sprocket.law": "kelvin-voigt"} | PROFILES["maximum"] | TABLES[2]
+    return shapes([pair(MOUNTS[0] | laws), pair(MOUNTS[1] | WORN | TABLES[0])])
+
+
+def rk4(_: Path) -> dict[str, Any]:
+    """The classical Runge-Kutta scheme, with moving sprockets."""
+    return shapes([pair(values | {"run.integrator": "rk4"}) for values in ({}, MOUNTS[1])])
+
+
+def settle(_: Path) -> dict[str, Any]:
+    """Settling, by both shapes of blocks."""
+    drive = pair()
+    still = elastic(pack([drive], [Schedule(drive.run.step, 10, 0, 10, 0)]))
+    return {f"{shape.threads}": settled(still, drive, shape) for shape in (BlockShape(64, 1), BlockShape(32, 2))}
+
+
+def settled(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
+    """4000 steps of relaxation on a block of fibers."""
+    start = np.zeros(1, dtype=Settling.numpy_dtype())
+    start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 4000
+    with fibers():
+        settling = wp.array(start, dtype=Settling, device="cpu")
+        state, order = upload_state(still, "cpu", (0, 0, 0)), wp.zeros(1, dtype=wp.int32, device="cpu")
+        kernel = block_relax_kernel(wp.float64, shape.threads, shape.per, 2, 0, 4)
+        inputs = [upload_ensemble(still, "cpu"), state, empty_tallies(still, "cpu"), settling, order, 4000]
+        wp.launch(kernel, dim=shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
+    return {"settling": settling, "rollers": state.rollers}

@@ -1,0 +1,50 @@
+"""The guard of bitwise results: the same tree compares clean, and a changed value does not."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SCRIPTS = Path(__file__).parent.parent / "scripts"
+CASES = ["setup", "tables"]
+
+
+@pytest.fixture
+def golden(monkeypatch):
+    """The script as a module."""
+    monkeypatch.syspath_prepend(SCRIPTS)
+    spec = importlib.util.spec_from_file_location("golden", SCRIPTS / "golden.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_same_tree_is_the_same_and_a_change_is_told(golden, tmp_path, capsys):
+    store = ["-o", str(tmp_path), "--only", *CASES]
+    assert golden.main(store) == 0
+    capsys.readouterr()
+    assert golden.main([*store, "--compare"]) == 0
+    assert [line.split()[-1] for line in capsys.readouterr().out.splitlines()[1:]] == ["same", "same"]
+    with np.load(tmp_path / "tables.npz") as stored:
+        arrays = dict(stored)
+    arrays["run/0/position"][3, 2, 1] = np.nextafter(arrays["run/0/position"][3, 2, 1], 1.0)
+    arrays["metrics/columns/old"] = arrays.pop("metrics/columns/tension_mean/value")
+    np.savez(tmp_path / "tables.npz", **arrays)
+    (tmp_path / "setup.npz").unlink()
+    assert golden.main([*store, "--compare"]) == 1
+    setup, tables = capsys.readouterr().out.splitlines()[1:]
+    assert "missing: " in setup
+    assert "run/0/position: 1 of " in tables and "metrics/columns/old is missing" in tables
+    assert "metrics/columns/tension_mean/value is new" in tables
+
+
+def test_bits_count(golden):
+    zero = np.zeros(3)
+    assert golden.difference(zero, zero.copy()) == ""
+    assert golden.difference(np.full(2, np.nan), np.full(2, np.nan)) == ""
+    assert golden.difference(zero, -zero) == "3 of 3 values, largest difference 0"
+    assert golden.difference(zero, zero.astype(np.float32)) == "float32[3] instead of float64[3]"
+    assert golden.difference(np.zeros(0), np.zeros(0)) == ""
+    with pytest.raises(TypeError, match="a/b: object is no array"):
+        golden.flat({"a": {"b": object()}})
