@@ -149,6 +149,9 @@ class Strand:
     links: wp.int32  # how many
 
 
+DIVERGENCE_CHECK = wp.constant(32)  # steps between two looks at whether a variant has left its box
+
+
 @wp.struct
 class Progress:
     """How far a variant has come."""

@@ -7,10 +7,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .rollers import accessors, rows
 from .root import reciprocal
-from .structs import Mount, SprocketState, Strand, types, vec2d
-from .sum_structs import ChainSums, ContactSums, MountSums, SprocketSums, StrandSums, Totals
+from .structs import Mount, SprocketState, Strand, vec2d
+from .sum_structs import ContactSums, MountSums, SprocketSums, StrandSums, Totals
 
 STRAND_LOOK_EVERY = wp.constant(16)
 """Steps between two looks at which links lie on a strand; the chain moves a small part of a pitch in between."""
@@ -147,104 +146,3 @@ def following(Real: type) -> SimpleNamespace:
         return strand
 
     return SimpleNamespace(follow=follow)
-
-
-@cache
-def tallies(Real: type, capacity: int) -> SimpleNamespace:
-    """The sums over the rollers of one variant, for rows of `capacity` values of type `Real`."""
-    kinds = types(Real)
-    load = accessors(Real).load
-    at = rows(capacity)
-    X, Y, VX, VY, TENSION, RATE = at.x, at.y, at.vx, at.vy, at.tension, at.rate
-    LINK_X, LINK_Y, FX, FY = at.link_x, at.link_y, at.fx, at.fy
-
-    @wp.func
-    def add_links(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, sums: ChainSums, weight: wp.float64):
-        """Tension of every link, and the power of the links' dampers."""
-        lowest = Real(sums.tension_min)
-        highest = Real(sums.tension_max)
-        total = wp.float64(0.0)
-        square = wp.float64(0.0)
-        rates = Real(0.0)
-        i = int(0)
-        while i < n:
-            tension = load(w, TENSION + i)
-            lowest = wp.min(lowest, tension)
-            highest = wp.max(highest, tension)
-            value = wp.float64(tension)
-            total += value
-            square += value * value
-            rate = load(w, RATE + i)
-            rates += rate * rate
-            i = i + 1
-        sums.tension_min = wp.float64(lowest)
-        sums.tension_max = wp.float64(highest)
-        sums.tension = sums.tension + total
-        sums.tension_square = sums.tension_square + square
-        sums.samples = sums.samples + wp.int64(1)
-        sums.dissipated = sums.dissipated + weight * wp.float64(chain.damping * rates)
-        return sums
-
-    @wp.func
-    def mid_displacement(w: wp.array(dtype=Real), n: int, strand: Strand):
-        """Transverse displacement of the chain where it passes mid-strand [m], positive to the left of travel."""
-        i = strand.middle
-        j = after(i, n)
-        return displacement(
-            wp.float64(load(w, X + i)),
-            wp.float64(load(w, Y + i)),
-            wp.float64(load(w, X + j)),
-            wp.float64(load(w, Y + j)),
-            strand,
-        )
-
-    @wp.func
-    def add_strand_links(w: wp.array(dtype=Real), n: int, strand: Strand, sums: StrandSums):
-        """Tension of the links between the strand's two tangent points."""
-        lowest = Real(sums.tension_min)
-        highest = Real(sums.tension_max)
-        total = wp.float64(0.0)
-        square = wp.float64(0.0)
-        link = strand.first_link
-        count = int(0)
-        while count < strand.links:
-            tension = load(w, TENSION + link)
-            lowest = wp.min(lowest, tension)
-            highest = wp.max(highest, tension)
-            value = wp.float64(tension)
-            total += value
-            square += value * value
-            link = after(link, n)
-            count = count + 1
-        sums.tension_min = wp.float64(lowest)
-        sums.tension_max = wp.float64(highest)
-        sums.tension = sums.tension + total
-        sums.tension_square = sums.tension_square + square
-        sums.links = sums.links + wp.int64(strand.links)
-        return sums
-
-    @wp.func
-    def roller_energy(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, back: Real):
-        """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities'
-        instant.
-        """
-        total = wp.float64(0.0)
-        inverse_mass = chain.inverse_mass
-        i = int(0)
-        while i < n:
-            ax = inverse_mass * (load(w, LINK_X + i + 1) - load(w, LINK_X + i) + load(w, FX + i)) + chain.gravity[0]
-            ay = inverse_mass * (load(w, LINK_Y + i + 1) - load(w, LINK_Y + i) + load(w, FY + i)) + chain.gravity[1]
-            vx = wp.float64(load(w, VX + i) + back * ax)
-            vy = wp.float64(load(w, VY + i) + back * ay)
-            spring = wp.float64(load(w, TENSION + i) - chain.damping * load(w, RATE + i))
-            lift = wp.float64(chain.gravity[0]) * wp.float64(load(w, X + i)) + wp.float64(
-                chain.gravity[1]
-            ) * wp.float64(load(w, Y + i))
-            total += wp.float64(0.5) * (
-                wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness)
-            )
-            total -= wp.float64(chain.mass) * lift
-            i = i + 1
-        return total
-
-    return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

@@ -29,10 +29,11 @@ from typing import Any
 
 import numpy as np
 
-from warpchain import ArchiveOptions, Record, archive_file, load_drive, read_archive, simulate, write_archive
-from warpchain.archive_proto import message_type
-from warpchain.examples import drive_path
-from warpchain.record import Run
+from warpchain import ArchiveOptions, Record, load_drive, read_archive, simulate, write_archive
+from warpchain.archive import mcap_write as archive_file
+from warpchain.archive.proto import message_type
+from warpchain.drive.examples import drive_path
+from warpchain.results.run import Run
 
 COMPRESSIONS = ("none", "lz4", "zstd")
 CHUNK = 2**20

@@ -19,9 +19,11 @@ import numpy as np
 import warp as wp
 
 from warpchain import load_drive, loads_drive
-from warpchain.cpu import CpuEngine
-from warpchain.ensemble import Packed, Schedule, pack
-from warpchain.timestep import resolve_step
+from warpchain.assembly.timestep import resolve_step
+from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.pack import pack
+from warpchain.engine.packed import Packed
+from warpchain.results.schedule import Schedule
 
 HERE = Path(__file__).resolve().parent
 FOREVER = 10**9

@@ -22,9 +22,10 @@ import warp as wp
 from bench_cpu import FOREVER, HERE, TWO_SPROCKETS, reference_input
 
 from warpchain import Record, load_drive, loads_drive, simulate
-from warpchain.ensemble import Schedule, pack
-from warpchain.examples import drive_path
-from warpchain.gpu import GpuEngine
+from warpchain.drive.examples import drive_path
+from warpchain.engine.gpu import GpuEngine
+from warpchain.engine.pack import pack
+from warpchain.results.schedule import Schedule
 
 DEVICE = "cuda:0"
 VARIANTS = (1, 132, 1056, 4224, 16896)

@@ -17,11 +17,11 @@ import numpy as np
 import rerun as rr
 
 from warpchain import Record, Trajectory, loads_drive, simulate
-from warpchain.playback import COLORS, log_recording, log_variant
-from warpchain.playback_columns import TIMELINE, flipped
-from warpchain.playback_drive import log_drive, tension_top
-from warpchain.playback_series import log_curves, log_spectra, log_tension_image, spectra
-from warpchain.recorded import recorded
+from warpchain.view.chosen import recorded
+from warpchain.view.rerun.columns import TIMELINE, flipped
+from warpchain.view.rerun.drive import log_drive, tension_top
+from warpchain.view.rerun.playback import COLORS, log_recording, log_variant
+from warpchain.view.rerun.series import log_curves, log_spectra, log_tension_image, spectra
 
 DRIVE = """
 [chain]

@@ -20,7 +20,7 @@ from unittest import mock
 import warp as wp
 
 from warpchain import Record, load_drive, simulate
-from warpchain.examples import drive_path
+from warpchain.drive.examples import drive_path
 from warpchain.study.run import run_study
 
 STUDY = """
@@ -76,7 +76,7 @@ def study_seconds(arguments: argparse.Namespace, count: int) -> tuple[float, flo
         inside += time.perf_counter() - begun
         return run
 
-    with tempfile.TemporaryDirectory() as name, mock.patch("warpchain.simulation.simulate", timed):
+    with tempfile.TemporaryDirectory() as name, mock.patch("warpchain.engine.simulation.simulate", timed):
         folder = Path(name)
         (folder / "study.toml").write_text(study_text(arguments, count))
         begun = time.perf_counter()

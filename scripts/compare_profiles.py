@@ -14,9 +14,9 @@ import sys
 import numpy as np
 
 from warpchain import Record, loads_drive, simulate
-from warpchain.contact import contact_rebound
-from warpchain.scene import nearest_sprocket, sprocket_normals
-from warpchain.teeth import half_gap_outline
+from warpchain.drive.stiffness import contact_rebound
+from warpchain.drive.teeth import half_gap_outline
+from warpchain.results.scene import nearest_sprocket, sprocket_normals
 
 TEETH, PITCH, ROLLER = 19, 25.4e-3, 7.94e-3
 PROFILES = {

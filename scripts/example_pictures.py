@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from warpchain import Record, Run, load_drive, simulate
-from warpchain.examples import drive_path, example_names
-from warpchain.plots import drive_figure
+from warpchain.drive.examples import drive_path, example_names
+from warpchain.view.figures.write import drive_figure
 
 FOLDER = Path(__file__).parent.parent / "docs" / "images"
 

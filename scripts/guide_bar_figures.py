@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from warpchain import Drive, Record, Run, load_drive, simulate
-from warpchain.examples import drive_path
-from warpchain.geometry import chain_path
-from warpchain.scene import strand_displacement
+from warpchain.assembly.path import chain_path
+from warpchain.drive.examples import drive_path
+from warpchain.results.scene import strand_displacement
 
 STRAND = 2  # camshaft -> crankshaft: the tight one, "segment number one" of the paper
 RAMP, START, DURATION = 6.0, 8.0, 14.0  # s

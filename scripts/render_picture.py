@@ -39,7 +39,7 @@ def screenshot(recording: Path, picture: Path, seconds: float) -> None:
         os.environ.setdefault("VK_ICD_FILENAMES", str(SOFTWARE))
     from rerun.experimental import ViewerClient
 
-    from warpchain.playback_viewer import Viewer
+    from warpchain.view.rerun.viewer import Viewer
 
     with Viewer(kind="headless") as viewer:
         client = ViewerClient.connect(viewer.data)
@@ -144,8 +144,8 @@ def main() -> None:
     from PIL import Image
 
     from warpchain import load_drive, simulate
-    from warpchain.examples import drive_path
-    from warpchain.playback import view
+    from warpchain.drive.examples import drive_path
+    from warpchain.view.rerun.playback import view
 
     words = sys.argv[1:]
     picture = Path(words[0] if words else "docs/images/marine.png")

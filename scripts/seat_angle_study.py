@@ -1,4 +1,4 @@
-"""What a seating angle beyond the limit of `warpchain.teeth` does: slack tension and moments on both sides of it.
+"""What a seating angle beyond the limit of `warpchain.drive.teeth` does: slack tension and moments on both sides of it.
 
 python scripts/seat_angle_study.py
 """
@@ -7,7 +7,7 @@ import math
 import warnings
 
 from warpchain import Record, loads_drive, simulate
-from warpchain.teeth import default_seat_angle, releasing_seat_angle
+from warpchain.drive.teeth import default_seat_angle, releasing_seat_angle
 
 PITCH = 0.05
 OFFSETS = (3.0, 0.0, -2.0, -5.0, -8.0)

@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from warpchain import load_drive
-from warpchain.examples import drive_path
-from warpchain.geometry import chain_path
+from warpchain.assembly.path import chain_path
+from warpchain.drive.examples import drive_path
 from warpchain.study.results import Results, read_results
 
 BLUE, RED, GREEN = "#1f77b4", "#d1495b", "#2e8b57"

@@ -13,7 +13,7 @@ import numpy as np
 from compare_profiles import BEGIN, COLORS, PITCH, PROFILES, TEETH, drive
 
 from warpchain import Record, simulate
-from warpchain.scene import nearest_sprocket, tooth_outline
+from warpchain.results.scene import nearest_sprocket, tooth_outline
 
 ELONGATIONS = (0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03)
 LINK = 40  # the one that is worn alone

@@ -5,8 +5,9 @@ engine.
 import numpy as np
 import warp as wp
 
-from warpchain.cpu import CpuEngine
-from warpchain.ensemble import INTEGRATORS, REAL, Packed, state_rows
+from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.fill import INTEGRATORS
+from warpchain.engine.packed import REAL, Packed, state_rows
 from warpchain.kernels import structs
 
 

@@ -77,7 +77,7 @@ def test_wheels_hold_the_sources_and_nothing_else(wheels):
 
 def test_kernels_import_from_an_unpacked_wheel(wheels, tmp_path):
     code = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import warpchain.kernels.serial as s, warpchain.cli as c; "
+        "import sys; sys.path.insert(0, sys.argv[1]); import warpchain.kernels.cpu.serial as s, warpchain.cli as c; "
         "assert s.__file__.startswith(sys.argv[1]), s.__file__; sys.exit(c.main(['check', 'marine']))"
     )
     for n, wheel in enumerate(wheels):

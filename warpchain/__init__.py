@@ -5,20 +5,20 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from warpchain.archive import read_archive, write_archive
-    from warpchain.archive_options import ArchiveOptions
+    from warpchain.archive.options import ArchiveOptions
     from warpchain.assembly import assemble
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
+    from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
-    from warpchain.record import Record, Run, Trajectory
-    from warpchain.simulation import simulate
+    from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.run import run_study
 
 _HOME = {
-    "ArchiveOptions": "archive_options",
+    "ArchiveOptions": "archive",
     "Drive": "drive",
-    "Record": "record",
-    "Run": "record",
-    "Trajectory": "record",
+    "Record": "results.run",
+    "Run": "results.run",
+    "Trajectory": "results.run",
     "WarpchainError": "errors",
     "assemble": "assembly",
     "dumps_drive": "drive",
@@ -26,7 +26,7 @@ _HOME = {
     "loads_drive": "drive",
     "read_archive": "archive",
     "run_study": "study.run",
-    "simulate": "simulation",
+    "simulate": "engine.simulation",
     "write_archive": "archive",
 }
 
@@ -52,9 +52,9 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Imports a public name when it is first used, so that `import warpchain` stays light."""
     if name == "__version__":
-        from importlib.metadata import version
+        from warpchain.version import installed
 
-        return version("warpchain")
+        return installed()
     if name in _HOME:
         return getattr(import_module(f"warpchain.{_HOME[name]}"), name)
     raise AttributeError(f"module 'warpchain' has no attribute {name!r}")

@@ -1,5 +1,9 @@
 """The errors that warpchain raises for a user's mistake or a machine's refusal: each message is one clear line."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+
 
 class WarpchainError(Exception):
     """Base of every error that a user can act on; the command line prints it and exits with status 2."""
@@ -15,6 +19,12 @@ class DriveError(WarpchainError):
     def errors(self) -> tuple[str, ...]:
         """The lines of the message: `key.path = value: what is allowed`, behind the file's name if there is one."""
         return tuple(str(self).split("\n"))
+
+
+def drive_error(lines: Iterable[str], source: str = "") -> DriveError:
+    """One error out of its lines, each behind `source`, without repetitions."""
+    prefix = f"{source}: " if source else ""
+    return DriveError("\n".join(dict.fromkeys(prefix + line for line in lines)))
 
 
 class SimulationError(WarpchainError):

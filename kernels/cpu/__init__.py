@@ -1,0 +1,1 @@
+"""The CPU kernels: one Warp thread a variant."""

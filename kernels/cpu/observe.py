@@ -1,0 +1,176 @@
+"""What is taken from an evaluated step: sums of the window, the energy balance, and frames."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..physics.body import bodies, body_accelerations, heading_of, load_at, own_motion
+from ..physics.mount import body_energy, holding_force, prescribing_power
+from ..rows import accessors
+from ..structs import Drive, types
+from ..sum_structs import Sums
+from ..sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_mount, add_sprocket, following
+from .rollers import passes, rows
+from .tallies import tallies
+
+
+@cache
+def observing(Real: type, capacity: int) -> SimpleNamespace:
+    """The functions that look at one variant, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    tally = tallies(Real, capacity)
+    follow = following(Real).follow
+    load = accessors(Real).load
+    acceleration = passes(Real, capacity).acceleration
+    true_body = bodies(Real).true_body
+    at = rows(capacity)
+    X, Y, VX, VY = at.x, at.y, at.vx, at.vy
+    TENSION, SPROCKET_FORCE, GUIDE_FORCE = at.tension, at.sprocket_force, at.guide_force
+
+    @wp.func
+    def energy_of(
+        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, back: wp.float64
+    ):
+        """Energy of sprocket `s` of the drive on its active mount [J]."""
+        moved = true_body(ensemble, state, drive, s, time, back)
+        return body_energy(moved, heading_of(moved), ensemble.mounts[drive.first_sprocket + s])
+
+    @wp.func
+    def mechanical_energy(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array(dtype=Real),
+        time: wp.float64,
+        back: wp.float64,
+    ):
+        """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
+        total = tally.roller_energy(w, drive.rollers, chain, Real(back))
+        for p in range(drive.sprockets + drive.guides):
+            total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
+        for s in range(drive.sprockets):
+            motion = ensemble.motions[drive.first_sprocket + s]
+            if ensemble.mounts[drive.first_sprocket + s].active == 1:
+                total += energy_of(ensemble, state, drive, s, time, back)
+            elif motion.prescribed == 0:
+                moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+                body = state.sprockets[drive.first_sprocket + s]
+                speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
+                total += wp.float64(0.5) * speed * speed / motion.inverse_inertia
+        return total
+
+    @wp.func
+    def add_body(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        drive: Drive,
+        s: int,
+        time: wp.float64,
+        back: wp.float64,
+        weight: wp.float64,
+    ):
+        """Adds a sprocket on an active mount to the sums of the window."""
+        i = drive.first_sprocket + s
+        motion = ensemble.motions[i]
+        mount = ensemble.mounts[i]
+        body = true_body(ensemble, state, drive, s, time, back)
+        contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
+        heading = heading_of(body)
+        rates = body_accelerations(time, body, heading, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
+        held = holding_force(body, heading, contacts, rates, mount)
+        power = prescribing_power(body, heading, held, rates, motion.prescribed, mount)
+        sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
+        load_part = wp.float64(0.0)
+        if motion.prescribed == 0:
+            load_part = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
+        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, contacts.moment, load_part, weight)
+
+    @wp.func
+    def measure(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        variant: int,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array(dtype=Real),
+        step: int,
+        back: wp.float64,
+    ):
+        """Adds an evaluated step to the sums of the window."""
+        n = drive.rollers
+        time = wp.float64(step) * drive.step
+        weight = drive.step
+        if step == drive.window_start or step == drive.window_end:
+            weight = wp.float64(0.5) * weight
+        chain_sums = tally.add_links(w, n, chain, sums.chain[variant], weight)
+        if step == drive.window_start:
+            chain_sums.energy_start = mechanical_energy(ensemble, state, drive, chain, w, time, back)
+        if step == drive.window_end:
+            chain_sums.energy_end = mechanical_energy(ensemble, state, drive, chain, w, time, back)
+        sums.chain[variant] = chain_sums
+        for p in range(drive.sprockets + drive.guides):
+            i = drive.first_sprocket + drive.first_guide + p
+            sums.contact[i] = add_contact(sums.contact[i], state.totals[i], weight)
+        for s in range(drive.sprockets):
+            i = drive.first_sprocket + s
+            if ensemble.mounts[i].active == 1:
+                add_body(ensemble, state, sums, drive, s, time, back, weight)
+            else:
+                motion = ensemble.motions[i]
+                moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+                body = state.sprockets[i]
+                speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
+                sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
+        for s in range(drive.sprockets):
+            i = drive.first_sprocket + s
+            strand = state.strands[i]
+            if step % STRAND_LOOK_EVERY == 0 or step == drive.window_start:
+                strand = follow(w, X, Y, n, strand)
+                state.strands[i] = strand
+            strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
+            sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
+
+    @wp.func
+    def sample(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array(dtype=Real),
+        frames: wp.array(dtype=Real),
+        first: wp.int64,
+        time: wp.float64,
+        back: wp.float64,
+    ):
+        """Writes one frame: rows x, y, vx, vy, tension, sprocket force, guide force; then 5 values a sprocket."""
+        n = drive.rollers
+        inverse_mass = chain.inverse_mass
+        for i in range(n):
+            a = acceleration(w, i, inverse_mass, chain.gravity)
+            at_roller = int(first) + i
+            frames[at_roller] = load(w, X + i)
+            frames[at_roller + n] = load(w, Y + i)
+            frames[at_roller + 2 * n] = load(w, VX + i) + Real(back) * a[0]
+            frames[at_roller + 3 * n] = load(w, VY + i) + Real(back) * a[1]
+            frames[at_roller + 4 * n] = load(w, TENSION + i)
+            frames[at_roller + 5 * n] = load(w, SPROCKET_FORCE + i)
+            frames[at_roller + 6 * n] = load(w, GUIDE_FORCE + i)
+        for s in range(drive.sprockets):
+            body = state.sprockets[drive.first_sprocket + s]
+            moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
+            motion = ensemble.motions[drive.first_sprocket + s]
+            speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
+            if ensemble.mounts[drive.first_sprocket + s].active == 1:
+                speed = true_body(ensemble, state, drive, s, time, back).speed
+            at_sprocket = int(first) + 7 * n + 5 * s
+            frames[at_sprocket] = Real(body.angle)
+            frames[at_sprocket + 1] = Real(speed)
+            frames[at_sprocket + 2] = Real(moment)
+            frames[at_sprocket + 3] = Real(body.center[0])
+            frames[at_sprocket + 4] = Real(body.center[1])
+
+    return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

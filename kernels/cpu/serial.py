@@ -1,0 +1,87 @@
+"""The CPU kernel: one Warp thread takes one variant through a block of steps.
+
+At step n, positions and forces are those of time n h; leapfrog's velocities are half a step behind, and what is
+recorded is brought to the same instant, v(n) = v(n - 1/2) + h a(n) / 2.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from ..physics.body import bodies
+from ..rows import STATE_ROWS
+from ..structs import DIVERGENCE_CHECK, types
+from ..sum_structs import Sums
+from .integrate import stepping
+from .observe import observing
+from .rollers import RK4_ROWS, ROWS, passes
+
+SCRATCH_ROWS = len(ROWS) + len(RK4_ROWS)
+
+
+@cache
+def advance_kernel(Real: type, capacity: int) -> wp.Kernel:
+    """The kernel that takes variants through a block of steps, for up to `capacity` - 1 rollers."""
+    kinds = types(Real)
+    part = passes(Real, capacity)
+    do = stepping(Real, capacity)
+    look = observing(Real, capacity)
+    inside, centers_inside = part.inside, bodies(Real).centers_inside
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def advance(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        frames: wp.array(dtype=Real),
+        w: wp.array(dtype=Real),
+        first: int,
+        block: int,
+    ):
+        """Variants `first` + thread: `block` steps on, sums and frames written on the way."""
+        variant = first + wp.tid()
+        drive = ensemble.drives[variant]
+        chain = ensemble.chains[variant]
+        progress = state.progress[variant]
+        n = drive.rollers
+        part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
+        end = wp.min(progress.step + block, drive.steps + 1)
+        frame = drive.first_value
+        step = progress.step
+        while step < end and progress.diverged == 0:
+            time = wp.float64(step) * drive.step
+            back = wp.float64(0.0)
+            kick = drive.step
+            if drive.integrator == 0:
+                if step == 0:
+                    kick = wp.float64(0.5) * drive.step
+                else:
+                    back = wp.float64(0.5) * drive.step
+            stage = int(0)
+            while stage < 4:
+                do.evaluate(ensemble, state, drive, chain, w, stage)
+                if stage == 0:
+                    if step >= drive.window_start and step <= drive.window_end:
+                        look.measure(ensemble, state, sums, variant, drive, chain, w, step, back)
+                    if drive.sample_every > 0:
+                        if step % drive.sample_every == 0:
+                            look.sample(ensemble, state, drive, chain, w, frames, frame, time, back)
+                            frame = frame + wp.int64(7 * n + 5 * drive.sprockets)
+                    if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
+                        if inside(w, n, drive.low, drive.high) == 0 or centers_inside(state, drive) == 0:
+                            progress.diverged = 1
+                if step == drive.steps or progress.diverged == 1:
+                    stage = 4
+                elif drive.integrator == 0:
+                    do.leapfrog(ensemble, state, drive, chain, w, time, kick)
+                    stage = 4
+                else:
+                    do.rk4(ensemble, state, drive, chain, w, time, stage)
+                    stage = stage + 1
+            if progress.diverged == 0:
+                step = step + 1
+        progress.step = step
+        state.progress[variant] = progress
+        part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+
+    return advance

@@ -1,0 +1,1 @@
+"""The GPU kernels: one block of threads a variant."""

@@ -1,0 +1,282 @@
+"""What a block's threads take from an evaluated step: sums of the window, the energy balance, and frames.
+
+A thread adds up its own links' tension over `STRAND_LOOK_EVERY` steps, then adds that to the tally of the strand that
+the link is on; one thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..physics.body import body_accelerations, heading_of, load_at
+from ..physics.motion import ramp
+from ..physics.mount import body_energy, holding_force, prescribing_power
+from ..rows import accessors
+from ..structs import Drive, SprocketState, types
+from ..sum_structs import ContactSums, RollerTally, StrandSums, Sums, Tallies, Totals
+from ..sums import add_displacement, add_mount, add_sprocket, displacement, following
+from .block_events import ENDS, START
+from .block_rows import block_rows
+
+
+@cache
+def block_observing(
+    Real: type, threads: int, per: int, sprockets: int, guides: int, moving: bool, measuring: bool
+) -> SimpleNamespace:
+    """The functions that look at one variant on a block of `threads` threads."""
+    kinds = types(Real)
+    vec2 = kinds.vec2
+    row = block_rows(Real, threads, per, sprockets, guides, moving, measuring)
+    X, Y = row.X, row.Y
+    load, store = accessors(Real).load, accessors(Real).store
+    slots = threads * per
+    LOWEST, HIGHEST, TENSION, SQUARE, RATE = (wp.constant(k * slots) for k in range(5))
+    follow = following(Real).follow
+
+    @wp.func
+    def begin_seeing(shared: kinds.Shared, j: int):
+        """Nothing has been seen of link j."""
+        store(shared.seen, LOWEST + j, Real(3.0e38))
+        store(shared.seen, HIGHEST + j, -Real(3.0e38))
+        store(shared.seen, TENSION + j, Real(0.0))
+        store(shared.seen, SQUARE + j, Real(0.0))
+        store(shared.seen, RATE + j, Real(0.0))
+
+    @wp.func
+    def see(shared: kinds.Shared, j: int, tension: Real, rate: Real, weight: Real):
+        """One step's tension of link j, and its rate squared over the time `weight` that the step stands for [s]."""
+        if tension < load(shared.seen, LOWEST + j):
+            store(shared.seen, LOWEST + j, tension)
+        if tension > load(shared.seen, HIGHEST + j):
+            store(shared.seen, HIGHEST + j, tension)
+        store(shared.seen, TENSION + j, load(shared.seen, TENSION + j) + tension)
+        store(shared.seen, SQUARE + j, load(shared.seen, SQUARE + j) + tension * tension)
+        store(shared.seen, RATE + j, load(shared.seen, RATE + j) + weight * (rate * rate))
+
+    @wp.func
+    def category_of(shared: kinds.Shared, j: int, n: int):
+        """Strand that link j is on, S where it is on none."""
+        category = int(wp.static(sprockets))
+        for s in range(wp.static(sprockets)):
+            place = j - shared.strands[s].first_link
+            if place < 0:
+                place = place + n
+            if place < shared.strands[s].links:
+                category = s
+        return category
+
+    @wp.func
+    def flush(
+        ensemble: kinds.Ensemble,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        variant: int,
+        j: int,
+        n: int,
+        samples: int,
+    ):
+        """Adds what has been seen of link j at `samples` steps to its tally of the strand it is on."""
+        drive = ensemble.drives[variant]
+        at = drive.first_tally + category_of(shared, j, n) * n + j
+        lowest = wp.float64(load(shared.seen, LOWEST + j))
+        highest = wp.float64(load(shared.seen, HIGHEST + j))
+        tally = tallies.link[at]
+        if tally.samples == wp.int64(0):
+            tally.tension_min = lowest
+            tally.tension_max = highest
+        tally.samples = tally.samples + wp.int64(samples)
+        tally.tension_min = wp.min(tally.tension_min, lowest)
+        tally.tension_max = wp.max(tally.tension_max, highest)
+        tally.tension = tally.tension + wp.float64(load(shared.seen, TENSION + j))
+        tally.tension_square = tally.tension_square + wp.float64(load(shared.seen, SQUARE + j))
+        tallies.link[at] = tally
+        roller = tallies.roller[drive.first_roller + j]
+        power = wp.float64(ensemble.chains[variant].damping) * wp.float64(load(shared.seen, RATE + j))
+        roller.dissipated = roller.dissipated + power
+        tallies.roller[drive.first_roller + j] = roller
+
+    @wp.func
+    def look(shared: kinds.Shared, n: int, s: int):
+        """Strand s brought up to date."""
+        shared.strands[s] = follow(shared.rows, X, Y, n, shared.strands[s])
+
+    @wp.func
+    def add_middle(shared: kinds.Shared, n: int, s: int):
+        """One step's mid-strand displacement of strand s."""
+        rows = shared.rows
+        a = shared.strands[s].middle
+        b = wp.where(a + 1 < n, a + 1, 0)
+        ax = wp.float64(load(rows, X + a))
+        ay = wp.float64(load(rows, Y + a))
+        value = displacement(ax, ay, wp.float64(load(rows, X + b)), wp.float64(load(rows, Y + b)), shared.strands[s])
+        shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
+
+    @wp.func
+    def roller_energy(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, j: int, v: vec2, extra: kinds.Extra
+    ):
+        """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
+        chain = ensemble.chains[variant]
+        mass = wp.float64(chain.mass)
+        spring = wp.float64(extra.tension - chain.damping * extra.rate)
+        x = wp.float64(load(shared.rows, X + j))
+        y = wp.float64(load(shared.rows, Y + j))
+        lift = wp.float64(chain.gravity[0]) * x + wp.float64(chain.gravity[1]) * y
+        moving_part = wp.float64(0.5) * mass * wp.float64(wp.dot(v, v))
+        elastic = wp.float64(0.5) * spring * spring / wp.float64(chain.stiffness)
+        return moving_part + elastic - mass * lift + wp.float64(extra.energy)
+
+    @wp.func
+    def with_energy(tally: RollerTally, start: int, energy: wp.float64):
+        """The tally with more energy at the window's start if `start`, else at its end."""
+        if start != 0:
+            tally.energy_start = tally.energy_start + energy
+        else:
+            tally.energy_end = tally.energy_end + energy
+        return tally
+
+    @wp.func
+    def observe_mount(
+        ensemble: kinds.Ensemble,
+        shared: kinds.Shared,
+        s: int,
+        time: wp.float64,
+        body: SprocketState,
+        on: Totals,
+        weight: wp.float64,
+    ):
+        """One step of sprocket s on its active mount for the sums of the window; returns its energy [J]."""
+        motion = shared.motions[s]
+        mount = shared.mounts[s]
+        heading = heading_of(body)
+        rates = body_accelerations(time, body, heading, on, motion, mount, ensemble.harmonics, ensemble.tables)
+        held = holding_force(body, heading, on, rates, mount)
+        power = prescribing_power(body, heading, held, rates, motion.prescribed, mount)
+        shared.mount_sums[s] = add_mount(shared.mount_sums[s], body, mount, held, power, weight)
+        return body_energy(body, heading, mount)
+
+    @wp.func
+    def observe_sprocket(
+        ensemble: kinds.Ensemble,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        variant: int,
+        s: int,
+        time: wp.float64,
+        body: SprocketState,
+        on: Totals,
+        load: wp.float64,
+        half_behind: wp.float64,
+        weight: wp.float64,
+        flags: int,
+    ):
+        """One step of sprocket s for the sums of the window, and its energy at their ends.
+
+        `load` is its load moment at the angular velocity `half_behind`, if it is free.
+        """
+        motion = shared.motions[s]
+        energy = wp.float64(0.0)
+        if motion.prescribed == 1:
+            load = wp.float64(0.0)
+        else:
+            # the load of the step, but at the speed of its instant
+            speed = body.speed
+            damped = motion.load[1] * (speed - half_behind) + motion.load[2] * (
+                speed * wp.abs(speed) - half_behind * wp.abs(half_behind)
+            )
+            load = load - damped * ramp(time, motion.load_ramp_time)
+            energy = wp.float64(0.5) * body.speed * body.speed / motion.inverse_inertia
+        if wp.static(moving):
+            if shared.mounts[s].active != 0:
+                if motion.prescribed == 0:
+                    load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
+                energy = observe_mount(ensemble, shared, s, time, body, on, weight)
+        if flags & ENDS != 0:
+            at = ensemble.drives[variant].first_sprocket + s
+            tallies.sprocket[at] = with_energy(tallies.sprocket[at], flags & START, energy)
+        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, on.moment, load, weight)
+
+    @wp.func
+    def write_roller(
+        frames: wp.array(dtype=Real), at: int, n: int, shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra
+    ):
+        """Roller j in a frame whose first value is at `at`, laid out as by `observe.sample`."""
+        frames[at + j] = load(shared.rows, X + j)
+        frames[at + n + j] = load(shared.rows, Y + j)
+        frames[at + 2 * n + j] = v[0]
+        frames[at + 3 * n + j] = v[1]
+        frames[at + 4 * n + j] = extra.tension
+        frames[at + 5 * n + j] = extra.sprocket_force
+        frames[at + 6 * n + j] = extra.guide_force
+
+    @wp.func
+    def write_sprocket(frames: wp.array(dtype=Real), at: int, body: SprocketState, moment: wp.float64):
+        """One sprocket's part of a frame."""
+        frames[at] = Real(body.angle)
+        frames[at + 1] = Real(body.speed)
+        frames[at + 2] = Real(moment)
+        frames[at + 3] = Real(body.center[0])
+        frames[at + 4] = Real(body.center[1])
+
+    return SimpleNamespace(
+        **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},
+    )
+
+
+@wp.kernel(enable_backward=False)
+def collect(drives: wp.array(dtype=Drive), tallies: Tallies, sums: Sums):
+    """Adds up one variant's tallies, roller by roller in order: a thread a variant."""
+    variant = wp.tid()
+    drive = drives[variant]
+    n = drive.rollers
+    chain = sums.chain[variant]
+    samples = wp.int64(0)
+    for c in range(drive.sprockets + 1):
+        strand = StrandSums()
+        strand.tension_min = wp.float64(1.0e308)
+        strand.tension_max = wp.float64(-1.0e308)
+        for i in range(n):
+            tally = tallies.link[drive.first_tally + c * n + i]
+            if tally.samples > wp.int64(0):
+                strand.links = strand.links + tally.samples
+                strand.tension_min = wp.min(strand.tension_min, tally.tension_min)
+                strand.tension_max = wp.max(strand.tension_max, tally.tension_max)
+                strand.tension = strand.tension + tally.tension
+                strand.tension_square = strand.tension_square + tally.tension_square
+        chain.tension_min = wp.min(chain.tension_min, strand.tension_min)
+        chain.tension_max = wp.max(chain.tension_max, strand.tension_max)
+        chain.tension = chain.tension + strand.tension
+        chain.tension_square = chain.tension_square + strand.tension_square
+        samples = samples + strand.links
+        if c < drive.sprockets:
+            mine = sums.strand[drive.first_sprocket + c]
+            mine.links = strand.links
+            mine.tension_min = strand.tension_min
+            mine.tension_max = strand.tension_max
+            mine.tension = strand.tension
+            mine.tension_square = strand.tension_square
+            sums.strand[drive.first_sprocket + c] = mine
+    chain.samples = samples / wp.int64(n)
+    for i in range(n):
+        roller = tallies.roller[drive.first_roller + i]
+        chain.dissipated = chain.dissipated + roller.dissipated
+        chain.energy_start = chain.energy_start + roller.energy_start
+        chain.energy_end = chain.energy_end + roller.energy_end
+    for s in range(drive.sprockets):
+        sprocket = tallies.sprocket[drive.first_sprocket + s]
+        chain.energy_start = chain.energy_start + sprocket.energy_start
+        chain.energy_end = chain.energy_end + sprocket.energy_end
+    sums.chain[variant] = chain
+    memory = drive.first_contact
+    for p in range(drive.sprockets + drive.guides):
+        at = drive.first_sprocket + drive.first_guide + p
+        total = ContactSums()
+        for i in range(n):
+            contact = tallies.contact[memory + i]
+            total.force_max = wp.max(total.force_max, contact.force_max)
+            total.impacts = total.impacts + contact.impacts
+            total.impulse = total.impulse + contact.impulse
+            total.dissipated = total.dissipated + contact.dissipated
+        sums.contact[at] = total
+        memory = memory + n

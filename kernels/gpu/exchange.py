@@ -1,0 +1,308 @@
+"""What the threads of a block share: the rollers' states and forces, and what they have in common of a variant.
+
+The only native code of the block kernel. On CUDA the arrays lie in the block's shared memory, those of large blocks in
+global memory; elsewhere they are static. (On the CPU a block's threads are cooperative fibers of one thread, a warp is
+one thread, and blocks follow each other.) What each thread does between two barriers touches nothing that another one
+reads.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..structs import Motion, Mount, Strand, Wheel, types
+from ..sum_structs import MountSums, SprocketSums, StrandSums
+
+LARGEST = """
+#if defined(__CUDA_ARCH__)
+    #pragma unroll
+    for (int o = 16; o; o >>= 1) {
+        const auto other = __shfl_xor_sync(0xffffffffu, value, o);
+        if (other > value) value = other;
+    }
+#endif
+    return value;
+"""
+
+SUM = """
+#if defined(__CUDA_ARCH__)
+    #pragma unroll
+    for (int o = 16; o; o >>= 1) value += __shfl_xor_sync(0xffffffffu, value, o);
+#endif
+    return value;
+"""
+
+GROUP_SUM = """
+#if defined(__CUDA_ARCH__)
+    #pragma unroll
+    for (int o = 4; o; o >>= 1) value += __shfl_xor_sync(0xffffffffu, value, o);
+#endif
+    return value;
+"""
+
+OWN = "return {all.data + first, count};"
+"""A view of `count` values of a global array from `first` on."""
+
+SHARED_BYTES = 47_000
+"""Most bytes of shared memory that a block asks for; what does not fit lies in global memory."""
+
+
+def _shared_snippet(field: str, count: int) -> str:
+    return f"""
+#if defined(__CUDA_ARCH__)
+    __shared__ __align__(16) char memory[{count} * sizeof(*like.{field}.data)];
+#else
+    static char memory[{count} * sizeof(*like.{field}.data)];
+#endif
+    return {{(decltype(like.{field}.data))memory, {count}}};
+"""
+
+
+BARRIER = "WP_TILE_SYNC();"
+
+WARP_BARRIER = """
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+#else
+    WP_TILE_SYNC();
+#endif
+"""
+"""The barrier of a block of one warp."""
+COURSE = 32
+"""Steps that prescribed motion is worked out for at a time, one a thread of a warp."""
+
+
+def shared_rows(Real: type) -> int:
+    """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y."""
+    return 8 if Real == wp.float32 else 6
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return 32;
+#else
+    return 1;
+#endif
+""")
+def lanes() -> int:
+    """Threads of a warp."""
+    ...
+
+
+@wp.func
+def group() -> int:
+    """Threads of a group, which adds up what acts on one sprocket: a quarter of a warp."""
+    return (lanes() + 3) // 4
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return (__ffs(mask) - 1) & 31;
+#else
+    int bit = 0;
+    while (!((mask >> bit) & 1)) ++bit;
+    return bit;
+#endif
+""")
+def lowest_bit(mask: int) -> int:
+    """Position of the lowest bit set in `mask`, which is not zero."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __syncthreads_or(flag);
+#else
+    static int any;
+    WP_TILE_SYNC();
+    any = 0;
+    WP_TILE_SYNC();
+    if (flag) any = 1;
+    WP_TILE_SYNC();
+    return any;
+#endif
+""")
+def any_thread(flag: int) -> int:
+    """Whether `flag` is not zero in any thread of the block; a barrier."""
+    ...
+
+
+SEEN = 5
+"""Rows of what is seen of links between two looks at where the strands are (`block_observe`)."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """How much of what a block's threads share there is, and what of it lies in shared memory."""
+
+    parts: int  # values, float64
+    rows: int  # values
+    held: int
+    seen: int  # values
+    shares_parts: bool
+    shares_rows: bool  # and held
+    shares_seen: bool
+
+    @property
+    def doubles(self) -> int:
+        """Float64 values of a block in global memory."""
+        return self.parts * (not self.shares_parts)
+
+    @property
+    def values(self) -> int:
+        """Values of a block in global memory, at the kernel's precision."""
+        return self.rows * (not self.shares_rows) + self.seen * (not self.shares_seen)
+
+    @property
+    def integers(self) -> int:
+        """Integers of a block in global memory."""
+        return self.held * (not self.shares_rows)
+
+
+def room(Real: type, threads: int, slots: int, sprockets: int, guides: int, moving: bool, measuring: bool) -> Room:
+    """What a block of `threads` threads for `slots` rollers needs, for these numbers of sprockets and guide-bars."""
+    kinds = types(Real)
+    size = wp.types.type_size_in_bytes(Real)
+    parts, rows = (3 if moving else 1) * sprockets * threads, shared_rows(Real) * slots
+    seen = SEEN * slots if measuring else 1
+    of_each = [Wheel, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
+    of_each += [Mount, MountSums] if moving else []
+    used = sprockets * (16 * COURSE + sum(struct.numpy_dtype()["itemsize"] for struct in of_each))
+    used += max(guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000  # chain, alignment, what stands for no mount
+    fits = []
+    for needed in (8 * parts, rows * size + 4 * slots, seen * size):
+        fits.append(used + needed <= SHARED_BYTES)
+        used += needed * fits[-1]
+    return Room(parts, rows, slots, seen, *fits)
+
+
+@cache
+def exchange(
+    Real: type, threads: int, slots: int, sprockets: int, guides: int, moving: bool, measuring: bool
+) -> SimpleNamespace:
+    """What a block of `threads` threads (whole warps) for up to `slots` rollers shares."""
+    kinds = types(Real)
+    of = room(Real, threads, slots, sprockets, guides, moving, measuring)
+
+    @wp.func_native(WARP_BARRIER if threads == 32 else BARRIER)
+    def barrier():
+        """Waits for all threads of the block."""
+        ...
+
+    @wp.func_native(SUM)
+    def warp_sum(value: wp.float64) -> wp.float64:
+        """Sum of `value` over the threads of this warp."""
+        ...
+
+    @wp.func_native(GROUP_SUM)
+    def group_sum(value: wp.float64) -> wp.float64:
+        """Sum of `value` over this thread's group, a quarter of a warp."""
+        ...
+
+    @wp.func_native(LARGEST)
+    def warp_max(value: Real) -> Real:
+        """Largest `value` of the threads of this warp."""
+        ...
+
+    @wp.func_native(_shared_snippet("rows", of.rows))
+    def rows(like: kinds.Shared) -> wp.array(dtype=Real): ...
+
+    @wp.func_native(_shared_snippet("held", slots))
+    def held(like: kinds.Shared) -> wp.array(dtype=wp.int32): ...
+
+    @wp.func_native(_shared_snippet("seen", of.seen))
+    def seen(like: kinds.Shared) -> wp.array(dtype=Real): ...
+
+    @wp.func_native(OWN)
+    def view(all: wp.array(dtype=Real), first: int, count: int) -> wp.array(dtype=Real):
+        """`count` values from `first` on."""
+        ...
+
+    @wp.func_native(OWN)
+    def own_parts(all: wp.array(dtype=wp.float64), first: int, count: int) -> wp.array(dtype=wp.float64): ...
+
+    @wp.func_native(OWN)
+    def own_held(all: wp.array(dtype=wp.int32), first: int, count: int) -> wp.array(dtype=wp.int32): ...
+
+    @wp.func_native(_shared_snippet("wheels", sprockets))
+    def wheels(like: kinds.Shared) -> wp.array(dtype=Wheel): ...
+
+    @wp.func_native(_shared_snippet("teeth", sprockets))
+    def teeth(like: kinds.Shared) -> wp.array(dtype=kinds.Sprocket): ...
+
+    @wp.func_native(_shared_snippet("bands", sprockets))
+    def bands(like: kinds.Shared) -> wp.array(dtype=kinds.Band): ...
+
+    @wp.func_native(_shared_snippet("bars", max(guides, 1)))
+    def bars(like: kinds.Shared) -> wp.array(dtype=kinds.Guide): ...
+
+    @wp.func_native(_shared_snippet("chain", 1))
+    def chain(like: kinds.Shared) -> wp.array(dtype=kinds.Chain): ...
+
+    @wp.func_native(_shared_snippet("parts", of.parts))
+    def parts(like: kinds.Shared) -> wp.array(dtype=wp.float64): ...
+
+    @wp.func_native(_shared_snippet("motions", sprockets))
+    def motions(like: kinds.Shared) -> wp.array(dtype=Motion): ...
+
+    @wp.func_native(_shared_snippet("course", 2 * COURSE * sprockets))
+    def course(like: kinds.Shared) -> wp.array(dtype=wp.float64): ...
+
+    @wp.func_native(_shared_snippet("strands", sprockets))
+    def strands(like: kinds.Shared) -> wp.array(dtype=Strand): ...
+
+    @wp.func_native(_shared_snippet("mounts", sprockets if moving else 1))
+    def mounts(like: kinds.Shared) -> wp.array(dtype=Mount): ...
+
+    @wp.func_native(_shared_snippet("mount_sums", sprockets if moving else 1))
+    def mount_sums(like: kinds.Shared) -> wp.array(dtype=MountSums): ...
+
+    @wp.func_native(_shared_snippet("sprocket_sums", sprockets))
+    def sprocket_sums(like: kinds.Shared) -> wp.array(dtype=SprocketSums): ...
+
+    @wp.func_native(_shared_snippet("strand_sums", sprockets))
+    def strand_sums(like: kinds.Shared) -> wp.array(dtype=StrandSums): ...
+
+    @wp.func
+    def shared_arrays(state: kinds.State, block: int):
+        """The arrays that the threads share; `block` is the place of this block in its launch."""
+        shared = kinds.Shared()
+        first = block * wp.static(of.values)
+        if wp.static(of.shares_rows):
+            shared.rows = rows(shared)
+            shared.held = held(shared)
+        else:
+            shared.rows = view(state.rows, first, wp.static(of.rows))
+            shared.held = own_held(state.held, wp.static(slots) * block, wp.static(slots))
+        if wp.static(of.shares_seen):
+            shared.seen = seen(shared)
+        else:
+            shared.seen = view(state.rows, first + wp.static(of.values - of.seen), wp.static(of.seen))
+        shared.wheels = wheels(shared)
+        shared.teeth = teeth(shared)
+        shared.bands = bands(shared)
+        shared.bars = bars(shared)
+        shared.chain = chain(shared)
+        if wp.static(of.shares_parts):
+            shared.parts = parts(shared)
+        else:
+            shared.parts = own_parts(state.parts, block * wp.static(of.parts), wp.static(of.parts))
+        shared.motions = motions(shared)
+        shared.course = course(shared)
+        shared.mounts = mounts(shared)
+        shared.strands = strands(shared)
+        shared.mount_sums = mount_sums(shared)
+        shared.sprocket_sums = sprocket_sums(shared)
+        shared.strand_sums = strand_sums(shared)
+        return shared
+
+    return SimpleNamespace(
+        view=view,
+        barrier=barrier,
+        warp_sum=warp_sum,
+        group_sum=group_sum,
+        warp_max=warp_max,
+        shared_arrays=shared_arrays,
+    )

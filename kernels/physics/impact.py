@@ -1,0 +1,60 @@
+r"""Contact force laws: the force of a penalty contact from its penetration and approach speed.
+
+    hysteretic     F = K pen^n (1 + d v / v0)     (Pedersen et al. 2004, eq. (15), (18), (19))
+    Kelvin-Voigt   F = K pen^n + c v
+
+never adhesive (F >= 0); v0 is the approach speed at the contact's first instant, not below a floor. The elastic part
+K pen^n is the derivative of the contact's energy K pen^(n+1) / (n + 1); the rest of the force dissipates. What d or c
+is in terms of a restitution stands in the package's table of laws (`warpchain.drive.laws`), where Lankarani-Nikravesh,
+Flores and Hunt-Crossley differ in d only.
+
+To add a law: write its function with the arguments of `hysteretic`, put it at the end of `FORCES`, and name it in the
+package's table.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from ..root import reciprocal
+
+
+@wp.func
+def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
+    """K pen^n [N], eq. (15) without damping; `penetration` > 0 [m]."""
+    if exponent == type(exponent)(1.0):
+        return stiffness * penetration
+    return stiffness * wp.exp(exponent * wp.log(penetration))
+
+
+@wp.func
+def hysteretic(elastic: Any, speed: Any, impact_speed: Any, damping: Any):
+    """Force [N] after eq. (15), (18), (19); `damping` is the hysteresis factor d [-], `impact_speed` v0 [m/s]."""
+    return elastic * (type(elastic)(1.0) + damping * speed * reciprocal(impact_speed))
+
+
+@wp.func
+def kelvin_voigt(elastic: Any, speed: Any, impact_speed: Any, damping: Any):
+    """Force [N] of a spring and a damper side by side; `damping` is c [N s/m]."""
+    return elastic + damping * speed
+
+
+FORCES = (hysteretic, kelvin_voigt)
+"""The laws' functions; a law's number (`structs.ContactLaw.form`) is its place here."""
+
+
+@wp.func
+def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
+    """Force [N] of the contact law that `law` names, never adhesive.
+
+    Args:
+        elastic: K pen^n [N].
+        speed: approach speed v [m/s], positive while the penetration grows.
+        impact_speed: v0 [m/s].
+        law: the contact's parameters (`structs.ContactLaw`).
+    """
+    force = hysteretic(elastic, speed, impact_speed, law.hysteresis)
+    for form in range(1, wp.static(len(FORCES))):
+        if law.form == form:
+            force = wp.static(FORCES[form])(elastic, speed, impact_speed, law.hysteresis)
+    return wp.max(force, type(elastic)(0.0))

@@ -1,0 +1,119 @@
+r"""How a sprocket's center moves: prescribed, or on springs, with the inertia of an eccentric balance wheel.
+
+Prescribed, with a unit vector d:   r_s(t) = r_0 + d (offset + A sin(2 pi f t + phase)).
+
+On springs and dampers, r_s the center, M = m_s + m_b the mass of sprocket and wheel, e the wheel's direction and tau
+that turned by +90 degrees, q = m_b r_b tau:
+
+    M a + q alpha = contacts + M g + m_b r_b omega^2 e + preload - K (r_s - r_0) - C v_s      (a)
+    I alpha + q . a = contact moment + load + q . g,      I = J + m_b r_b^2                   (b)
+
+These hold momentum and energy exactly. With B = 1/M along the directions in which the center is free (both, a slider's
+one, or none) and a_0 the acceleration of a prescribed center, (a) is a = a_0 + B (F - q alpha), and (b) gives
+
+    alpha = (N - q . (a_0 + B F)) / (I - q . B q).                                             (c)
+"""
+
+import warp as wp
+
+from ..structs import Mount, SprocketState, vec2d, vec3d
+from ..sum_structs import Totals
+
+PRESCRIBED = wp.constant(1)
+FREE = wp.constant(2)
+
+
+@wp.func
+def prescribed_center(time: wp.float64, mount: Mount):
+    """Place [m], velocity and acceleration of a prescribed center."""
+    argument = mount.frequency * time + mount.phase
+    along = mount.offset + mount.amplitude * wp.sin(argument)
+    rate = mount.amplitude * mount.frequency * wp.cos(argument)
+    growth = -mount.amplitude * mount.frequency * mount.frequency * wp.sin(argument)
+    return mount.home + along * mount.direction, rate * mount.direction, growth * mount.direction
+
+
+@wp.func
+def eccentric(heading: vec2d, mount: Mount):
+    """m_b r_b e [kg m], the wheel's arm from the center; `heading` is (cos theta, sin theta)."""
+    w = mount.wheel
+    return vec2d(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
+
+
+@wp.func
+def left(v: vec2d):
+    """`v` turned by +90 degrees."""
+    return vec2d(-v[1], v[0])
+
+
+@wp.func
+def spring_force(center: vec2d, velocity: vec2d, mount: Mount):
+    """Force of preload, spring and damper on the center [N]."""
+    return mount.preload - mount.stiffness * (center - mount.home) - mount.damping * velocity
+
+
+@wp.func
+def accelerations(
+    time: wp.float64, body: SprocketState, heading: vec2d, contacts: Totals, turning: vec3d, mount: Mount
+):
+    """Acceleration of a sprocket's center (x, y) [m/s^2] and of its angle [rad/s^2]; (a) to (c) above.
+
+    Args:
+        time: for a prescribed center [s].
+        body: the sprocket; its angle and speed must be those of `time`.
+        heading: cosine and sine of its angle.
+        contacts: the chain's force and moment on it.
+        turning: (1 if the angle is prescribed else 0, its angular acceleration [rad/s^2], load moment [N m]).
+    """
+    arm = eccentric(heading, mount)
+    q = left(arm)
+    driven = vec2d()
+    if mount.moves == PRESCRIBED:
+        place, velocity, driven = prescribed_center(time, mount)
+    outward = body.speed * body.speed * arm
+    force = contacts.push + mount.mass * mount.gravity + outward + spring_force(body.center, body.velocity, mount)
+    straight = driven + mount.inverse_mass * force
+    angular = turning[1]
+    if turning[0] == wp.float64(0.0):
+        moment = contacts.moment + turning[2] + wp.dot(q, mount.gravity)
+        angular = (moment - wp.dot(q, straight)) / (mount.inertia - wp.dot(q, mount.inverse_mass * q))
+    straight = straight - angular * (mount.inverse_mass * q)
+    return vec3d(straight[0], straight[1], angular)
+
+
+@wp.func
+def body_energy(body: SprocketState, heading: vec2d, mount: Mount):
+    """Kinetic and potential energy of a sprocket on its mount, with its wheel and its preload [J]."""
+    half = wp.float64(0.5)
+    apart = body.center - mount.home
+    arm = eccentric(heading, mount)
+    energy = half * mount.mass * wp.dot(body.velocity, body.velocity) + half * mount.inertia * body.speed * body.speed
+    energy += body.speed * wp.dot(left(arm), body.velocity)
+    energy -= wp.dot(mount.gravity, mount.mass * body.center + arm)
+    return energy + half * wp.dot(apart, mount.stiffness * apart) - wp.dot(mount.preload, apart)
+
+
+@wp.func
+def holding_force(body: SprocketState, heading: vec2d, contacts: Totals, rates: vec3d, mount: Mount):
+    """Force on the center of what holds it [N]: spring, damper and preload, or whatever prescribes or fixes it."""
+    held = spring_force(body.center, body.velocity, mount)
+    if mount.moves != FREE:
+        arm = eccentric(heading, mount)
+        straight = vec2d(rates[0], rates[1]) - mount.gravity
+        held = mount.mass * straight + rates[2] * left(arm) - body.speed * body.speed * arm - contacts.push
+    return held
+
+
+@wp.func
+def prescribing_power(body: SprocketState, heading: vec2d, held: vec2d, rates: vec3d, turned: int, mount: Mount):
+    """Power that keeps a prescribed center moving, and a wheel turning at a prescribed angle (`turned` = 1) [W].
+
+    The chain's moment against a prescribed angle is not in it; it is counted with the contacts' work.
+    """
+    power = wp.float64(0.0)
+    if mount.moves == PRESCRIBED:
+        power += wp.dot(held, body.velocity)
+    if turned == 1:
+        straight = vec2d(rates[0], rates[1]) - mount.gravity
+        power += body.speed * (mount.inertia * rates[2] + wp.dot(left(eccentric(heading, mount)), straight))
+    return power

@@ -1,0 +1,258 @@
+"""Archives: the same trajectories back, bitwise; whole files only; one line for each refusal."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from archives import assert_same
+from drives import two_sprockets
+
+from warpchain import Record, read_archive, simulate, write_archive
+from warpchain.archive import ArchiveOptions
+from warpchain.errors import ArchiveError, SimulationError
+from warpchain.results.run import CHANNELS
+
+
+def drives():
+    return [
+        two_sprockets(duration=0.003, settle="false"),
+        two_sprockets(duration=0.002, settle="false", teeth=24, links=64),
+    ]
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(drives())
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_float64_comes_back_bitwise(run, tmp_path, compression):
+    path = write_archive(run, tmp_path / "a.mcap", options=ArchiveOptions(compression=compression))
+    back = read_archive(path)
+    assert_same(run, back)
+    assert back.info == run.info
+
+
+def test_float32_comes_back_bitwise(tmp_path):
+    single = simulate(drives(), precision="float32")
+    back = read_archive(write_archive(single, tmp_path / "a.mcap"))
+    assert_same(single, back)
+    assert back[0].tension.dtype == np.float32
+
+
+def test_channels_that_were_not_recorded_stay_none(tmp_path):
+    part = simulate(drives(), record=Record(variants=[1], channels=("tension", "sprocket_speed")))
+    back = read_archive(write_archive(part, tmp_path / "a.mcap"))
+    assert_same(part, back)
+    assert [name for name in CHANNELS if getattr(back[1], name) is not None] == ["tension", "sprocket_speed"]
+    with pytest.raises(SimulationError, match="variant 0 was not recorded"):
+        back[0]
+
+
+def test_streamed_while_running_equals_written_afterwards(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("warpchain.engine.simulation.BLOCK_WORK", 60 * 101)
+    streamed = simulate(drives(), archive=tmp_path / "s.mcap")
+    assert_same(run, streamed)
+    assert [path.name for path in tmp_path.iterdir()] == ["s.mcap"]
+
+
+def test_metrics_alone(tmp_path):
+    bare = simulate(drives(), record=Record("none"))
+    back = read_archive(write_archive(bare, tmp_path / "a.mcap"))
+    assert_same(bare, back)
+    assert len(back) == 0
+
+
+def test_rerun_accepts_the_file(run, tmp_path):
+    path = write_archive(run, tmp_path / "a.mcap")
+    rerun = shutil.which("rerun") or str(Path(sys.executable).with_name("rerun"))
+    done = subprocess.run([rerun, "mcap", "check", str(path)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_foxglove_and_ros_decoders_read_every_message(run, tmp_path):
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory as Protobuf
+    from mcap_ros2.decoder import DecoderFactory as Ros2
+
+    path = write_archive(run, tmp_path / "a.mcap")
+    trajectory, clouds, joints = run[0], [], []
+    with path.open("rb") as stream:
+        for schema, channel, message, decoded in make_reader(
+            stream, decoder_factories=[Protobuf(), Ros2()]
+        ).iter_decoded_messages():
+            if channel.topic == "/variant/00000/rollers":
+                assert schema.name == "foxglove.PointCloud"
+                clouds.append((message.log_time, decoded))
+            elif channel.topic == "/variant/00000/sprockets":
+                joints.append(decoded)
+    assert len(clouds) == len(joints) == len(trajectory.time)
+    last, cloud = clouds[-1]
+    assert last == round(trajectory.time[-1] * 1e9)
+    assert cloud.timestamp.ToNanoseconds() == last
+    assert [field.name for field in cloud.fields][:3] == ["x", "y", "z"]
+    x = np.ndarray((60,), "<f8", cloud.data, 0, (cloud.point_stride,))
+    np.testing.assert_array_equal(x, trajectory.position[-1, :, 0])
+    assert list(joints[-1].name) == ["driver", "driven"]
+    np.testing.assert_array_equal(joints[-1].velocity, trajectory.sprocket_speed[-1])
+
+
+def test_foxglove_draws_the_outlines(run, tmp_path):
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    path = write_archive(run, tmp_path / "a.mcap")
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        scenes = list(reader.iter_decoded_messages(topics=["/variant/00001/scene"]))
+        turns = [part[3].transforms for part in reader.iter_decoded_messages(topics=["/variant/00001/transforms"])]
+    ((schema, _, message, scene),) = scenes
+    described = {file.name for file in FileDescriptorSet.FromString(schema.data).file}
+    assert {"foxglove/SceneUpdate.proto", "foxglove/LinePrimitive.proto", "google/protobuf/duration.proto"} <= described
+    assert (schema.name, message.log_time) == ("foxglove.SceneUpdate", 0)
+    drive, trajectory = run.drives[1], run[1]
+    assert [entity.id for entity in scene.entities] == ["sprocket/driver", "sprocket/driven"]
+    assert len(turns) == len(trajectory.time)
+    for s, entity in enumerate(scene.entities):
+        teeth, circle = (np.array([(p.x, p.y) for p in line.points]) for line in entity.lines)
+        turn = turns[-1][s]
+        assert (turn.parent_frame_id, turn.child_frame_id) == ("drive", entity.frame_id)
+        assert turn.timestamp.ToNanoseconds() == round(trajectory.time[-1] * 1e9)
+        assert (turn.translation.x, turn.translation.y) == drive.sprockets[s].center
+        twist = complex(turn.rotation.w, turn.rotation.z) ** 2  # a unit quaternion about z
+        assert twist == pytest.approx(np.exp(1j * trajectory.sprocket_angle[-1, s]), abs=1e-14)
+        teeth = teeth @ np.array([[twist.real, twist.imag], [-twist.imag, twist.real]]) + drive.sprockets[s].center
+        radius = np.hypot(*circle.T)
+        np.testing.assert_allclose(radius, drive.pitch_radius(s), rtol=1e-14)
+        # a seated roller plays in its seat arc, whose radius is the roller's and the clearance
+        play = drive.contact.sprocket.clearance
+        seat = drive.chain.roller_radius + play
+        away = np.hypot(*(trajectory.position[-1, :, None] - teeth).transpose(2, 0, 1)).min(axis=1)
+        assert away.min() == pytest.approx(seat, abs=play)
+        assert sum(away < 1.01 * seat) >= drive.sprockets[s].teeth // 2 - 2
+
+
+def test_descriptors_are_those_that_foxglove_publishes():
+    messages = pytest.importorskip("foxglove.messages")
+    from google.protobuf.descriptor_pb2 import FileDescriptorSet
+
+    from warpchain.archive.proto import MESSAGES, message_type, schema_bytes
+
+    for name in ("foxglove.PointCloud", "foxglove.SceneUpdate"):
+        published = FileDescriptorSet.FromString(getattr(messages, name.split(".")[1]).get_schema().data)
+        mine = {file.name: file for file in FileDescriptorSet.FromString(schema_bytes(message_type(name))).file}
+        for file in published.file:
+            for field in (*file.message_type[0].field, *mine[file.name].message_type[0].field):
+                field.ClearField("json_name")  # what a compiler adds
+            assert file.message_type == mine[file.name].message_type, file.name
+    assert MESSAGES
+
+
+def test_metadata_tells_how_the_run_was_made(run, tmp_path):
+    from dataclasses import replace
+
+    told = replace(run, info=replace(run.info, seed=7))
+    back = read_archive(write_archive(told, tmp_path / "a.mcap"))
+    assert back.info == told.info
+    assert back.info.step == run.drives[0].run.step
+    options = ArchiveOptions(seed=8)
+    assert read_archive(write_archive(told, tmp_path / "b.mcap", options=options)).info.seed == 8
+    held = back.metadata
+    assert held["step"] == repr(run.info.step)
+    assert (held["device"], held["precision"], held["seed"]) == ("cpu", "float64", "7")
+    assert "warp-lang " in held["versions"]
+    assert "python " in held["versions"]
+
+
+def test_existing_file_is_kept_unless_told_otherwise(run, tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_text("mine")
+    with pytest.raises(ArchiveError, match=r"exists already.*overwrite"):
+        write_archive(run, path)
+    assert path.read_text() == "mine"
+    write_archive(run, path, overwrite=True)
+    assert_same(run, read_archive(path))
+
+
+def test_refusals_of_the_writer(run, tmp_path):
+    with pytest.raises(ArchiveError, match="compression = 'gzip'"):
+        ArchiveOptions(compression="gzip")
+    with pytest.raises(ArchiveError, match="cannot be written"):
+        write_archive(run, tmp_path / "absent" / "a.mcap")
+    with pytest.raises(ArchiveError, match="is a folder"):
+        write_archive(run, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_full_disk_is_one_line_and_leaves_nothing(run, tmp_path, monkeypatch):
+    from warpchain.archive import mcap_write as archive_file
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(archive_file.os, "fsync", full)
+    with pytest.raises(ArchiveError, match=r"a\.mcap: cannot be written \(No space left on device\)"):
+        write_archive(run, tmp_path / "a.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_error_on_the_way_leaves_nothing(run, tmp_path):
+    from warpchain.archive import ArchiveWriter
+
+    with pytest.raises(ZeroDivisionError), ArchiveWriter(tmp_path / "a.mcap", run.drives, [0], run.info) as writer:
+        writer.append(0, run[0])
+        1 / 0  # noqa: B018
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_refused_for_memory_leaves_nothing(tmp_path):
+    with pytest.raises(SimulationError, match="memory budget"):
+        simulate(drives(), archive=tmp_path / "a.mcap", memory=1000)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_variant_that_is_not_there_is_one_line(run, tmp_path):
+    back = read_archive(write_archive(run, tmp_path / "a.mcap"))
+    for variant in (7, -1):
+        with pytest.raises(SimulationError, match=f"variant {variant} was not recorded"):
+            back[variant]
+
+
+def test_refusals_of_the_reader(run, tmp_path):
+    with pytest.raises(ArchiveError, match="cannot be read"):
+        read_archive(tmp_path / "absent.mcap")
+    other = tmp_path / "text.mcap"
+    other.write_text("no archive, but a text that is long enough to look into")
+    with pytest.raises(ArchiveError, match="is not an MCAP file"):
+        read_archive(other)
+    from mcap.writer import Writer
+
+    foreign = tmp_path / "foreign.mcap"
+    with foreign.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.finish()
+    with pytest.raises(ArchiveError, match="not an archive of warpchain"):
+        read_archive(foreign)
+
+
+def test_a_cut_or_damaged_archive_is_never_silent(run, tmp_path):
+    whole = write_archive(run, tmp_path / "a.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    for part in (0.3, 0.6, 0.9, 0.999):
+        cut.write_bytes(whole[: int(part * len(whole))])
+        with pytest.raises(ArchiveError) as caught:
+            read_archive(cut)
+        assert "\n" not in str(caught.value)
+    damaged = bytearray(whole)
+    chunk = len(whole) // 3
+    damaged[chunk : chunk + 200] = bytes(200)
+    cut.write_bytes(damaged)
+    with pytest.raises(ArchiveError):
+        back = read_archive(cut)
+        for variant in back:
+            back[variant]

@@ -1,0 +1,202 @@
+"""How archives are written: threads, splits, precision of the values."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from archives import assert_same
+from drives import two_sprockets
+from rerun_check import rerun_accepts
+
+from warpchain import ArchiveOptions, Record, cli, read_archive, simulate, write_archive
+from warpchain.archive.pipeline import Pipeline
+from warpchain.errors import ArchiveError, SimulationError
+
+
+@pytest.fixture(scope="module")
+def run():
+    other = two_sprockets(duration=0.002, settle="false", teeth=24, links=64)
+    first = two_sprockets(duration=0.003, settle="false")
+    return simulate([first, other, other, first, first], record=Record(variants=[0, 1, 3, 4], rate=5e4))
+
+
+@pytest.fixture
+def small_chunks(monkeypatch):
+    monkeypatch.setattr("warpchain.archive.CHUNK", 2**16)
+
+
+def test_results_are_handed_on_in_order_whatever_the_work_takes():
+    rng, out = np.random.default_rng(0), []
+    pauses = rng.uniform(0.0, 2e-3, 100)
+
+    def work(job):
+        time.sleep(pauses[job])
+        return job
+
+    pipeline = Pipeline(work, out.append, threads=4, room=8)
+    for job in range(100):
+        pipeline.put(job)
+    pipeline.close()
+    assert out == list(range(100))
+
+
+def test_no_more_jobs_are_under_way_than_there_is_room():
+    gate, taken = threading.Event(), []
+    pipeline = Pipeline(lambda job: gate.wait(10), lambda result: None, threads=2, room=3)
+
+    def feed():
+        for job in range(50):
+            pipeline.put(job)
+            taken.append(job)
+
+    feeder = threading.Thread(target=feed)
+    feeder.start()
+    time.sleep(0.2)
+    assert len(taken) <= 3 + 1  # those that wait, and the one that the sink waits for
+    gate.set()
+    feeder.join(10)
+    pipeline.close()
+    assert len(taken) == 50
+
+
+@pytest.mark.parametrize("place", ["work", "sink"])
+def test_an_error_comes_out_on_the_callers_side(place):
+    done = []
+
+    def fail(job):
+        if job == 5:
+            raise OSError(28, "No space left on device")
+        return job
+
+    work, sink = (fail, done.append) if place == "work" else (lambda job: job, lambda job: done.append(fail(job)))
+    pipeline = Pipeline(work, sink, threads=2, room=4)
+    with pytest.raises(OSError, match="No space left"):
+        for job in range(10_000):
+            pipeline.put(job)
+            time.sleep(1e-4)
+    with pytest.raises(OSError, match="No space left"):
+        pipeline.close()
+    assert done == [0, 1, 2, 3, 4]  # nothing after the failure
+    pipeline.close(drop=True)
+
+
+def test_files_do_not_depend_on_the_number_of_encoders(run, tmp_path, small_chunks):
+    sizes = set()
+    for encoders in (1, 3):
+        path = write_archive(run, tmp_path / f"{encoders}.mcap", options=ArchiveOptions(encoders=encoders))
+        assert_same(run, read_archive(path))
+        sizes.add(path.stat().st_size)
+    assert len(sizes) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "files"),
+    [
+        (ArchiveOptions(split_variants=1), 4),
+        (ArchiveOptions(split_variants=3, compression="lz4"), 2),
+        (ArchiveOptions(split_variants=9), 1),
+        (ArchiveOptions(split_size=200_000), None),
+        (ArchiveOptions(split_size=10**9, compression="none"), 1),
+    ],
+)
+@pytest.mark.parametrize("streamed", [False, True])
+def test_a_split_set_opens_as_one(run, tmp_path, small_chunks, options, files, streamed, monkeypatch):
+    path = tmp_path / "set.mcap"
+    if streamed:
+        monkeypatch.setattr("warpchain.engine.simulation.BLOCK_WORK", 60 * 101)
+        record = Record(variants=[0, 1, 3, 4], rate=5e4)
+        assert_same(run, simulate(run.drives, record=record, archive=path, archive_options=options))
+    else:
+        assert write_archive(run, path, options=options) == path
+    parts = sorted(tmp_path.iterdir())
+    assert not path.exists()
+    assert len(parts) == files or (files is None and len(parts) > 2)
+    for name in (path, *parts):
+        back = read_archive(name)
+        assert list(back.files) == parts
+        assert_same(run, back)
+    assert rerun_accepts(parts[-1])
+
+
+def test_a_set_with_a_part_missing_or_foreign_is_told(run, tmp_path):
+    path = write_archive(run, tmp_path / "set.mcap", options=ArchiveOptions(split_variants=1))
+    other = write_archive(run, tmp_path / "other.mcap", options=ArchiveOptions(split_variants=1))
+    middle = tmp_path / "set.part0001.mcap"
+    middle.unlink()
+    with pytest.raises(ArchiveError, match="part 1 is missing"):
+        read_archive(path)
+    (tmp_path / "other.part0001.mcap").rename(middle)
+    with pytest.raises(ArchiveError, match="belongs to another archive"):
+        read_archive(path)
+    (tmp_path / "other.part0003.mcap").unlink()
+    (tmp_path / "other.part0002.mcap").unlink()
+    with pytest.raises(ArchiveError, match="has no end"):
+        read_archive(other)
+
+
+def test_overwriting_a_set_leaves_nothing_of_it(run, tmp_path):
+    path = write_archive(run, tmp_path / "set.mcap", options=ArchiveOptions(split_variants=1))
+    with pytest.raises(ArchiveError, match=r"part0000\.mcap: exists already"):
+        write_archive(run, path)
+    write_archive(run, path, overwrite=True, options=ArchiveOptions(split_variants=3))
+    assert len(list(tmp_path.iterdir())) == 2
+    assert_same(run, read_archive(path))
+    write_archive(run, path, overwrite=True)
+    assert list(tmp_path.iterdir()) == [path]
+    assert_same(run, read_archive(path))
+
+
+def test_float32_values_and_exact_positions(run, tmp_path):
+    half = read_archive(write_archive(run, tmp_path / "h.mcap", options=ArchiveOptions(values="float32")))
+    both = ArchiveOptions(values="float32", exact_positions=True)
+    exact = read_archive(write_archive(run, tmp_path / "e.mcap", options=both))
+    for variant in run:
+        for back in (half, exact):
+            np.testing.assert_array_equal(back[variant].tension, run[variant].tension.astype(np.float32))
+            np.testing.assert_array_equal(back[variant].sprocket_angle, run[variant].sprocket_angle)
+            np.testing.assert_array_equal(back[variant].time, run[variant].time)
+        assert half[variant].position.dtype == np.float32
+        np.testing.assert_array_equal(exact[variant].position, run[variant].position)
+    topics = {channel.topic for channel in exact.trajectories.files[0].channels.values()}
+    assert "/variant/00003/positions" in topics
+    assert rerun_accepts(exact.files[0])
+    assert half.files[0].stat().st_size < 0.7 * write_archive(run, tmp_path / "f.mcap").stat().st_size
+
+
+@pytest.mark.parametrize(
+    ("values", "line"),
+    [
+        ({"compression": "gzip"}, "compression = 'gzip'"),
+        ({"values": "float16"}, "values = 'float16'"),
+        ({"split_size": 0}, "split_size = 0"),
+        ({"split_variants": 2, "split_size": 5}, "give one of them"),
+        ({"encoders": 1.5}, "encoders = 1.5"),
+        ({"exact_positions": True}, "exact_positions"),
+        ({"attachments": {"metrics.arrow": b""}}, "archive's own"),
+        ({"attachments": {"study.toml": "text"}}, "allowed are bytes"),
+    ],
+)
+def test_refusals_of_the_options(values, line):
+    with pytest.raises(ArchiveError, match=line):
+        ArchiveOptions(**values)
+
+
+def test_options_of_the_command_line(capsys, tmp_path):
+    words = ["run", "marine", "-o", str(tmp_path / "m.mcap"), "--duration", "0.004", "--rate", "1e5", "--quiet"]
+    words += ["--set", "run.settle=false", "--compression", "lz4", "--values", "float32", "--split-size", "0.5"]
+    assert cli.main(words) == 0
+    back = read_archive(tmp_path / "m.mcap")
+    assert len(back.files) > 1
+    assert back[0].tension.dtype == np.float32
+    assert cli.main([*words, "--exact-positions"]) == 2
+    assert "exists already" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        cli.main([*words, "--split-size", "-1"])
+    assert "above 0 (MiB)" in capsys.readouterr().err
+
+
+def test_an_archive_is_read_while_another_variant_is_asked_for_that_is_not_there(run, tmp_path):
+    back = read_archive(write_archive(run, tmp_path / "a.mcap"))
+    with pytest.raises(SimulationError, match="variant 2 was not recorded"):
+        back.read(2)

@@ -1,0 +1,21 @@
+"""What tests read off an assembled chain."""
+
+import numpy as np
+
+
+def link_lengths(assembly):
+    return np.hypot(*(np.roll(assembly.position, -1, axis=0) - assembly.position).T)
+
+
+def strand_of_link(assembly):
+    """(N,) the strand that each link belongs to, -1 on an arc."""
+    strand = np.full(len(assembly.position), -1)
+    for k, (first, links) in enumerate(zip(assembly.strand_first, assembly.strand_links, strict=True)):
+        strand[first : first + links] = k
+    return strand
+
+
+def strand_rollers(assembly, k):
+    """The positions of strand k's rollers, both end seats included."""
+    index = (assembly.strand_first[k] + np.arange(assembly.strand_links[k] + 1)) % len(assembly.position)
+    return assembly.position[index]

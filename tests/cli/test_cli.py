@@ -1,0 +1,184 @@
+"""The command line as a user meets it: what it prints, its exit status, and one line for each mistake."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from command import run
+
+from warpchain import load_drive, read_archive
+from warpchain.assembly.summary import derive, strand_frequency
+from warpchain.drive.examples import drive_path
+
+
+def test_check_prints_the_drive(capsys):
+    status, out, err = run(capsys, "check", "marine")
+    assert (status, err) == (0, [])
+    text = "\n".join(out)
+    for word in (
+        "162 links",
+        "preload 2470 N",
+        "crankshaft",
+        "1.03744 m",
+        "tight strand",
+        "limit 6.041e-05 s",
+        "86.45 Hz",
+    ):
+        assert word in text
+
+
+def test_check_as_json_in_si(capsys):
+    status, out, _ = run(capsys, "check", "marine", "--json")
+    values = json.loads("\n".join(out))
+    assert status == 0
+    assert values["sprockets"][1]["name"] == "tightener"
+    # around a loop that does not cross itself the wraps, signed, add up to a full turn
+    wraps = [sprocket["wrap"] for sprocket in values["sprockets"]]
+    assert wraps[0] - wraps[1] + wraps[2] == pytest.approx(360.0)
+    assert values["tooth_passing_frequency"] == pytest.approx(9.53 * 57 / (2 * np.pi))
+
+
+def test_derived_tensions_balance_the_loads():
+    drive = load_drive(drive_path("marine"))
+    values = derive(drive)
+    slack, same, tight = (strand["working_tension"] for strand in values["strands"])
+    load = 9000.0 + 50.0 * 9.53
+    assert tight - same == pytest.approx(load / drive.pitch_radius(2))
+    assert slack == pytest.approx(same)
+    assert slack == pytest.approx(drive.chain.mass / drive.chain.pitch * values["chain_speed"] ** 2)
+
+
+def test_strand_frequency_is_the_closed_form():
+    drive = load_drive(drive_path("marine"))
+    # many links: the string's f = sqrt(T / mu) / (2 L)
+    string = np.sqrt(2e4 / (6.95 / 0.1143)) / (2 * 400 * 0.1143)
+    assert strand_frequency(drive, 400, 2e4) == pytest.approx(string, rel=1e-5)
+    assert strand_frequency(drive, 400, 0.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["check", "marin"], "marin: neither a drive file nor an example drive (engine, industrial, marine, "),
+        (["check", "marime"], 'motorcycle); did you mean "marine"?'),
+        (["check", "absent.toml"], "absent.toml: "),
+        (["check", "marine", "--set", "chain.links"], "--set chain.links: must be PATH=VALUE"),
+        (["check", "marine", "--set", "chain.lins=3"], "chain.lins: unknown path; did you mean chain.links?"),
+        (["check", "marine", "--set", "chain.links=190"], "chain.links = 190: does not fit"),
+        (["run", "marine", "-o", "x.mcap", "--step", "1e-3", "--quiet"], "run.step = 0.001: must be above 0 and below"),
+        (["run", "marine", "-o", "x.mcap", "--device", "tpu"], "device = 'tpu'"),
+        (["run", "marine", "-o", "x.mcap", "--duration", "-1"], "duration = -1.0"),
+        (["run", "marine", "-o", "x.mcap", "--step", "short"], "argument --step: 'short' is not a number"),
+        (["run", "marine", "-o", "x.mcap", "--memory", "nan"], "argument --memory: 'nan': must be a finite number"),
+        (["run", "marine", "-o", "x.mcap", "--memory", "inf"], "argument --memory: 'inf': must be a finite number"),
+        (["run", "marine", "-o", "x.mcap", "--memory", "-1"], "argument --memory: '-1': must be a finite number"),
+        (["run", "marine"], "the following arguments are required: -o/--output; see warpchain run --help"),
+        (["fly"], "invalid choice: 'fly'"),
+        (["check", "marine", "--set", "run.step=1e-5\nother=1"], "run.step"),
+    ],
+)
+def test_mistakes_are_one_line_and_status_2(capsys, tmp_path, monkeypatch, words, line):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, *words)
+    assert (status, out) == (2, [])
+    assert len(err) == 1
+    assert err[0].startswith("warpchain: error: ")
+    assert line in err[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_errors_of_a_file_come_at_once(capsys, tmp_path):
+    text = (
+        drive_path("marine")
+        .read_text()
+        .replace("pitch = 0.1143", "pitch = -1.0")
+        .replace("links = 162", 'links = "many"')
+    )
+    bad = tmp_path / "bad.toml"
+    bad.write_text(text)
+    status, _, err = run(capsys, "check", bad)
+    assert status == 2
+    assert len(err) == 2
+    assert any("chain.pitch = -1.0" in line for line in err)
+    assert any("chain.links" in line for line in err)
+
+
+def test_no_command_prints_the_help_with_status_2(capsys):
+    status, out, _ = run(capsys)
+    assert status == 2
+    assert any(line.startswith("usage: warpchain") for line in out)
+
+
+@pytest.mark.parametrize("command", ["check", "run", "view", "plot", "export", "recover"])
+def test_every_command_has_help_with_an_example(capsys, command):
+    status, out, _ = run(capsys, command, "--help")
+    assert status == 0
+    assert any(line.startswith(f"  warpchain {command} ") for line in out)
+
+
+def test_run_export_round_trip(capsys, tmp_path):
+    archive, arrays = tmp_path / "short.mcap", tmp_path / "short.npz"
+    words = [
+        "run",
+        "marine",
+        "-o",
+        archive,
+        "--duration",
+        "0.004",
+        "--rate",
+        "1000",
+        "--set",
+        "run.settle=false",
+        "--quiet",
+    ]
+    status, out, _ = run(capsys, *words)
+    assert status == 0
+    assert any(line.startswith("tension: mean") for line in out)
+    assert archive.exists()
+    status, out, err = run(capsys, *words)
+    assert status == 2
+    assert "--overwrite" in err[0]
+    assert run(capsys, *words, "--overwrite")[0] == 0
+    assert run(capsys, "export", archive, "-o", arrays)[0] == 0
+    with np.load(arrays) as held:
+        assert held["position"].shape == (5, 162, 2)
+        assert held["tension"].dtype == np.float64
+
+
+def test_a_run_that_diverges_is_status_1(capsys, tmp_path):
+    words = ["run", "marine", "-o", tmp_path / "mad.mcap", "--quiet", "--duration", "0.05", "--step", "5.9e-5"]
+    mad = ["--set", "contact.sprocket.impact_speed_floor=1e-9", "--set", "sprockets.camshaft.load.torque=1e9"]
+    status, out, _ = run(capsys, *words, *mad)
+    assert status == 1
+    assert any("diverged at" in line for line in out)
+
+
+def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):
+    archive = tmp_path / "long.mcap"
+    command = [
+        sys.executable,
+        "-m",
+        "warpchain",
+        "run",
+        "marine",
+        "-o",
+        str(archive),
+        "--duration",
+        "3000",
+        "--rate",
+        "50",
+    ]
+    process = subprocess.Popen([*command, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(6.0)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "interrupted: the archive holds what was recorded" in out
+    assert err == ""
+    back = read_archive(archive)
+    assert back.info.ended == "interrupted"
+    assert len(back[0].time) > 10

@@ -1,0 +1,114 @@
+"""The catalogue of ISO 606 chains, and drives that name a size."""
+
+import math
+from itertools import pairwise
+
+import pytest
+from drives import errors_of, marine_values
+
+from warpchain import cli
+from warpchain.assembly.summary import derive, report
+from warpchain.drive import Chain, Drive, dumps_drive, loads_drive
+from warpchain.drive.catalogue import CHAINS
+from warpchain.errors import DriveError
+
+SIZED = {"size": "16B", "links": 100, "stiffness": "estimate", "damping_ratio": 0.02}
+
+
+@pytest.fixture
+def values():
+    return marine_values()
+
+
+def sized(values, size="72B", stiffness="estimate"):
+    """The marine drive's values with a size instead of dimensions."""
+    for key in ("pitch", "roller_radius", "roller_mass"):
+        del values["chain"][key]
+    values["chain"] |= {"size": size, "stiffness": stiffness}
+    return values
+
+
+def test_sizes_are_sixteenths_of_an_inch():
+    """The number of a size is its pitch in sixteenths of an inch; 05B, 8 mm, is the metric exception."""
+    assert CHAINS["05B"].pitch == 0.008
+    for size, chain in CHAINS.items():
+        assert size == chain.size
+        if size != "05B":
+            assert chain.pitch == pytest.approx(int(size[:-1]) * 25.4e-3 / 16, rel=1e-12)
+
+
+def test_series_a_has_the_strength_of_asme_b29_1():
+    """12,500 lbf for each square inch of pitch; ISO 606 rounds to three figures."""
+    for size, chain in CHAINS.items():
+        if size.endswith("A"):
+            load = 12500 * 4.4482216 * (chain.pitch / 25.4e-3) ** 2
+            assert chain.breaking_load == pytest.approx(load, rel=4e-3), size
+
+
+@pytest.mark.parametrize("series", ["A", "B"])
+def test_sizes_grow_alike(series):
+    """Everything grows with the pitch; rollers fit between pitch and half of it; masses follow width and height."""
+    chains = [chain for chain in CHAINS.values() if chain.size.endswith(series)]
+    for small, large in pairwise(chains):
+        assert small.pitch < large.pitch
+        assert small.roller_diameter < large.roller_diameter
+        assert small.mass_per_length < large.mass_per_length
+        assert small.breaking_load < large.breaking_load
+    for chain in chains:
+        assert 0.5 < chain.roller_diameter / chain.pitch < 0.7
+        assert 0.35 < chain.inner_width / chain.pitch < 0.73
+        # a chain of one shape weighs and carries with the square of its size
+        assert 2800 < chain.mass_per_length / chain.pitch**2 < 5200
+        assert 6e7 < chain.breaking_load / chain.pitch**2 < 1.2e8
+
+
+def test_size_fills_and_explicit_keys_override():
+    chain = Chain(**SIZED)
+    assert (chain.pitch, chain.roller_radius, chain.mass_per_length) == (0.0254, 0.00794, 2.71)
+    assert chain.breaking_load == 60e3
+    # 1 % of 25.4 mm at 60 kN
+    assert chain.stiffness == pytest.approx(60e3 / 0.254e-3)
+    assert chain.stiffness_is_estimate
+    own = Chain(**SIZED | {"roller_mass": 0.07, "pitch": 0.0255, "roller_radius": 0.0079, "stiffness": 1e8})
+    assert (own.pitch, own.roller_radius, own.mass, own.stiffness) == (0.0255, 0.0079, 0.07, 1e8)
+    assert own.mass_per_length is None and not own.stiffness_is_estimate
+
+
+def test_sized_drive_round_trips_and_changes(values):
+    drive = Drive(**sized(values))
+    assert loads_drive(dumps_drive(drive)) == drive
+    other = drive.with_values({"chain.size": "64B", "chain.stiffness": "estimate"})
+    assert other.chain.pitch == 0.1016 and other.chain.mass_per_length == 46.0
+    assert other.chain.stiffness == CHAINS["64B"].estimated_stiffness
+    with pytest.raises(DriveError, match=r'^chain\.stiffness: missing; must be a positive number, or "estimate"'):
+        drive.with_values({"chain.size": "64B"})
+
+
+def test_size_errors_name_size_and_sizes(values):
+    (line,) = errors_of(sized(values, size="17B", stiffness=1e9))
+    assert line.startswith('chain.size = "17B": must be a size of ISO 606: 05B, 06B, 08B, ')
+
+
+def test_estimate_needs_a_size(values):
+    values["chain"]["stiffness"] = "estimate"
+    text = 'must be a positive number, or "estimate" together with a size'
+    assert errors_of(values) == (f'chain.stiffness = "estimate": {text}',)
+
+
+def test_check_says_that_the_stiffness_is_an_estimate(values):
+    drive = Drive(**sized(values))
+    derived = derive(drive)
+    assert derived["breaking_load"] == 1.4e6
+    text = report(derived)
+    assert "size: 72B (ISO 606), breaking load 1400 kN" in text and "an ESTIMATE" in text
+    measured = report(derive(drive.with_values({"chain.stiffness": 1.5e9})))
+    assert "size: 72B" in measured and "ESTIMATE" not in measured
+
+
+def test_chains_command_lists_every_size(capsys):
+    assert cli.main(["chains"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines[1 : 1 + len(CHAINS)]] == list(CHAINS)
+    row = next(line for line in lines if line.startswith("16B")).split()
+    assert [float(row[i]) for i in (1, 2, 3, 5, 7)] == [25.4, 15.88, 17.02, 2.71, 60.0]
+    assert math.isclose(float(row[9]), CHAINS["16B"].estimated_stiffness, rel_tol=1e-2)

@@ -1,0 +1,163 @@
+"""Stiffness from materials and the restitution of an impact, against closed forms."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+
+from warpchain.drive import Material, loads_drive
+from warpchain.drive.stiffness import compliance, hertz_stiffness, rebound_ratio
+from warpchain.errors import DriveError
+
+STEEL = Material(youngs_modulus=210e9, poissons_ratio=0.3)
+RUBBER = Material(youngs_modulus=10e6, poissons_ratio=0.49)
+
+
+def drive(**changes):
+    """Two sprockets and a rubber bar under a 72B chain."""
+    text = """
+    [chain]
+    pitch = 0.1143
+    links = 60
+    roller_mass = 6.95
+    stiffness = 1.5e9
+    damping = 3.0e4
+    roller_radius = 0.0362
+    [[sprockets]]
+    name = "a"
+    teeth = 20
+    center = [0.0, 0.0]
+    wrap = "ccw"
+    prescribed = { speed = 10.0 }
+    [[sprockets]]
+    name = "b"
+    teeth = 20
+    center = [2.3, 0.0]
+    wrap = "ccw"
+    inertia = 10.0
+    [[guides]]
+    name = "bar"
+    start = [0.0, 1.0]
+    end = [1.0, 1.0]
+    end_radius = 0.3
+    [contact.sprocket]
+    clearance = 4.0e-4
+    restitution = 0.3
+    impact_speed_floor = 0.02
+    width = 0.063
+    reference_load = 10.0e3
+    roller = { youngs_modulus = 210e9, poissons_ratio = 0.3 }
+    partner = { youngs_modulus = 210e9, poissons_ratio = 0.3 }
+    [contact.guide]
+    restitution = 0.5
+    impact_speed_floor = 0.02
+    width = 0.063
+    reference_load = 10.0e3
+    roller = { youngs_modulus = 210e9, poissons_ratio = 0.3 }
+    partner = { youngs_modulus = 10e6, poissons_ratio = 0.49 }
+    [run]
+    duration = 1.0
+    step = "auto"
+    sample_rate = 1000.0
+    """
+    return loads_drive(text).with_values(changes)
+
+
+def test_steel_seat_of_a_72b_roller():
+    # eq. (20): 1.62e9 N/m at 10 kN, to the three digits stated
+    assert drive().sprocket_stiffness(0) == pytest.approx(1.62e9, rel=0.003)
+    direct = hertz_stiffness(10e3, 0.063, 0.0362, 0.0366, compliance(STEEL, STEEL))
+    assert drive().sprocket_stiffness(1) == pytest.approx(direct, rel=1e-12)
+
+
+def test_flat_rubber():
+    # eq. (20) with R2 -> infinity: 6.0e5 N/m at 10 kN, to the two digits stated
+    assert drive().guide_stiffness(0) == pytest.approx(6.0e5, rel=0.005)
+    far = hertz_stiffness(10e3, 0.063, 0.0362, 1e9, compliance(STEEL, RUBBER))
+    assert drive().guide_stiffness(0) == pytest.approx(far, rel=1e-9)
+
+
+@given(
+    load=st.floats(1.0, 1e5), width=st.floats(0.005, 0.2), r1=st.floats(1e-3, 0.1), r2=st.floats(1e-3, 1.0)
+)  # fmt: skip
+def test_stiffness_is_load_over_the_published_penetration(load, width, r1, r2):
+    # eq. (20) as printed, with materials written out
+    each = (1 - 0.3**2) / 210e9
+    bracket = math.log(math.pi * width**3 * (r1 + r2) / (load * r1 * r2 * 2 * each)) + 1
+    penetration = load / (math.pi * width) * 2 * each * bracket
+    stiffness = hertz_stiffness(load, width, r1, r2, compliance(STEEL, STEEL))
+    assert stiffness == pytest.approx(load / penetration, rel=1e-9)
+
+
+def test_exponent_keeps_the_load_at_the_reference_penetration():
+    linear = hertz_stiffness(10e3, 0.063, 0.0362, 0.0366, compliance(STEEL, STEEL))
+    penetration = 10e3 / linear
+    power = hertz_stiffness(10e3, 0.063, 0.0362, 0.0366, compliance(STEEL, STEEL), exponent=1.5)
+    assert power * penetration**1.5 == pytest.approx(10e3, rel=1e-12)
+
+
+def test_given_stiffness_is_used():
+    changed = drive(**{"contact.sprocket.stiffness": 2e9, "guides.bar.contact.stiffness": 3e6})
+    assert changed.sprocket_stiffness(0) == 2e9
+    assert changed.guide_stiffness(0) == 3e6
+
+
+def test_materials_of_one_bar():
+    steel = {"youngs_modulus": 210e9, "poissons_ratio": 0.3}
+    changed = drive(**{"guides.bar.contact.partner": steel})
+    direct = hertz_stiffness(10e3, 0.063, 0.0362, math.inf, compliance(STEEL, STEEL))
+    assert changed.guide_stiffness(0) == pytest.approx(direct, rel=1e-12)
+
+
+def test_load_where_the_bracket_vanishes_is_the_limit():
+    body = compliance(STEEL, RUBBER)
+    limit = math.e * 0.063**3 / (0.0362 * body)  # the bracket is ln(limit / P)
+    assert hertz_stiffness(0.99 * limit, 0.063, 0.0362, math.inf, body) > 0
+    with pytest.raises(DriveError, match=r"^reference_load = .*: must be above 0 and below 776.* N"):
+        hertz_stiffness(1.01 * limit, 0.063, 0.0362, math.inf, body)
+
+
+@pytest.mark.parametrize("load", [0.0, -1.0, math.nan])
+def test_a_load_that_presses_nothing_is_an_error(load):
+    with pytest.raises(DriveError, match="must be above 0"):
+        hertz_stiffness(load, 0.063, 0.0362, math.inf, compliance(STEEL, RUBBER))
+
+
+def test_a_load_beyond_the_formula_names_its_key():
+    with pytest.raises(DriveError, match=r"^contact\.guide\.reference_load = 1000000\.0: must be below"):
+        drive(**{"contact.guide.reference_load": 1e6})
+    with pytest.raises(DriveError, match=r"^guides\.bar\.contact\.reference_load = 1000000\.0: must be below"):
+        drive(**{"guides.bar.contact.reference_load": 1e6})
+
+
+def test_a_stiffness_beyond_all_numbers_names_its_key():
+    changed = drive(**{"contact.sprocket.exponent": 100.0})
+    with pytest.raises(DriveError, match=r"^contact\.sprocket\.reference_load = 10000\.0: must give a stiffness that"):
+        changed.sprocket_stiffness(0)
+
+
+@pytest.mark.parametrize(("restitution", "ratio"), [(0.3, 0.68423), (0.5, 0.72524), (0.8, 0.84710), (1.0, 1.0)])
+def test_rebound_ratio_of_stated_cases(restitution, ratio):
+    assert rebound_ratio(restitution) == pytest.approx(ratio, abs=6e-6)
+
+
+@given(st.floats(1e-9, 0.999))
+def test_rebound_ratio_solves_its_equation(restitution):
+    d = 0.75 * (1 - restitution**2)
+    reference = brentq(lambda r: -d * r - math.log1p(-d * r) - (d - math.log1p(d)), 0.1, 1.0, xtol=1e-15, rtol=1e-14)
+    assert rebound_ratio(restitution) == pytest.approx(reference, rel=1e-9)
+
+
+def test_rebound_ratio_joins_its_series_smoothly():
+    # both sides of d = 1e-4 against r = 1 - 2 d/3 + 4 d^2/9 - ..., whose next term is below d^3
+    for d in (0.9e-4, 1.1e-4, 1e-3):
+        series = 1 - 2 * d / 3 + 4 * d * d / 9
+        assert rebound_ratio(math.sqrt(1 - d / 0.75)) == pytest.approx(series, abs=d**3 + 1e-11)
+
+
+@pytest.mark.parametrize("restitution", [0.0, -0.1, 1.0001, math.nan])
+def test_rebound_ratio_of_an_impossible_restitution(restitution):
+    with pytest.raises(DriveError, match=r"^restitution = .*: must be a number above 0, at most 1$"):
+        rebound_ratio(restitution)

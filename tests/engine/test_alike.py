@@ -1,0 +1,94 @@
+"""Packing: a mixed ensemble is its variants' own packs one after the other, to the last bit."""
+
+import pytest
+from drives import two_sprockets
+
+from warpchain import load_drive
+from warpchain.drive.examples import drive_path, example_names
+from warpchain.engine.alike import alike
+from warpchain.engine.pack import pack
+from warpchain.results.schedule import Schedule
+
+PLACES = ("first_roller", "first_sprocket", "first_guide", "first_contact", "first_tally")
+
+
+def mixed():
+    """All examples, some alike in all but a load, out of order and some repeated."""
+    marine = load_drive(drive_path("marine"))
+    torque = [marine.with_values({"sprockets.camshaft.load.torque": 8000.0 + k}) for k in range(3)]
+    beats = [{"order": 3, "amplitude": 100.0, "phase": 0.5}, {"order": 6, "amplitude": 50.0, "phase": 0.0}]
+    torque.append(marine.with_values({"sprockets.camshaft.load.harmonics": beats}))
+    for most in (500.0, 700.0):
+        table = {"time": [0.0, 0.1, 0.3], "torque": [0.0, most, 100.0]}
+        torque.append(marine.with_values({"sprockets.camshaft.load.table": table}))
+    worn = marine.with_values({"chain.elongation": 0.002})
+    stiff = marine.with_values({"sprockets.camshaft.inertia": 9.0})
+    others = [load_drive(drive_path(name)) for name in example_names()]
+    return [torque[0], two_sprockets(), worn, torque[1], *others, stiff, *others[::-1], *torque[2:], two_sprockets()]
+
+
+def schedules(count):
+    return [Schedule(1e-6 * (v + 1), 100 + v, v, 50 + v, v % 3) for v in range(count)]
+
+
+def assert_same(values, expected, but=()):
+    """Field by field, bit by bit; padding between fields means nothing."""
+    assert values.shape == expected.shape and values.dtype == expected.dtype
+    if values.dtype.names is None:
+        assert values.tobytes() == expected.tobytes()
+        return
+    for name in values.dtype.names:
+        if name not in but:
+            assert_same(values[name], expected[name])
+
+
+def rows_of(motion, packed):
+    """The harmonics that a motion refers to."""
+    for name in ("drive_harmonics", "load_harmonics"):
+        first, count = int(motion[name]["first"]), int(motion[name]["count"])
+        yield packed.harmonics[first : first + count]
+    for name in ("drive_table", "load_table"):
+        first, cells = int(motion[name]["first"]), int(motion[name]["cells"])
+        yield packed.tables[first : first + 5 * cells]
+
+
+def test_each_variant_is_packed_as_if_alone():
+    drives = mixed()
+    plan = schedules(len(drives))
+    packed = pack(drives, plan)
+    at = dict.fromkeys(PLACES, 0)
+    for v, drive in enumerate(drives):
+        part, alone = packed.part(v, v + 1), pack([drive], [plan[v]])
+        row = packed.drives[v]
+        assert {name: int(row[name]) for name in PLACES} == at
+        rollers, wheels, bars = (int(row[name]) for name in ("rollers", "sprockets", "guides"))
+        steps = (rollers, wheels, bars, rollers * (wheels + bars), rollers * (wheels + 1))
+        at = {name: at[name] + more for name, more in zip(PLACES, steps, strict=True)}
+        for name in ("drives", "chains", "lengths", "mounts", "rollers", "bodies", "strands", "seat"):
+            assert_same(getattr(part, name), getattr(alone, name))
+        if bars:
+            assert_same(part.guides, alone.guides)
+        assert_same(part.sprockets, alone.sprockets, but=("first_seat",))
+        assert_same(part.motions, alone.motions, but=("drive_harmonics", "load_harmonics", "drive_table", "load_table"))
+        for own, single in zip(part.motions, alone.motions, strict=True):
+            for values, expected in zip(rows_of(own, packed), rows_of(single, alone), strict=True):
+                assert_same(values, expected)
+            for name in ("drive_table", "load_table"):
+                assert_same(own[name], single[name], but=("first",))
+        for own, single in zip(part.sprockets, alone.sprockets, strict=True):
+            teeth, first, other = int(own["teeth"]), int(own["first_seat"]), int(single["first_seat"])
+            assert_same(packed.seats[first : first + teeth], alone.seats[other : other + teeth])
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "kinds"),
+    [
+        ("sprockets.camshaft.load.torque", 9000.0, 1),
+        ("sprockets.camshaft.inertia", 9.0, 2),
+        ("chain.elongation", 0.002, 2),
+        ("run.step", 1e-6, 2),
+    ],
+)
+def test_only_loads_may_differ(path, value, kinds):
+    marine = load_drive(drive_path("marine"))
+    assert len(alike([marine, marine.with_values({path: value})])[0]) == kinds

@@ -1,0 +1,221 @@
+"""Devices by name, and an ensemble cut into parts on several engines."""
+
+from functools import partial
+from itertools import pairwise, product
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import warp as wp
+from drives import two_sprockets
+
+from warpchain import Record, load_drive, simulate
+from warpchain.drive.examples import drive_path
+from warpchain.engine.block_shape import LONGEST_ON_A_WARP, THREADS, block_shape, room_for
+from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.devices import SeveralEngines, _cuts, chosen_devices
+from warpchain.engine.gpu import Bucket, GpuEngine, launch_steps, refusal
+from warpchain.engine.pack import pack
+from warpchain.engine.recorder import frame_width
+from warpchain.errors import SimulationError
+from warpchain.kernels.gpu.exchange import room
+from warpchain.results.schedule import Schedule
+
+STEPS = 200
+
+
+def mixed():
+    """Three drives, unlike in links, sprockets and guide-bars."""
+    marine = load_drive(drive_path("marine"))
+    return [two_sprockets(), marine, two_sprockets(teeth=24, links=64), marine, two_sprockets()]
+
+
+def packed_with_frames(drives):
+    every = [10, 0, 20, 10, 0]
+    packed = pack(
+        drives, [Schedule(drive.run.step, STEPS, 50, STEPS, k) for drive, k in zip(drives, every, strict=True)]
+    )
+    first = 0
+    for v, (drive, k) in enumerate(zip(drives, every, strict=True)):
+        if k:
+            packed.drives["first_value"][v] = first
+            first += frame_width(drive) * (STEPS // k + 1)
+    return packed, first
+
+
+def run_to_the_end(engine, values):
+    frames = engine.frame_buffer(values)
+    for future in engine.advance(STEPS + 1, frames):
+        future.result()
+    try:
+        return engine.rollers(), engine.progress(), engine.sums(), np.array(frames.numpy()[:values], copy=True)
+    finally:
+        engine.close()
+
+
+@pytest.mark.parametrize("cuts", [(0, 2, 5), (0, 1, 4, 5)])
+def test_parts_of_an_ensemble_give_what_the_whole_gives(cuts):
+    drives = mixed()
+    packed, values = packed_with_frames(drives)
+    whole = run_to_the_end(CpuEngine(packed, 1), values)
+    packed, values = packed_with_frames(drives)
+    parts = [("cpu", a, b) for a, b in pairwise(cuts)]
+    several = SeveralEngines(packed, parts, lambda part, name: CpuFrames(part, 1))
+    cut = run_to_the_end(several, values)
+    np.testing.assert_array_equal(whole[0], cut[0])
+    np.testing.assert_array_equal(whole[1], cut[1])
+    for name in whole[2]:
+        np.testing.assert_array_equal(whole[2][name], cut[2][name], err_msg=name)
+    np.testing.assert_array_equal(whole[3], cut[3])
+
+
+class CpuFrames(CpuEngine):
+    """A CPU engine whose frame buffers know their length, as a GPU's do."""
+
+    def frame_buffer(self, values):
+        buffer = super().frame_buffer(values)
+        buffer.values = values
+        return buffer
+
+
+def test_cuts_share_the_work_evenly():
+    packed = pack([two_sprockets()] * 8, [Schedule(1e-5, 100, 0, 100, 0)] * 8)
+    assert _cuts(packed, 2) == [0, 4, 8]
+    assert _cuts(packed, 4) == [0, 2, 4, 6, 8]
+    assert _cuts(packed, 1) == [0, 8]
+    packed.drives["steps"][0] = 7 * 101 - 1  # as much as all others
+    assert _cuts(packed, 2) == [0, 1, 8]
+
+
+def test_launches_take_whole_units_of_steps_and_about_equal_time():
+    assert launch_steps(162.0, 10**9) == 131_072  # one marine drive: bounded by steps
+    assert launch_steps(1.62e6, 10**9) == 3072  # ten thousand: by work, 5e9 / 1.62e6 = 3086, down to whole units of 32
+    assert launch_steps(162.0, 50) == 32
+    assert launch_steps(162.0, 7) == 7  # a frame buffer this small
+
+
+def test_registers_of_a_block_fit_a_multiprocessor():
+    for precision in ("float64", "float32"):
+        for links in THREADS:
+            for many, measuring in product((False, True), repeat=2):
+                shape = block_shape(links, many)
+                assert 65536 // (shape.threads * shape.resident(precision, measuring, 1000)) >= 64, (precision, shape)
+                assert shape.resident(precision, measuring, 1) <= 2
+
+
+def test_blocks_have_room_for_the_chain_and_little_more():
+    links = np.array([3, 32, 33, 118, 162, 257, 1000, 1024, 1025, 4000])
+    most = room_for(links)
+    assert (most >= links).all()
+    assert most.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 2048, 4096]
+    for many in (False, True):
+        shapes = [block_shape(int(r), many) for r in most]
+        assert [shape.slots for shape in shapes] == most.tolist()
+        # moments are added up in the order of rollers only by one warp, or with one roller a thread
+        assert all(shape.threads == 32 or shape.per == 1 or shape.slots > THREADS[-1] for shape in shapes)
+        assert all((shape.threads == 32) == (many or shape.slots == 32) for shape in shapes if shape.slots <= 512)
+    assert LONGEST_ON_A_WARP == 512
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("room_", [128, 640, 768, 1024, 4096])
+def test_every_kernel_finds_its_rows(room_, moves):
+    # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
+    bucket = Bucket(block_shape(room_, False), 3, 1, moves, False, np.arange(7), None)
+    engine = SimpleNamespace(packed=SimpleNamespace(real=wp.float64), buckets=[bucket])
+    engine._shape = partial(GpuEngine._shape, engine)
+    there = GpuEngine._large(engine)
+    for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
+        shape = engine._shape(name, bucket)
+        of = room(wp.float64, shape.threads, shape.slots, 3, 1, moving, measuring)
+        assert there[0] >= 7 * of.values and there[1] >= 7 * of.integers and there[2] >= 7 * of.doubles
+
+
+def test_no_gpu_is_told_in_one_line(monkeypatch):
+    monkeypatch.setattr("warpchain.engine.devices._gpus", dict)
+    packed = pack([two_sprockets()], [Schedule(1e-5, 100, 0, 100, 0)])
+    assert chosen_devices(None, packed) == ("cpu",)
+    assert chosen_devices("cpu", packed) == ("cpu",)
+    with pytest.raises(SimulationError, match=r"device = 'cuda': no NVIDIA GPU .*use device=\"cpu\""):
+        chosen_devices("cuda", packed)
+    with pytest.raises(SimulationError, match=r"device = 'gpu': allowed are \"cpu\", \"cuda\""):
+        chosen_devices("gpu", packed)
+
+
+def test_gpus_are_chosen_by_name_and_age(monkeypatch):
+    monkeypatch.setattr("warpchain.engine.devices._gpus", lambda: {"cuda:0": 90, "cuda:1": 61, "cuda:2": 75})
+    packed = pack([two_sprockets()], [Schedule(1e-5, 100, 0, 100, 0)])
+    assert chosen_devices(None, packed) == ("cuda:0", "cuda:2")
+    assert chosen_devices("cuda:2", packed) == ("cuda:2",)
+    with pytest.raises(SimulationError, match=r"device cuda:1: compute capability 6.1 is too old"):
+        chosen_devices("cuda", packed)
+    with pytest.raises(SimulationError, match=r"there is no such GPU; there are cuda:0, cuda:1, cuda:2"):
+        chosen_devices("cuda:7", packed)
+
+
+def test_what_a_gpu_cannot_run_goes_to_the_cpu_or_is_told(monkeypatch):
+    monkeypatch.setattr("warpchain.engine.devices._gpus", lambda: {"cuda:0": 90})
+    drives = [two_sprockets(), two_sprockets().with_values({"run.integrator": "rk4"})]
+    packed = pack(drives, [Schedule(1e-5, 100, 0, 100, 0)] * 2)
+    assert refusal(packed) is None
+    packed.drives["rollers"][1] = 20_000
+    assert chosen_devices(None, packed) == ("cpu",)
+    with pytest.raises(SimulationError, match=r"variant 1: chain.links = 20000: a GPU takes up to 16384"):
+        chosen_devices("cuda", packed)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_gpu_runs_are_bitwise_repeatable_and_variants_independent(precision):
+    drives = mixed()
+    options = {"device": "cuda", "duration": 0.02, "precision": precision, "record": Record(rate=2000.0)}
+    crowd, again = simulate(drives, **options), simulate(drives, **options)
+    assert crowd.metrics.equals(again.metrics)
+    for v in (1, 2):
+        alone = simulate(drives[v], **options)
+        for name, values in alone[0].channels().items():
+            np.testing.assert_array_equal(values, getattr(crowd[v], name), err_msg=name)
+            np.testing.assert_array_equal(values, getattr(again[v], name), err_msg=name)
+
+
+@pytest.mark.gpu
+def test_gpu_gives_what_the_cpu_gives():
+    drives = mixed()
+    options = {"duration": 0.005, "record": Record(rate=2000.0)}
+    cpu, gpu = simulate(drives, device="cpu", **options), simulate(drives, device="cuda", **options)
+    for v in range(len(drives)):
+        # settling ends within its tolerance of equilibrium, not at one point: forces agree to that tolerance
+        np.testing.assert_allclose(gpu[v].position, cpu[v].position, atol=2e-6)
+        np.testing.assert_allclose(gpu[v].tension.mean(), cpu[v].tension.mean(), rtol=1e-2)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_conveyor_of_4000_links_runs_on_a_gpu(precision):
+    drive = two_sprockets(links=4000, span=1990.0, duration=2e-3, settle="false")
+    runs = [simulate([drive] * count, device="cuda:0", precision=precision) for count in (1, 2)]
+    row = runs[0].metrics.to_pylist()[0]
+    assert not row["diverged"]
+    assert abs(row["energy_residual_relative"]) < 1e-2  # the balance that shorter chains are held to as well
+    assert runs[1].metrics.to_pylist()[1]["tension_mean"] == row["tension_mean"]  # bitwise, beside another
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision):
+    from warpchain.engine.gpu import MANY
+
+    drive = two_sprockets()
+    many = MANY * wp.get_device("cuda:0").sm_count
+    ends = []
+    for count in (1, many):
+        packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count).at_precision(precision)
+        engine = GpuEngine(packed, "cuda:0")
+        frames = engine.frame_buffer(0)
+        for future in engine.advance(2001, frames):
+            future.result()
+        ends.append((engine.rollers()[: 6 * drive.chain.links], engine.sums()["chain"][0], engine.buckets[0].shape))
+        engine.close()
+    assert ends[0][2] != ends[1][2]  # different kernels
+    np.testing.assert_array_equal(ends[0][0], ends[1][0])
+    assert ends[0][1] == ends[1][1]

@@ -1,0 +1,278 @@
+"""The block kernel: against the CPU kernel on cooperative fibers, and compiled for CUDA where there is no GPU."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+import warp as wp
+from drives import two_sprockets
+
+from warpchain import load_drive
+from warpchain.assembly.timestep import step_limit
+from warpchain.drive.examples import drive_path
+from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.block_shape import BlockShape, block_shape, room_for
+from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.pack import pack
+from warpchain.engine.recorder import frame_width
+from warpchain.engine.settling import elastic
+from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_observe import collect
+from warpchain.kernels.gpu.block_relax import block_relax_kernel
+from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.relaxation import Settling
+from warpchain.results.schedule import Schedule
+
+FOREVER = 10**8
+OTHER_TEETH = {
+    "chain.worn_links": [{"link": 3, "elongation": 1e-3}],
+    "contact.sprocket.law": "kelvin-voigt",
+    "contact.sprocket.profile": "iso606",
+    "contact.sprocket.gap": "maximum",
+    "contact.sprocket.clearance": None,
+    "contact.sprocket.seat_angle": None,
+}
+
+
+@pytest.fixture
+def fibers():
+    """Blocks of several threads on the CPU, for one test."""
+    before = wp.config.enable_cpu_blocks
+    wp.config.enable_cpu_blocks = True
+    yield
+    wp.config.enable_cpu_blocks = before
+
+
+def marine():
+    drive = load_drive(drive_path("marine"))
+    return [drive, drive.with_values({"sprockets.camshaft.load.torque": 5e3, "run.step": 8e-6})]
+
+
+def equal_sprockets():
+    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)]
+
+
+def long_chains():
+    return [two_sprockets(links=320, span=150.0), two_sprockets(links=340, span=160.0)]
+
+
+def unusual_contacts():
+    table = {"time": [0.0, 5e-4, 2e-3], "torque": [0.0, 500.0, 100.0]}
+    drives = [
+        {
+            "contact.sprocket.profile": "iso606",
+            "contact.sprocket.gap": "maximum",
+            "contact.sprocket.clearance": None,
+            "contact.sprocket.seat_angle": None,
+            "contact.sprocket.law": "kelvin-voigt",
+            "sprockets.driven.load.table": table,
+        },
+        {
+            "contact.sprocket.law": "flores",
+            "contact.sprocket.exponent": 1.5,
+            "contact.sprocket.stiffness": 1e10,
+            "chain.worn_links": [{"link": 7, "elongation": 2e-3}],
+            "chain.elongation": 1e-4,
+        },
+    ]
+    return [two_sprockets().with_values(values) for values in drives]
+
+
+def moving_sprockets():
+    springs = {"kind": "elastic", "stiffness": [1e6, 1e6], "damping": [1e3, 1e3], "preload": [2e3, -500.0]}
+    slider = {"kind": "slider", "direction": [1.0, 0.2], "stiffness": 1e5, "damping": 200.0, "preload": 1e3}
+    shaken = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-4, "frequency": 40.0}
+    wheel = {"mass": 2.0, "radius": 0.05, "phase": 0.3}
+    drives = [
+        {"sprockets.driven.mount": springs, "sprockets.driven.mass": 30.0, "sprockets.driven.balance_wheel": wheel},
+        {"sprockets.driven.mount": slider, "sprockets.driven.mass": 30.0, "sprockets.driver.mount": shaken},
+    ]
+    return [two_sprockets().with_values(values) for values in drives]
+
+
+def large(packed, shape, blocks):
+    """What `upload_state` is to keep in global memory for such blocks."""
+    of = room_of(packed, shape)
+    return blocks * of.values, blocks * of.integers, blocks * of.doubles
+
+
+def room_of(packed, shape):
+    """What such a block shares."""
+    wheels, bars = int(packed.drives["sprockets"][0]), int(packed.drives["guides"][0])
+    return room(packed.real, shape.threads, shape.slots, wheels, bars, bool(packed.mounts["active"].any()), True)
+
+
+def rk4():
+    drives = [*equal_sprockets()[:1], *moving_sprockets()[1:]]
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in drives]
+
+
+def rk4_on_guide_bar():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in marine()]
+
+
+def run_blocks(packed, shape, blocks, order, frames):
+    """The ensemble on blocks of fibers: its state, its sums, and its frames."""
+    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, len(order)))
+    sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+    threads = shape.threads
+    kernel = block_kernel(
+        packed.real,
+        threads,
+        shape.per,
+        int(packed.drives["sprockets"][0]),
+        int(packed.drives["guides"][0]),
+        4,
+        bool(packed.mounts["active"].any()),
+        True,
+        bool(packed.drives["integrator"].any()),
+    )
+    turn = wp.array(order, dtype=wp.int32, device="cpu")
+    for block in blocks:
+        inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
+        wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=threads, device="cpu")
+    wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
+    return state, sums
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("many", [False, True], ids=["few", "many"])
+@pytest.mark.parametrize(
+    "drives", [marine, equal_sprockets, moving_sprockets, long_chains, unusual_contacts, rk4, rk4_on_guide_bar]
+)
+def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
+    variants = drives()
+    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), many)
+    schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]
+    packed = pack(variants, schedules).at_precision(precision)
+    widths = [frame_width(drive) * 16 for drive in variants]
+    packed.drives["first_value"] = [0, widths[0]]
+    serial = CpuEngine(packed, 1)
+    theirs = serial.frame_buffer(sum(widths))
+    for future in serial.advance(301, theirs):
+        future.result()
+    serial.close()
+    ours = serial.frame_buffer(sum(widths))
+    ours.fill_(np.nan)
+    state, sums = run_blocks(packed, shape, [301], [1, 0], ours)  # the launch's order of variants does not matter
+    assert state.progress.numpy()["step"].tolist() == [301, 301]
+    assert state.progress.numpy()["diverged"].tolist() == [0, 0]
+    # the same functions in the same order; moments are added up in another: round-off, which contacts amplify
+    tolerance = 1e-9 if precision == "float64" else 3e-4
+    close = partial(np.testing.assert_allclose, atol=tolerance, rtol=tolerance)
+    close(state.rollers.numpy(), serial.state.rollers.numpy())
+    np.testing.assert_array_equal(state.seat.numpy(), serial.state.seat.numpy())
+    for name in ("angle", "speed", "center", "velocity"):
+        close(state.sprockets.numpy()[name], serial.state.sprockets.numpy()[name])
+    # forces are differences of positions times stiffness: relative to the largest there is
+    close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
+    for name in ("chain", "strand", "sprocket", "mount", "contact"):
+        mine, theirs_ = getattr(sums, name).numpy(), serial.sums()[name]
+        for field in mine.dtype.names:
+            scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
+            loose = 1e-9 if precision == "float64" else 1e-2
+            close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
+
+
+def test_rows_beyond_shared_memory(fibers):
+    variants = long_chains()
+    shape = BlockShape(64, 16)
+    packed = pack(variants, [Schedule(drive.run.step, 100, 11, 90, 0) for drive in variants])
+    assert not room_of(packed, shape).shares_rows
+    serial = CpuEngine(packed, 1)
+    none = serial.frame_buffer(0)
+    for future in serial.advance(101, none):
+        future.result()
+    serial.close()
+    state, sums = run_blocks(packed, shape, [64, 37], [0, 1], none)
+    # the same functions in the same order: round-off, which contacts amplify
+    np.testing.assert_allclose(state.rollers.numpy(), serial.state.rollers.numpy(), atol=1e-9, rtol=1e-9)
+    theirs = serial.sums()["chain"]
+    np.testing.assert_allclose(sums.chain.numpy()["tension"], theirs["tension"], rtol=1e-9)
+
+
+@pytest.mark.parametrize("drives", [equal_sprockets, rk4])
+def test_metrics_from_the_first_step(fibers, drives):
+    variants = drives()[:1]
+    packed = pack(variants, [Schedule(drive.run.step, 64, 0, 64, 0) for drive in variants])
+    serial = CpuEngine(packed, 1)
+    none = serial.frame_buffer(0)
+    for future in serial.advance(65, none):
+        future.result()
+    serial.close()
+    _, sums = run_blocks(packed, BlockShape(32, 2), [65], [0], none)
+    for name in ("chain", "strand", "sprocket", "contact"):
+        for field in (theirs := serial.sums()[name]).dtype.names:
+            ours, scale = getattr(sums, name).numpy()[field], np.abs(theirs[field]).max()
+            # added up in another order, and tensions are small differences of lengths times a large stiffness
+            atol = max(1e-9 * scale, 1e-11)
+            np.testing.assert_allclose(ours, theirs[field], rtol=1e-9, atol=atol, err_msg=f"{name}.{field}")
+
+
+@pytest.mark.parametrize(
+    "form", [(640, 1, 3, 1, 1, True, True), (768, 1, 2, 0, 1, False, False), (192, 1, 31, 0, 4, False, True)]
+)
+def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form):
+    kernel = block_kernel(wp.float64, *form)  # ptxas refuses what asks for more than 48 KiB
+    wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
+    assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
+
+
+@pytest.mark.parametrize("drives", [equal_sprockets, rk4])
+def test_where_launches_end_does_not_matter(fibers, drives):
+    variants = drives()[:1]
+    packed = pack(variants, [Schedule(drive.run.step, 2100, 1000, 2100, 0) for drive in variants])
+    none = wp.zeros(1, dtype=wp.float64, device="cpu")
+    once = run_blocks(packed, BlockShape(32, 2), [2101], [0], none)
+    twice = run_blocks(packed, BlockShape(32, 2), [1024, 1024, 53], [0], none)
+    np.testing.assert_array_equal(once[0].rollers.numpy(), twice[0].rollers.numpy())
+    for name in ("chain", "strand", "sprocket", "mount", "contact"):
+        mine, theirs = getattr(once[1], name).numpy(), getattr(twice[1], name).numpy()
+        np.testing.assert_array_equal(mine, theirs, err_msg=name)
+
+
+@pytest.mark.parametrize("arch", [75, 80, 90])
+@pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
+def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch):
+    for kernel in (
+        block_kernel(real, 128, 1, 2, 1, 4),
+        block_kernel(real, 32, 4, 2, 1, 16),
+        block_kernel(real, 128, 1, 2, 1, 4, True),
+        block_kernel(real, 128, 1, 2, 1, 4, False, True, True),
+        block_relax_kernel(real, 128, 1, 2, 1, 4),
+    ):
+        wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(tmp_path))
+    assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
+
+
+def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
+    drive = two_sprockets().with_values({"run.gravity": [0.0, -9.81]})
+    packed = pack([drive], [Schedule(drive.run.step, 10, 0, 10, 0)])
+    still = elastic(packed)
+    start = np.zeros(1, dtype=Settling.numpy_dtype())
+    start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 100_000
+    serial = CpuEngine(still, 1)
+    serial.start_settling(start)
+    for future in serial.settle(100_000):
+        future.result()
+    serial.close()
+    settling = wp.array(start, dtype=Settling, device="cpu")
+    ensemble, state, tallies = (
+        upload_ensemble(still, "cpu"),
+        upload_state(still, "cpu", (0, 0, 0)),
+        empty_tallies(still, "cpu"),
+    )
+    order = wp.zeros(1, dtype=wp.int32, device="cpu")
+    threads = 32 * -(-drive.chain.links // 32)
+    kernel = block_relax_kernel(wp.float64, threads, 1, 2, 0, 4)
+    for _ in range(40):
+        inputs = [ensemble, state, tallies, settling, order, 1000]
+        wp.launch(kernel, dim=threads, inputs=inputs, block_dim=threads, device="cpu")
+    ours, theirs = settling.numpy(), serial.settling()
+    assert ours["settled"][0] == theirs["settled"][0] == 1
+    assert ours["residual"][0] < 1e-3
+    # the same steps until round-off has a peak of kinetic energy seen a look earlier or later
+    assert abs(int(ours["steps"][0]) - int(theirs["steps"][0])) <= 0.2 * theirs["steps"][0]
+    np.testing.assert_allclose(
+        state.rollers.numpy()[: 2 * drive.chain.links], serial.rollers()[: 2 * drive.chain.links], atol=1e-5
+    )

@@ -1,0 +1,64 @@
+"""Outlines, contact directions and strand displacement against the solver and against geometry."""
+
+import math
+
+import numpy as np
+import pytest
+from drives import MARINE, two_sprockets
+
+import warpchain
+from warpchain import load_drive, simulate
+from warpchain.results.scene import contact_arrows, guide_outline, nearest_sprocket, strand_displacement, tooth_outline
+
+
+@pytest.mark.parametrize("s", [0, 1])
+def test_teeth_hold_a_roller_in_every_seat_and_end_at_the_tip(s):
+    drive = load_drive(MARINE)
+    outline = tooth_outline(drive, s)
+    np.testing.assert_array_equal(outline[0], outline[-1])
+    radius = np.hypot(*outline.T)
+    assert radius.max() == pytest.approx(drive.tip_radius(s), rel=1e-12)
+    seat_radius = drive.chain.roller_radius + drive.contact.sprocket.clearance
+    for j in range(drive.sprockets[s].teeth):
+        angle = 2 * math.pi * j / drive.sprockets[s].teeth
+        seat = drive.pitch_radius(s) * np.array([math.cos(angle), math.sin(angle)])
+        # nothing of the outline is inside a roller that sits there; the arc touches the seat's circle
+        assert np.hypot(*(outline - seat).T).min() == pytest.approx(seat_radius, rel=1e-9)
+    turned = np.unwrap(np.arctan2(outline[:, 1], outline[:, 0]))
+    assert turned[-1] - turned[0] == pytest.approx(2 * math.pi)
+
+
+def test_guide_outline_is_the_face_with_tangent_ends():
+    drive = load_drive(MARINE)
+    outline, guide = guide_outline(drive, 0), drive.guides[0]
+    for point in (guide.start, guide.end):
+        assert np.hypot(*(outline - point).T).min() < 1e-12
+    steps = np.diff(outline, axis=0)
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    assert headings[0] - headings[-1] == pytest.approx(math.pi, abs=0.2)
+
+
+def test_displacement_in_the_solver_is_that_of_the_recorded_positions():
+    drive = two_sprockets(duration=0.01, gravity=-9.81)
+    run = simulate(drive, window=(0.0, 0.01), record=warpchain.Record(rate=1 / 5e-6))
+    metrics = run.metrics.to_pylist()[0]
+    for k, name in enumerate(drive.strand_names):
+        values = strand_displacement(run[0], k)
+        # the kernel looks up the links at mid-strand every 16 steps: in between a line is drawn on by at most 8e-5 m
+        assert metrics[f"{name}.displacement_mean"] == pytest.approx(values.mean(), abs=1e-7)
+        assert metrics[f"{name}.displacement_rms"] == pytest.approx(np.sqrt((values**2).mean()), abs=1e-7)
+
+
+def test_arrows_carry_the_recorded_forces_and_push_rollers_out_of_the_teeth():
+    trajectory = simulate(two_sprockets(duration=0.05))[0]
+    sprockets, guides = contact_arrows(trajectory)
+    np.testing.assert_allclose(
+        np.hypot(*np.moveaxis(sprockets, -1, 0)), trajectory.sprocket_force, rtol=1e-9, atol=1e-9
+    )
+    assert not guides.any()
+    # moments of the drawn forces about the driven sprocket are those that the solver recorded
+    on = (nearest_sprocket(trajectory) == 1)[..., None]
+    r = trajectory.position - trajectory.sprocket_center[:, None, 1]
+    f = np.where(on, -sprockets, 0.0)
+    moment = (r[..., 0] * f[..., 1] - r[..., 1] * f[..., 0]).sum(axis=1)
+    np.testing.assert_allclose(moment, trajectory.sprocket_moment[:, 1], atol=1e-6 * np.abs(moment).max())

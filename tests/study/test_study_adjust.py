@@ -1,0 +1,93 @@
+"""Keeping a drive assembled: the solved place or number of links has the wanted strain, or says why there is none."""
+
+import math
+
+import pytest
+from layouts import PITCH, Wheel, drive_of
+
+from warpchain.assembly import assemble
+from warpchain.assembly.fit import nearest_links
+from warpchain.assembly.path import chain_path
+from warpchain.drive import load_drive
+from warpchain.drive.examples import drive_path
+from warpchain.errors import StudyError
+from warpchain.study.run.adjust import adjusted
+from warpchain.study.spec.parts import Adjust
+
+
+def pair(span, links=44, teeth=12):
+    """Two equal sprockets: half of each is wrapped, each strand has span / (pitch (1 + strain)) links."""
+    return drive_of([Wheel(teeth, (0.0, 0.0)), Wheel(teeth, (span, 0.0))], links)
+
+
+@pytest.mark.parametrize("strain", [0.0, 2e-3, -0.02, 0.04])
+def test_place_of_a_pair_is_the_closed_form(strain):
+    # 2 span = (44 - 12) pitch (1 + strain): seats lie on the pitch circles, strands from seat to seat
+    adjust = Adjust(sprocket="s1", direction=(3.0, 0.0), strain=strain, travel=PITCH)
+    drive, done = adjusted(pair(0.2), adjust, {})
+    assert drive.sprockets[1].center[0] == pytest.approx(16 * PITCH * (1.0 + strain), abs=1e-9)
+    assert done["adjusted_travel"] == pytest.approx(16 * PITCH * (1.0 + strain) - 0.2, abs=1e-9)
+    assert drive.sprockets[1].center[1] == 0.0
+    assert assemble(drive).strain == pytest.approx(strain, abs=1e-9)
+
+
+@pytest.mark.parametrize("teeth", [19, 24, 25, 30, 33, 41])
+def test_marine_tightener_takes_other_wheels(teeth):
+    base = load_drive(drive_path("marine"))
+    force = base.chain.stiffness * base.chain.pitch
+    drive = base.with_values({"sprockets.tightener.teeth": teeth})
+    adjust = Adjust(sprocket="tightener", direction=(1.0, -0.2), links="even", preload="2 * half")
+    moved, done = adjusted(drive, adjust, {"half": 2500.0})
+    assert assemble(moved).strain * force == pytest.approx(5000.0, rel=1e-3)  # 1e-9 of strain are 0.2 N
+    assert moved.chain.links == done["adjusted_links"] and moved.chain.links % 2 == 0
+    assert abs(done["adjusted_travel"]) <= 4 * base.chain.pitch
+
+
+@pytest.mark.parametrize(
+    ("span", "odd", "links"),
+    [(16.2, True, 44), (16.2, False, 44), (16.4, True, 45), (16.4, False, 44), (16.9, False, 46)],
+)
+def test_number_of_links_is_the_nearest(span, odd, links):
+    assert nearest_links(chain_path(pair(span * PITCH)), 0.0, odd)[0] == links
+
+
+def test_number_of_links_answers_to_the_wanted_strain():
+    # (44.8 - 12) / (1 + 0.05) = 31.2 free links: 43 are nearer than 44
+    path = chain_path(pair(16.4 * PITCH))
+    assert nearest_links(path, 0.0, odd=True)[0] == 45
+    assert nearest_links(path, 0.05, odd=True)[0] == 43
+
+
+def test_what_cannot_be_reached_is_told_with_what_can():
+    adjust = Adjust(sprocket="s1", direction=(1.0, 0.0), strain=0.02, travel=0.001)
+    with pytest.raises(StudyError) as caught:
+        adjusted(pair(0.2), adjust, {})
+    # strains of 2 span / (32 pitch) - 1 at both ends of the travel
+    low, high = (2 * (0.2 + d) / (32 * PITCH) - 1 for d in (-0.001, 0.001))
+    assert str(caught.value) == (
+        'adjust: sprocket "s1": no place along [1.0, 0.0] within 0.001 m gives strain 0.02; '
+        f"it can have {low:.4g} to {high:.4g}, moved by -0.001 to +0.001 m"
+    )
+    with pytest.raises(StudyError, match=r"within 0.001 m .* nowhere on the line does a chain of 44 links fit"):
+        adjusted(pair(0.2, teeth=200), adjust, {})
+
+
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        ({"strain": "1 / x"}, 'adjust.strain = "1 / x": division by zero'),
+        ({"strain": 0.2}, "adjust.strain = 0.2: a strain of 0.2; allowed is within 0.05"),
+        ({"preload": "x - 1"}, "adjust.preload = -1: a strain of -7.87402e-06; allowed is within 0.05"),
+        ({"preload": "x > 0"}, 'adjust.preload = "x > 0": False is not a finite number'),
+    ],
+)
+def test_a_wanted_strain_without_sense_is_told(asked, text):
+    with pytest.raises(StudyError) as caught:
+        adjusted(pair(0.2), Adjust(links="any", **asked), {"x": 0})
+    assert str(caught.value) == text
+
+
+def test_strain_of_a_preload_is_preload_over_stiffness_and_pitch():
+    drive, _ = adjusted(pair(0.2), Adjust(sprocket="s1", direction=(1.0, 0.0), preload=127.0), {})
+    assert assemble(drive).strain == pytest.approx(127.0 / (1e7 * PITCH), abs=1e-9)
+    assert math.isclose(drive.sprockets[1].center[0], 16 * PITCH * 1.001, abs_tol=1e-9)

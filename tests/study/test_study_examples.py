@@ -1,0 +1,67 @@
+"""The example studies: each fits its drive, and says what it says it does."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import warpchain.study
+from warpchain import load_drive
+from warpchain.assembly.path import chain_path
+from warpchain.drive.examples import drive_path
+
+FOLDER = Path(warpchain.study.__file__).parent / "examples"
+NAMES = ("guide-indentation", "pitch-elongation", "speed-sweep")
+
+
+def study(name):
+    return tomllib.loads((FOLDER / f"{name}.toml").read_text())
+
+
+def test_these_are_all():
+    assert sorted(path.stem for path in FOLDER.glob("*.toml")) == sorted(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_factors_lead_into_the_drive(name):
+    values = study(name)
+    drive = load_drive(drive_path(values["study"]["drive"]))
+    for factor in values["factors"]:
+        for path in [factor.get("path"), *factor.get("paths", ())]:
+            if path is not None:
+                drive.get_value(path)  # a path that leads nowhere raises
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_study_reader_takes_them(name):
+    spec = pytest.importorskip("warpchain.study.spec")
+    loaded = spec.load_study(FOLDER / f"{name}.toml")
+    spec.check_drive(loaded, load_drive(drive_path(loaded.study.drive)), name)
+
+
+@pytest.mark.parametrize("indentation", [-0.04, 0.0, 0.012])
+def test_the_bar_stands_where_the_study_says(indentation):
+    """At indentation d the rollers of the straight strand would be d deep in the bar's face, at both of its ends."""
+    values = study("guide-indentation")
+    drive = load_drive(drive_path("marine"))
+    changes = {
+        factor["path"]: eval(factor["expression"], {"indentation": indentation})
+        for factor in values["factors"]
+        if "path" in factor
+    }
+    moved = drive.with_values(changes)
+    path = chain_path(moved)
+    start, along = path.strand_start[2], path.strand_end[2] - path.strand_start[2]
+    normal = np.array([-along[1], along[0]]) / np.hypot(*along)
+    for end in (moved.guides[0].start, moved.guides[0].end):
+        # the drive's coordinates are given to 0.1 mm
+        assert (np.subtract(end, start)) @ normal + drive.chain.roller_radius == pytest.approx(indentation, abs=5e-5)
+
+
+def test_the_elongated_chain_keeps_the_sprockets_pitch():
+    factors = {factor["name"]: factor for factor in study("pitch-elongation")["factors"]}
+    drive = load_drive(drive_path("marine"))
+    assert eval(factors["chain_pitch"]["expression"], {"elongation": 0.0}) == drive.chain.pitch
+    assert float(factors["sprocket_pitch"]["expression"]) == drive.chain.pitch
+    assert set(factors["sprocket_pitch"]["paths"]) == {f"sprockets.{s.name}.pitch" for s in drive.sprockets}

@@ -1,0 +1,165 @@
+"""A study in Rerun: its scatters and recorded variants are in the recording, and the viewer shows them."""
+
+import importlib.util
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from drives import two_sprockets
+from PIL import Image
+
+from warpchain import Record, simulate, write_archive
+from warpchain.cli import main
+from warpchain.errors import StudyError
+from warpchain.results.fatigue import Woehler
+from warpchain.results.objectives import from_trajectory
+from warpchain.study.report.playback import log_scatters, view_study
+from warpchain.study.results import export_table, read_results
+from warpchain.study.run.recorded import recorded_variants, with_recorded_objectives
+
+ROOT = Path(__file__).resolve().parents[2]
+TORQUES = (100.0, 200.0, 300.0, 400.0, 500.0)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Five torques, the second and the fourth recorded in an archive; results and folder."""
+    drives = [two_sprockets(duration=0.05, torque=torque) for torque in TORQUES]
+    folder = tmp_path_factory.mktemp("study")
+    run = simulate(drives, record=Record(variants=[1, 3], rate=4000.0))
+    write_archive(run, folder / "shard-0.mcap")
+    columns = {
+        "torque": pa.array(TORQUES),
+        "law": pa.array(["a", "b", "a", "b", "a"]),
+        "status": pa.array(["ok", "ok", "ok", "ok", "diverged"]),
+        "archive": pa.array([None, "shard-0.mcap", None, "shard-0.mcap", None]),
+        "archive_variant": pa.array([None, 1, None, 3, None], pa.int64()),
+    }
+    table = run.metrics
+    for name, values in columns.items():
+        table = table.append_column(name, values)
+    return read_results(table, ["torque", "law"]), folder
+
+
+def headless():
+    """Why the headless viewer cannot run here, or None."""
+    if not (shutil.which("rerun") or Path(sys.executable).with_name("rerun").exists()):
+        return "no rerun viewer"
+    if not list(Path("/usr/share/vulkan/icd.d").glob("*.json")):
+        return "no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)"
+    return None
+
+
+class Stream:
+    """Takes what would go to a recording."""
+
+    def __init__(self):
+        self.dots = {}
+
+    def log(self, path, *what, static):
+        assert static
+        if path.rsplit("/", 1)[-1].replace("\\ ", " ") in ("variants", "Pareto front", "recorded variants"):
+            self.dots[path] = [str(label) for label in what[0].labels.as_arrow_array().to_pylist()]
+
+
+def test_scatters_hold_every_variant_that_is_ok(study):
+    results, _ = study
+    stream = Stream()
+    charts, columns = log_scatters(
+        stream,
+        results,
+        [3],
+        metrics=("tension_max", "tension_mean"),
+        objectives={"tension_max": "min", "torque": "max"},
+    )
+    assert columns == 2
+    assert [chart.path for chart in charts] == [
+        ("study", "torque", "tension_max [N]"),
+        ("study", "torque", "tension_mean [N]"),
+    ]
+    of_max = {p.rsplit("/", 1)[-1].replace("\\ ", " "): words for p, words in stream.dots.items() if "max" in p}
+    drawn = sorted(word.split(":")[0] for words in of_max.values() for word in words)
+    assert drawn == [f"variant {v}" for v in range(4)]  # each once; the fifth diverged
+    assert len(of_max["recorded variants"]) == 1
+    assert of_max["recorded variants"][0].startswith("variant 3: torque = 400, tension_max = ")
+    assert any(word.startswith("variant 0:") for word in of_max["Pareto front"])  # the lowest tension
+
+
+def test_recorded_variants_come_from_the_archives(study):
+    results, folder = study
+    found = recorded_variants(results, folder)
+    assert list(found) == [1, 3]
+    assert found[3].drive.sprockets[1].load.torque == 400.0
+    assert list(recorded_variants(results, folder, [3])) == [3]
+    with pytest.raises(StudyError, match=r"variant 2 was not recorded \(recorded: 1, 3\)"):
+        recorded_variants(results, folder, [2])
+    bare = read_results(results.table.drop_columns(["archive"]), ["torque"])
+    with pytest.raises(StudyError, match="recorded no variant"):
+        recorded_variants(bare, folder)
+
+
+def test_objectives_of_recorded_variants_join_the_table(study, tmp_path, capsys):
+    results, folder = study
+    curve = Woehler(5.0, 1e4, 1e6)
+    more = with_recorded_objectives(results, folder, curve)
+    column = more.table["damage_per_hour_max"].to_pylist()
+    assert [value is not None for value in column] == [False, True, False, True, False]
+    window = (more.values("window_start")[3], more.values("window_end")[3])
+    assert (
+        column[3] == from_trajectory(recorded_variants(results, folder, [3])[3], *window, curve)["damage_per_hour_max"]
+    )
+    assert "driven.transmission_error_rms" in more.metrics
+    assert more.unit("damage_per_hour_max") == "1/h"
+    export_table(results.table, folder / "results.parquet")
+    command = ["study", "report", str(folder), "-o", str(tmp_path / "r.html"), "--factor", "torque"]
+    table = tmp_path / "t.parquet"
+    metric = ["--metric", "tension_max", "--table", str(table)]
+    assert main([*command, *metric, "--fatigue", "5,1e4,1e6"]) == 0
+    assert read_results(table, ["torque"]).table["damage_per_hour_max"].to_pylist() == column
+    with pytest.raises(SystemExit):
+        main([*command, "--fatigue", "5"])
+    assert "must be three numbers" in capsys.readouterr().err
+    assert main([*command, "--fatigue", "0,1e4,1e6"]) == 2
+    assert "fatigue.exponent" in capsys.readouterr().err
+
+
+def test_recording_is_whole_and_alone(study, tmp_path):
+    results, folder = study
+    view_study(results, recorded_variants(results, folder, [1]), save=tmp_path / "s.rrd")
+    assert [path.name for path in tmp_path.iterdir()] == ["s.rrd"]
+    assert (tmp_path / "s.rrd").stat().st_size > 100_000
+    with pytest.raises(StudyError, match="cannot be written"):
+        view_study(results, save=tmp_path / "absent" / "s.rrd")
+    with pytest.raises(StudyError, match="nothing to draw"):
+        view_study(read_results(results.table, ["law"]), save=tmp_path / "t.rrd")
+    assert [path.name for path in tmp_path.iterdir()] == ["s.rrd"]
+
+
+def test_command_saves_a_recording(study, tmp_path, capsys):
+    results, folder = study
+    export_table(results.table, folder / "results.parquet")
+    save, factors = tmp_path / "s.rrd", ["--factor", "torque"]
+    assert main(["study", "view", str(folder), "--save", str(save), "--variant", "3", *factors]) == 0
+    assert save.stat().st_size > 100_000
+    assert main(["study", "view", str(folder), "--save", str(save), "--variant", "2", *factors]) == 2
+    assert "variant 2 was not recorded" in capsys.readouterr().err
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(headless() is not None, reason=str(headless()))
+def test_the_viewer_shows_scatters_beside_a_variant(study, tmp_path):
+    results, folder = study
+    spec = importlib.util.spec_from_file_location("render_picture", ROOT / "scripts" / "render_picture.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    view_study(results, recorded_variants(results, folder), save=tmp_path / "s.rrd")
+    script.screenshot(tmp_path / "s.rrd", tmp_path / "s.png", 0.02)
+    pixels = np.asarray(Image.open(tmp_path / "s.png").convert("RGB")).astype(int)[60:-60]
+    left, right = np.split(pixels, [int(0.6 * pixels.shape[1])], axis=1)
+    assert (np.abs(left - (240, 90, 60)).max(axis=2) < 30).sum() > 200  # dots of recorded variants
+    rows, columns = np.nonzero(np.ptp(right[: int(0.7 * len(right))], axis=2) > 60)  # the colored chain
+    assert len(rows) > 500
+    assert np.ptp(columns) > 0.5 * right.shape[1]

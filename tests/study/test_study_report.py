@@ -1,0 +1,211 @@
+"""The report of a study: one page that a browser shows without a network, and the command that writes it."""
+
+import os
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from PIL import Image
+
+from warpchain.cli import main
+from warpchain.errors import StudyError
+from warpchain.study.report import report_html, telling_metrics
+from warpchain.study.report.page import number, table
+from warpchain.study.results import export_table, read_results
+
+FACTORS = ("load.torque", "center.x", "law")
+
+
+def study(rows=120):
+    """A made study: tension follows the torque, energy falls with x; some variants did not end."""
+    rng = np.random.default_rng(7)
+    torque, x = rng.uniform(6e3, 14e3, rows), rng.uniform(1.1, 1.3, rows)
+    status = np.where(x > 1.29, "infeasible", np.where(np.arange(rows) % 40 == 0, "diverged", "ok"))
+    lost = status != "ok"
+    return pa.table(
+        {
+            "variant": np.arange(rows),
+            "load.torque": torque,
+            "center.x": x,
+            "law": rng.choice(["flores", "<b>hunt</b>"], rows),
+            "tension_max": pa.array(3.0 * torque + 10.0 * rng.standard_normal(rows), mask=lost),
+            "contact_energy_per_revolution": pa.array(50.0 - 20.0 * x, mask=lost),
+            "status": status,
+            "reason": np.where(lost, "why & how", ""),
+        }
+    )
+
+
+class Page(HTMLParser):
+    """Sections, pictures and links of a page; complains of tags that do not close."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.sections, self.pictures, self.links, self.words = [], [], [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        found = dict(attributes)
+        if tag not in ("meta", "img", "wbr"):
+            self.open.append(tag)
+        if tag == "section":
+            self.sections.append(found["id"])
+        if tag == "img":
+            self.pictures.append(found)
+        self.links += [found[key] for key in ("href", "src") if key in found]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+OBJECTIVES = {"tension_max": "min", "center.x": "max"}
+
+
+@pytest.fixture(scope="module")
+def html():
+    return report_html(read_results(study(), FACTORS), "A < B", objectives=OBJECTIVES)
+
+
+def test_page_tells_what_happened_and_needs_no_network(html):
+    page = Page(html)
+    words = " ".join(page.words)
+    named = "summary inputs ends distributions effects correlation surface sobol front extremes"
+    assert page.sections == named.split()
+    assert all(link.startswith(("#", "data:image/svg+xml;base64,")) for link in page.links)
+    assert not re.search(r"@import|url\(|<script|<link", html)
+    assert all(picture["alt"] for picture in page.pictures)
+    assert len(page.pictures) == 1 + 2 + 1 + 2 + 1 + 1
+    status = study()["status"].to_pylist()
+    for word in ("ok", "infeasible", "diverged"):
+        assert f"<b>{status.count(word)}</b>{word}" in html
+    assert "<b>hunt</b>" in words  # as words, not as markup
+    assert "why & how" in words
+    assert re.search(r"tension_max: from .* N \(variant \d+\).*load\.torque matters most, with 9\d %", words)
+
+
+def test_same_study_same_page(html):
+    assert report_html(read_results(study(), FACTORS), "A < B", objectives=OBJECTIVES) == html
+
+
+def test_few_or_no_variants_are_told_not_analyzed():
+    none_ok = study(1)  # its only variant diverged
+    html = report_html(read_results(none_ok, FACTORS))
+    assert "Fewer than three variants" in html
+    assert "<b>1</b>diverged" in html
+    with pytest.raises(StudyError, match="nothing to report"):
+        report_html(read_results(none_ok.slice(0, 0), FACTORS))
+
+
+def test_words_and_switches_alone_make_a_page():
+    switches = pa.array([True, False, True, None, False, True])
+    table = pa.table(
+        {"law": list("ababab"), "settle": switches, "y": pa.array([1, 2, None, 4, 5, 6]), "e": pa.nulls(6)}
+    )
+    for factors in (["law"], ["law", "settle"]):
+        html = report_html(read_results(table, factors))
+        assert "Main effects" in html
+        assert "no factor holds numbers that vary" in html or "settle" in factors
+
+
+def test_scatter_without_a_cause_is_called_that():
+    rng = np.random.default_rng(0)
+    noise = pa.table({"a": rng.random(50), "y": rng.random(50)})
+    assert "no factor stands out" in report_html(read_results(noise, ["a"]))
+
+
+def test_telling_metrics_come_first_and_constants_not_at_all():
+    columns = {
+        "a": [1.0, 2.0],
+        "one": [1.0, 1.0],
+        "z": [1.0, 2.0],
+        "s.force_max": [1.0, 2.0],
+        "tension_max": [1.0, 2.0],
+    }
+    assert telling_metrics(read_results(pa.table(columns), ["a"])) == ("tension_max", "s.force_max", "z")
+
+
+def test_numbers_are_plain():
+    written = {
+        0.0: "0",
+        123456.0: "123456",
+        0.0041234567: "0.0041235",
+        1234567.0: "1.2346e+06",
+        2.5: "2.5",
+        3e-7: "3e-07",
+    }
+    assert {value: number(value) for value in written} == written
+    assert number(float("nan")) == "\N{EN DASH}"
+    assert '<td class="n">\N{EN DASH}</td>' in table(("a",), [(None,), (1.0,)])
+
+
+def test_command_writes_page_and_table(tmp_path, capsys):
+    export_table(study(), tmp_path / "results.parquet")
+    text = '[study]\ndrive = "marine"\nname = "Load & place"\n[design]\nkind = "sobol"\ncount = 120\n'
+    (tmp_path / "study.toml").write_text(text + '[[constraints]]\nrequire = "a < b"\n')
+    output, copy = tmp_path / "out" / "r.html", tmp_path / "t.csv"
+    factors = [word for name in FACTORS for word in ("--factor", name)]
+    assert main(["study", "report", str(tmp_path), "-o", str(output), "--metric", "tension_max", *factors]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+    output = tmp_path / "r.html"
+    assert main(["study", "report", str(tmp_path), "-o", str(output), "--table", str(copy), *factors]) == 0
+    assert capsys.readouterr().out.splitlines() == [str(output), str(copy)]
+    html = output.read_text()
+    assert html.startswith("<!DOCTYPE html>")
+    for words in ("<h1>Load &amp; place</h1>", "kind = sobol, count = 120", "a &lt; b"):
+        assert words in html
+    assert read_results(copy, FACTORS).table.num_rows == 120
+    assert main(["study", "report", str(tmp_path / "absent"), "-o", str(output)]) == 2
+    assert main(["study", "report", str(tmp_path), "-o", str(output)]) == 2
+    err = capsys.readouterr().err.splitlines()
+    assert len(err) == 2
+    assert "factors: none given" in err[1]
+    (tmp_path / "empty").mkdir()
+    assert main(["study", "report", str(tmp_path / "empty"), "-o", str(output)]) == 2
+    assert "make it with: warpchain study merge" in capsys.readouterr().err
+
+
+def test_examples_of_the_documents_run(tmp_path, monkeypatch):
+    pytest.importorskip("SALib")
+    text = (Path(__file__).resolve().parents[2] / "docs" / "analysis.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    for code in re.findall(r"```python\n(.*?)```", text, re.S):
+        exec(compile(code, "analysis.md", "exec"), {})
+    assert "Camshaft torque" in (tmp_path / "torques.html").read_text()
+    assert read_results(tmp_path / "design.csv", ["torque", "speed"]).table.num_rows == 1024
+
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+QUIET = (
+    *("--headless", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
+    *("--disable-sync", "--disable-quic", "--hide-scrollbars", "--host-resolver-rules=MAP * ~NOTFOUND"),
+)
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium (Debian: chromium)")
+def test_browser_shows_the_figures(html, tmp_path):
+    page, shot = tmp_path / "r.html", tmp_path / "r.png"
+    page.write_text(html)
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
+    command = [CHROMIUM, *QUIET, *sandbox, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1280,5000"]
+    subprocess.run([*command, f"--screenshot={shot}", page.as_uri()], capture_output=True, timeout=120, check=True)
+    pixels = np.asarray(Image.open(shot).convert("RGB")).astype(int)
+    assert pixels.shape == (5000, 1280, 3)
+
+    def count(color, tolerance=12):
+        return int((np.abs(pixels - color).max(axis=2) < tolerance).sum())
+
+    # colors of the page: boxes of the counts; of its figures: histogram bars (alpha 0.8 on white), effects, front
+    assert count((0xE3, 0xF3, 0xE8), 2) > 3000
+    assert count((0x4C, 0x92, 0xC3)) > 20_000
+    assert count((0x1F, 0x77, 0xB4)) > 500
+    assert count((0xD1, 0x49, 0x5B)) > 500

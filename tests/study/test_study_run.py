@@ -1,0 +1,372 @@
+"""Running a study: rows and their reasons, metrics equal to `simulate`, recording, commands, one line a mistake."""
+
+import os
+import re
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command import run
+from pyarrow import parquet
+from study_helpers import tiny_drive, write_study
+
+from warpchain import Record, read_archive, simulate
+from warpchain.drive import load_drive
+from warpchain.engine import simulation
+from warpchain.engine.sums import metric_names
+from warpchain.errors import SimulationError, StudyError, WarpchainError
+from warpchain.results.fatigue import Woehler
+from warpchain.results.objectives import from_trajectory
+from warpchain.study.results import read_results
+from warpchain.study.run import merge_study, run_study, study_status
+from warpchain.study.run.folder import open_folder
+from warpchain.study.run.prepare import prepare, shard_size
+from warpchain.study.run.recorded import recorded_variants, with_recorded_objectives
+
+ROWS = """
+[study]
+drive = "tiny.toml"
+[design]
+kind = "table"
+file = "rows.csv"
+[[factors]]
+name = "teeth"
+path = "sprockets.s0.teeth"
+[[factors]]
+name = "links"
+path = "chain.links"
+[[factors]]
+name = "step"
+path = "run.step"
+[[factors]]
+name = "torque"
+path = "sprockets.s1.load.torque"
+unit = "N m"
+[[constraints]]
+require = "teeth != 13"
+[run]
+duration = 0.0005
+shard = 3
+"""
+TABLE = """teeth,links,step,torque
+12,44,1e-5,1.0
+13,44,1e-5,1.0
+12,60,1e-5,1.0
+12,44,1e-3,1.0
+4,44,1e-5,1.0
+12,44,1e-5,1e6
+20,48,1e-5,1.0
+12,43,5e-6,1.0
+90,100,1e-5,1.0
+"""
+FACTOR = '[[factors]]\nname = "{}"\npath = "{}"\nlevels = [1, 2]\n'
+RECORD = """
+[record]
+variants = [1]
+every = 5
+worst = { metric = "tension_max", count = 4 }
+rate = 20000.0
+channels = ["position", "tension"]
+[metrics]
+keep = ["*.impacts", "tension_m*n"]
+"""
+
+
+def table_of(folder):
+    return parquet.read_table(folder / "results.parquet")
+
+
+def test_every_row_ends_with_a_status_and_a_reason(tmp_path):
+    source = write_study(tmp_path, text=ROWS)
+    (tmp_path / "rows.csv").write_text(TABLE)
+    outcome = run_study(source, tmp_path / "out")
+    assert outcome.counts == {"ok": 3, "diverged": 1, "infeasible": 5}
+    rows = table_of(tmp_path / "out").to_pylist()
+    assert [row["variant"] for row in rows] == list(range(9))
+    assert [row["status"] for row in rows] == ["ok", *4 * ["infeasible"], "diverged", "ok", "ok", "infeasible"]
+    begins = {
+        1: "constraint teeth != 13 is not met",
+        2: "chain.links = 60: does not fit the path, strain -",
+        3: "run.step = 0.001: must be above 0 and below ",
+        4: "sprockets.s0.teeth = 4: must be an integer of at least 5",
+        5: "diverged at 0.00032 s: take a smaller step",
+        8: 'sprockets "s0" and "s1": pitch circles overlap',
+    }
+    for number, row in enumerate(rows):
+        assert (row["reason"] or "").startswith(begins.get(number, "")), row["reason"]
+        assert (row["reason"] is None) == (number not in begins)
+        assert (row["tension_mean"] is None) == (row["status"] != "ok")
+
+
+def test_metrics_are_those_of_simulate_bitwise_also_with_other_teeth_and_links(tmp_path):
+    source = write_study(tmp_path, text=ROWS)
+    (tmp_path / "rows.csv").write_text(TABLE)
+    run_study(source, tmp_path / "out")
+    table = table_of(tmp_path / "out")
+    drive = load_drive(tmp_path / "tiny.toml")
+    for number, row in ((n, row) for n, row in enumerate(table.to_pylist()) if row["status"] == "ok"):
+        changed = drive.with_values(
+            {
+                "sprockets.s0.teeth": row["teeth"],
+                "chain.links": row["links"],
+                "run.step": row["step"],
+                "sprockets.s1.load.torque": row["torque"],
+            }
+        )
+        alone = simulate(changed, duration=0.0005, record=Record("none")).metrics.to_pylist()[0]
+        names = [name for name in alone if name not in ("variant", "diverged") and alone[name] is not None]
+        assert len(names) > 30
+        for name in names:
+            assert row[name] == alone[name], (number, name)
+    assert table.schema.field("torque").metadata == {b"role": b"factor", b"unit": b"N m"}
+    assert table.schema.field("tension_max").metadata == {b"role": b"metric", b"unit": b"N"}
+
+
+@pytest.mark.parametrize("memory", [2**31, 70_000], ids=["held", "streamed"])
+def test_recorded_variants_are_archived_as_simulate_gives_them(tmp_path, memory, monkeypatch):
+    # a trajectory takes 11 frames of 44 * 7 + 2 * 5 values of 8 bytes, 28 kB: two are more than half of 70 kB
+    streamed = []
+    monkeypatch.setattr(simulation, "simulate", lambda *a, **k: streamed.append(k["archive"]) or simulate(*a, **k))
+    out = tmp_path / "out"
+    run_study(write_study(tmp_path, RECORD), out, memory=memory)
+    assert any(streamed) == (memory == 70_000)
+    table = table_of(out)
+    rows = table.to_pylist()
+    metrics = [f.name for f in table.schema if (f.metadata or {}).get(b"role") == b"metric"]
+    assert metrics == ["tension_min", "tension_max", "tension_mean", "s0.impacts", "s1.impacts"]
+    highest = sorted(range(12), key=lambda v: (-rows[v]["tension_max"], v))[:4]
+    assert {v for v, row in enumerate(rows) if row["archive"]} == {0, 1, 5, 10} | set(highest)
+    assert any(row["archive"] == "shards/worst.mcap" for row in rows)
+    for v in sorted({0, 1, 5, 10, *highest}):
+        kept = read_archive(out / rows[v]["archive"])[rows[v]["archive_variant"]]
+        values = {"sprockets.s1.load.torque": rows[v]["torque"], "chain.links": rows[v]["links"]}
+        drive = tiny_drive().with_values(values)
+        wanted = Record(rate=20000.0, channels=("position", "tension"))
+        alone = simulate(drive, duration=0.0005, step=1e-5, record=wanted)[0]
+        assert kept.velocity is None and len(kept.time) == 11
+        assert np.array_equal(kept.tension, alone.tension) and np.array_equal(kept.position, alone.position)
+
+
+def test_an_adjusted_study_stays_assembled(tmp_path):
+    from warpchain.assembly import assemble
+
+    adjust = '[adjust]\nsprocket = "s1"\ndirection = [2.0, 0.0]\nlinks = "even"\nstrain = "0.001 * torque"\n'
+    run_study(write_study(tmp_path, adjust, points=3), tmp_path / "out")
+    for row in table_of(tmp_path / "out").to_pylist():
+        assert row["status"] == "ok" and row["adjusted_links"] == 44
+        center = (0.2 + row["adjusted_travel"], 0.0)
+        drive = tiny_drive().with_values({"sprockets.s1.center": center, "chain.links": row["adjusted_links"]})
+        assert assemble(drive).strain == pytest.approx(0.001 * row["torque"], abs=1e-9)
+
+
+def test_progress_counts_variants_of_the_whole_study(tmp_path):
+    calls = []
+    source = write_study(tmp_path)
+    run_study(source, tmp_path / "out", part=(0, 2))
+    run_study(source, tmp_path / "out", progress=lambda done, total: calls.append((done, total)))
+    assert calls[-1] == (12.0, 12.0)
+    done = [d for d, _ in calls]
+    assert done == sorted(done) and 6.0 <= done[0] <= 8.0  # the half that was there, and the first shard's progress
+
+
+def test_a_refusal_of_all_variants_is_the_studys_own(tmp_path):
+    source = write_study(tmp_path, text=write_study(tmp_path).read_text() + 'device = "nowhere"\n')
+    with pytest.raises(WarpchainError, match="device"):
+        run_study(source, tmp_path / "out")
+    assert study_status(tmp_path / "out").shards == (0, 6)
+
+
+def test_a_refusal_of_one_variant_is_a_row(tmp_path, monkeypatch):
+    def refusing(drives, **settings):
+        if any(drive.chain.links == 44 and drive.sprockets[1].load.torque == 0.0 for drive in drives):
+            raise SimulationError("too little memory")
+        return simulate(drives, **settings)
+
+    monkeypatch.setattr(simulation, "simulate", refusing)
+    run_study(write_study(tmp_path, shard=12), tmp_path / "out")
+    rows = table_of(tmp_path / "out").to_pylist()
+    assert [row["status"] for row in rows] == ["infeasible", *11 * ["ok"]]
+    assert rows[0]["reason"] == "too little memory"
+
+
+@pytest.mark.parametrize(
+    ("more", "line"),
+    [
+        ('[metrics]\nkeep = ["tensoin*"]', 'metrics.keep.0 = "tensoin*": no such metric; there are tension_min'),
+        ('[record]\nworst = { metric = "peak", count = 1 }', 'record.worst.metric = "peak": no such metric; there are'),
+        ("[record]\nvariants = [12]", "record.variants = 12: must be below the number of rows, 12"),
+        (FACTOR.format("tension_max", "chain.damping"), "must not be the name of a metric"),
+        (FACTOR.format("t", "run.step"), 'run.step = 1e-05: not together with factor "t", which sets it'),
+        (FACTOR.format("t", "chain.dampin"), 'factors.t.path = "chain.dampin": unknown path'),
+    ],
+)
+def test_what_the_drive_does_not_have_is_told(tmp_path, more, line):
+    source = write_study(tmp_path, more)
+    with pytest.raises(StudyError) as caught:
+        run_study(source, tmp_path / "out")
+    assert str(caught.value).startswith(f"{source}: ") and line in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_drives_are_found_beside_the_study_or_among_the_examples(tmp_path):
+    source = write_study(tmp_path, text='[study]\ndrive = "no.toml"\n[design]\nkind = "table"\nfile = "a.csv"\n'
+                         '[[factors]]\nname = "a"\npath = "chain.links"\n')  # fmt: skip
+    with pytest.raises(StudyError, match=r'study.drive = "no.toml": .*no.toml: cannot be read'):
+        run_study(source, tmp_path / "out")
+    source.write_text(source.read_text().replace("no.toml", "marin"))
+    with pytest.raises(StudyError, match=r'study.drive = "marin": marin: neither .* did you mean "marine"'):
+        run_study(source, tmp_path / "out")
+
+
+def test_the_documented_study_is_one_that_can_be_run(tmp_path):
+    page = Path(__file__).parents[2] / "docs" / "studies.md"
+    source = tmp_path / "study.toml"
+    source.write_text(re.search(r"```toml\n(.*?)```", page.read_text(), re.S)[1])
+    folder = prepare(source, tmp_path / "out", 1, 1, 2**30)
+    reasons = folder.design()["reason"].to_pylist()
+    assert folder.rows == 64 and set(reasons) == {None, "constraint torque < 11e3 or teeth > 23 is not met"}
+
+
+def test_a_study_without_a_feasible_row_ends_with_its_reasons(tmp_path, capsys):
+    source = write_study(tmp_path, RECORD)
+    source.write_text(source.read_text().replace("levels = [44, 45]", "range = [44.5, 45.5]\npoints = 2"))
+    assert run(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet") == (
+        0,
+        [
+            "6 of 6 shards are done; variants: 0 ok, 0 diverged, 12 infeasible",
+            "  12 like this: chain.links = 44.5: must be an integer of at least 3",
+            f"table: {tmp_path / 'out' / 'results.parquet'}",
+        ],
+        [],
+    )
+    assert table_of(tmp_path / "out")["archive"].to_pylist() == [None] * 12
+
+
+def test_of_processes_that_begin_at_once_the_first_decides(tmp_path):
+    text = write_study(tmp_path).read_text().replace("shard = 2", "")
+    source = write_study(tmp_path, text=text)
+    with ThreadPoolExecutor(8) as pool:
+        begun = [pool.submit(prepare, source, tmp_path / "out", parts, 1, 2**30) for parts in range(1, 13)]
+        sizes = {future.result().shard for future in begun}
+    assert len(sizes) == 1
+    assert not list(tmp_path.glob("out/**/.*"))
+
+
+def test_a_damaged_shard_is_one_line(tmp_path):
+    run_study(write_study(tmp_path), tmp_path / "out")
+    shard = tmp_path / "out" / "shards" / "00003.parquet"
+    shard.write_bytes(shard.read_bytes()[:-50])
+    with pytest.raises(StudyError, match=r"00003.parquet: not a table") as caught:
+        merge_study(tmp_path / "out")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_belongs_to_one_study(tmp_path):
+    source, out = write_study(tmp_path), tmp_path / "out"
+    run_study(source, out)
+    run_study(write_study(tmp_path, shard=5), out)  # another size of shards changes nothing
+    assert open_folder(out).shard == 2
+    with pytest.raises(StudyError, match="out: holds another study, which differs in factors; give another folder"):
+        run_study(write_study(tmp_path, points=5), out)
+    source = write_study(tmp_path)
+    (tmp_path / "tiny.toml").write_text((tmp_path / "tiny.toml").read_text().replace("damping = 10.0", "damping = 9.0"))
+    with pytest.raises(StudyError, match="differs in its base drive"):
+        run_study(source, out)
+    rows = tmp_path / "rows.csv"
+    rows.write_text(TABLE)
+    source = write_study(tmp_path, text=ROWS)
+    prepare(source, tmp_path / "of_table", 1, 1, 2**30)
+    prepare(source, tmp_path / "of_table", 1, 1, 2**30)
+    rows.write_text(TABLE.replace("13,44,1e-5,1.0", "13,44,1e-5,2.0"))
+    with pytest.raises(StudyError, match="of_table: holds another study, which differs in its design table"):
+        prepare(source, tmp_path / "of_table", 1, 1, 2**30)
+    (out / "plan.json").write_text("{")
+    with pytest.raises(StudyError, match=r"plan.json: damaged"):
+        study_status(out)
+    with pytest.raises(StudyError, match="nothing: not a study's folder"):
+        study_status(tmp_path / "nothing")
+
+
+def test_metric_names_are_those_of_simulate():
+    run = simulate(tiny_drive(), duration=0.001, step=1e-5, record=Record("none"))
+    others = ("variant", "diverged", "diverged_time", "window_start", "window_end")
+    assert metric_names(tiny_drive()) == [name for name in run.metrics.column_names if name not in others]
+
+
+def test_shards_fill_the_device_and_fit_the_memory(tmp_path):
+    study = prepare(write_study(tmp_path, text=write_study(tmp_path).read_text().replace("shard = 2", "")),
+                    tmp_path / "out", 1, 2, 2**31).study  # fmt: skip
+    drive = tiny_drive()
+    size = shard_size(study, drive, 10**9, 1, 2, 2**40)
+    # half a minute at 1e8 roller-steps a second and core: 44 rollers, 50 steps, 2 cores
+    assert size == int(30.0 * 2e8 / (44 * 50))
+    assert shard_size(study, drive, 10**9, 1, 2, 2**30) == 2**30 // (500 * 44 + 100_000)
+    assert shard_size(study, drive, 100, 8, 2, 2**30) == 13
+    assert shard_size(study, drive, 100, 1, 2, 10) == 1
+    slow = study.model_copy(update={"run": study.run.model_copy(update={"duration": 1e6})})
+    assert shard_size(slow, drive, 10**9, 1, 2, 2**30) == 16
+
+
+def test_commands_of_a_job_array(tmp_path, capsys):
+    source, out, whole = write_study(tmp_path, RECORD), tmp_path / "out", tmp_path / "whole"
+    run_study(source, whole)
+    assert run(capsys, "study", "run", source, "-o", out, "--shard", "1/3", "--quiet", "--workers", "1") == (
+        0,
+        ["2 of 6 shards are done; variants: 4 ok, 0 diverged, 0 infeasible"],
+        [],
+    )
+    status, _, err = run(capsys, "study", "merge", out)
+    assert (status, len(err)) == (2, 1) and "4 of 6 shards are missing (0, 2, 3, 5); finish with" in err[0]
+    for part in ("0/3", "2/3"):
+        assert run(capsys, "study", "run", source, "-o", out, "--shard", part, "--quiet")[0] == 0
+    assert run(capsys, "study", "status", out)[1][1] == f"make the whole table with: warpchain study merge {out}"
+    assert run(capsys, "study", "merge", out)[1][1] == f"table: {out / 'results.parquet'}"
+    assert (out / "results.parquet").read_bytes() == (whole / "results.parquet").read_bytes()
+    assert merge_study(out).shards == (6, 6)
+
+
+def test_status_tells_rate_and_time_left(tmp_path, capsys):
+    source, out = write_study(tmp_path, shard=1), tmp_path / "out"
+    run_study(source, out, part=(0, 3))
+    for number, shard in enumerate((0, 3, 6, 9)):  # 4 of 12 variants, one in 1000 s
+        os.utime(out / "shards" / f"{shard:05d}.parquet", (1000.0 * number, 1000.0 * number))
+    assert run(capsys, "study", "status", out)[1] == [
+        "4 of 12 shards are done; variants: 4 ok, 0 diverged, 0 infeasible",
+        "8 variants are left; at the latest 0.001 variants/s they take 2:13:20",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["run", "no.toml", "-o", "out"], "no.toml: cannot be read: no such file or directory"),
+        (["run", "a.toml", "-o", "out", "--shard", "3/3"], "'3/3': must be I/N, whole numbers with 0 <= I < N"),
+        (["run", "a.toml", "-o", "out", "--workers", "0"], "'0': must be a whole number above 0"),
+        (["status", "no"], "no: not a study's folder; make one with: warpchain study run"),
+        (["run", "a.toml"], "the following arguments are required: -o/--output"),
+        ([], "the following arguments are required: COMMAND"),
+    ],
+)
+def test_mistakes_get_one_line(tmp_path, monkeypatch, capsys, words, text):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = run(capsys, "study", *words)
+    assert (status, out, len(err)) == (2, [], 1)
+    assert text in err[0]
+
+
+def test_fatigue_of_recorded_variants_is_in_the_table(tmp_path):
+    """What the table says is what the archived trajectory gives; variants that were not recorded have none."""
+    more = "[record]\nevery = 3\nrate = 5e4\n[fatigue]\nexponent = 5\nrange = 100\n"
+    run_study(write_study(tmp_path, more, points=2), tmp_path / "out")
+    results = read_results(table_of(tmp_path / "out"))
+    damage = results.table["damage_per_hour_max"].to_pylist()
+    assert [value is not None for value in damage] == [True, False, False, True]
+    assert "s1.transmission_error_rms" in results.metrics
+    (trajectory,) = recorded_variants(results, tmp_path / "out", [3]).values()
+    window = results.values("window_start")[3], results.values("window_end")[3]
+    assert damage[3] == from_trajectory(trajectory, *window, Woehler(5.0, 100.0))["damage_per_hour_max"] > 0.0
+    again = with_recorded_objectives(results, tmp_path / "out", Woehler(5.0, 50.0))
+    assert sorted(again.table.column_names) == sorted(results.table.column_names)
+    assert again.table["damage_per_hour_max"][3].as_py() == pytest.approx(32.0 * damage[3])  # (100 / 50)^5

@@ -1,0 +1,155 @@
+"""Sobol' indices against the Ishigami function's closed form and a polynomial's, and SALib's problem dictionary."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from warpchain.errors import StudyError
+from warpchain.study.analysis.sensitivity import (
+    best_indices,
+    factors_of_problem,
+    problem_of,
+    problem_of_factors,
+    saltelli_block,
+    saltelli_table,
+    sobol_indices,
+    surface_indices,
+)
+from warpchain.study.analysis.surface import fit_surface
+from warpchain.study.results import export_table, read_results
+
+pytest.importorskip("SALib")
+
+A, B = 7.0, 0.1
+PROBLEM = {"num_vars": 3, "names": ["x1", "x2", "x3"], "bounds": [[-np.pi, np.pi]] * 3}
+"""Ishigami and Homma 1990: y = sin x1 + a sin^2 x2 + b x3^4 sin x1."""
+
+
+def ishigami(table):
+    x1, x2, x3 = (table[name].to_numpy() for name in PROBLEM["names"])
+    return np.sin(x1) + A * np.sin(x2) ** 2 + B * x3**4 * np.sin(x1)
+
+
+def closed_form():
+    one = 0.5 * (1.0 + B * np.pi**4 / 5.0) ** 2
+    two = A**2 / 8.0
+    both = B**2 * np.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)
+    whole = one + two + both
+    return np.array([one, two, 0.0]) / whole, np.array([one + both, two, both]) / whole
+
+
+@pytest.mark.parametrize("second_order", [False, True])
+def test_ishigami(second_order, tmp_path):
+    design = saltelli_table(PROBLEM, 2048, seed=3, second_order=second_order)
+    assert design.num_rows == 2048 * (8 if second_order else 5)
+    table = design.append_column("y", pa.array(ishigami(design)))
+    results = read_results(export_table(table, tmp_path / "r.csv"), PROBLEM["names"])  # through text and back
+    found = sobol_indices(results, "y", PROBLEM)
+    first, total = closed_form()
+    # quasi-random estimators of 2,048 blocks: errors of some 1/100
+    assert found.first == pytest.approx(first, abs=0.02)
+    assert found.total == pytest.approx(total, abs=0.02)
+    assert (np.abs(found.first - first) < 2.0 * found.first_error + 1e-3).all()
+    assert (found.rows, found.dropped) == (design.num_rows, 0)
+
+
+def test_a_bad_variant_takes_its_block_out():
+    design = saltelli_table(PROBLEM, 1024)
+    y, status = ishigami(design), np.full(design.num_rows, "ok", dtype=object)
+    y[[7, 503, 504]], status[[7, 503, 504]] = 1e9, "diverged"  # blocks 1 and 100
+    table = design.append_column("y", pa.array(y)).append_column("status", pa.array(status))
+    shuffled = np.random.default_rng(0).permutation(design.num_rows)  # rows come in any order, with their numbers
+    table = table.append_column("variant", pa.array(np.arange(design.num_rows))).take(shuffled)
+    found = sobol_indices(read_results(table, PROBLEM["names"]), "y")
+    assert (found.rows, found.dropped) == (1022 * 5, 10)
+    first, total = closed_form()
+    assert found.first == pytest.approx(first, abs=0.04)
+    assert found.total == pytest.approx(total, abs=0.04)
+
+
+def test_indices_of_a_polynomial_surface_are_exact():
+    """y = 3 u + v^2 + 2 u v on -1 .. 1: variances 3, 4/45, 4/9."""
+    rng = np.random.default_rng(2)
+    u, v = np.append(rng.uniform(-1, 1, 38), [-1, 1]), np.append(rng.uniform(-1, 1, 38), [1, -1])
+    table = pa.table({"a": 5.0 + 2.0 * u, "b": 1e4 * v, "c": rng.random(40), "y": 3.0 * u + v**2 + 2.0 * u * v})
+    found = surface_indices(fit_surface(read_results(table, ["a", "b", "c"]), "y"))
+    whole = 3.0 + 4.0 / 45.0 + 4.0 / 9.0
+    assert found.first == pytest.approx(np.array([3.0, 4.0 / 45.0, 0.0]) / whole, abs=1e-12)
+    assert found.total == pytest.approx(np.array([3.0 + 4.0 / 9.0, 24.0 / 45.0, 0.0]) / whole, abs=1e-12)
+
+
+def test_the_better_way_is_taken():
+    design = saltelli_table(PROBLEM, 256)
+    table = read_results(design.append_column("y", pa.array(ishigami(design))), PROBLEM["names"])
+    found, words = best_indices(table, "y")
+    assert words.startswith("by a Saltelli design of 1280 variants")
+    assert found.first_error.min() > 0.0
+    loose = read_results(table.table.slice(3), PROBLEM["names"])
+    with pytest.raises(StudyError, match="the response surface predicts too badly"):  # sin x1 is no quadratic
+        best_indices(loose, "y")
+    line = read_results(loose.table.append_column("z", loose.table["x1"]), PROBLEM["names"])
+    found, words = best_indices(line, "z")
+    assert words.startswith("of the response surface")
+    assert found.first == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_saltelli_designs_are_told_from_others():
+    design = saltelli_table(PROBLEM, 8)
+    names = PROBLEM["names"]
+    assert saltelli_block(read_results(design, names), names) == 5
+    assert saltelli_block(read_results(saltelli_table(PROBLEM, 8, second_order=True), names), names) == 8
+    other = pa.table(dict(zip(names, np.random.default_rng(1).random((3, 40)), strict=True)))
+    assert saltelli_block(read_results(other, names), names) == 0
+    with pytest.raises(StudyError, match="no Saltelli design of x1, x2, x3"):
+        sobol_indices(read_results(other.append_column("y", other["x1"]), names), "y")
+
+
+def test_problems_and_factors_turn_into_each_other():
+    factors = [
+        SimpleNamespace(name="a", kind="uniform", range=(1.0, 2.0), mean=None, std=None),
+        SimpleNamespace(name="b", kind="log-uniform", range=(1e3, 1e6), mean=None, std=None),
+        SimpleNamespace(name="c", kind="normal", range=None, mean=5.0, std=0.5),
+        SimpleNamespace(name="d", kind="truncated-normal", range=(0.0, 1.0), mean=0.5, std=0.2),
+        SimpleNamespace(name="e", kind="expression", range=None, mean=None, std=None),
+    ]
+    problem = problem_of_factors(factors)
+    assert problem == {
+        "num_vars": 4,
+        "names": ["a", "b", "c", "d"],
+        "bounds": [[1.0, 2.0], [1e3, 1e6], [5.0, 0.5], [0.0, 1.0, 0.5, 0.2]],
+        "dists": ["unif", "logunif", "norm", "truncnorm"],
+    }
+    design = saltelli_table(problem, 16)  # SALib takes it
+    assert np.ptp(np.log10(design["b"].to_numpy())) > 2.0
+    tables = factors_of_problem(problem, {"a": "chain.roller_mass"})
+    assert tables[0] == {"name": "a", "path": "chain.roller_mass", "distribution": "uniform", "range": [1.0, 2.0]}
+    kinds = [
+        SimpleNamespace(**{"range": None, "mean": None, "std": None, "kind": t["distribution"], **t}) for t in tables
+    ]
+    assert problem_of_factors(kinds) == problem
+    results = read_results(design.append_column("y", design["a"]), problem["names"])
+    assert problem_of(results)["names"] == problem["names"]
+
+
+def test_refusals():
+    with pytest.raises(StudyError, match="power of two"):
+        saltelli_table(PROBLEM, 100)
+    with pytest.raises(StudyError, match="'bounds' is missing"):
+        saltelli_table({"names": ["a"]}, 8)
+    with pytest.raises(StudyError, match="equally many"):
+        saltelli_table({"names": ["a"], "bounds": [[0, 1], [0, 1]]}, 8)
+    with pytest.raises(StudyError, match="groups"):
+        factors_of_problem({"names": ["a"], "bounds": [[0, 1]], "groups": ["g"]})
+    with pytest.raises(StudyError, match="'triang' of 'a'"):
+        factors_of_problem({"names": ["a"], "bounds": [[0, 1]], "dists": ["triang"]})
+    with pytest.raises(StudyError, match="choice is not a distribution"):
+        problem_of_factors([SimpleNamespace(name="a", kind="choice")])
+    design = saltelli_table(PROBLEM, 4)
+    lost = design.append_column("y", pa.array([None] * design.num_rows, pa.float64()))
+    with pytest.raises(StudyError, match="0 whole blocks"):
+        sobol_indices(read_results(lost, PROBLEM["names"]), "y")
+    same = design.append_column("y", pa.array(np.ones(design.num_rows)))
+    with pytest.raises(StudyError, match="does not vary"):
+        sobol_indices(read_results(same, PROBLEM["names"]), "y")

@@ -1,0 +1,146 @@
+"""Figures and playback: they are drawn, they show the chain, and they refuse in one line."""
+
+import numpy as np
+import pytest
+from drives import two_sprockets
+from PIL import Image
+
+from warpchain import Record, load_drive, simulate, write_archive
+from warpchain.drive.examples import drive_path
+from warpchain.errors import ArchiveError, SimulationError
+from warpchain.view.figures.sweep import Sweep, campbell_figure, excited_orders, sweeps
+from warpchain.view.figures.write import plot_figures, plot_sweep
+from warpchain.view.rerun.drive import shown_frames
+from warpchain.view.rerun.playback import FRAMES, view
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(two_sprockets(duration=0.05, gravity=-9.81))
+
+
+def colored(picture, least=60):
+    """Share of pixels with a color (not gray)."""
+    rgb = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    return (np.ptp(rgb, axis=2) > least).mean()
+
+
+@pytest.mark.parametrize("kind", ["png", "svg"])
+def test_figures_are_drawn(run, tmp_path, kind):
+    paths = plot_figures(run, tmp_path / "plots", kind=kind)
+    # no guide-bar, and of 0.05 s the latter half passes a tooth or two: neither guide force nor spectrum
+    names = ["drive", "strand-displacement", "link-tension", "contact-forces", "tension-waterfall", "contact-angle"]
+    assert [path.name for path in paths] == [f"{name}.{kind}" for name in names]
+    assert sorted(path.name for path in (tmp_path / "plots").iterdir()) == sorted(path.name for path in paths)
+    if kind == "png":
+        for path in paths:
+            assert Image.open(path).size[0] > 600
+            assert colored(path) > 0.001, path
+    else:
+        words = {path.stem: path.read_text() for path in paths}
+        assert all(text.startswith("<?xml") and "</svg>" in text for text in words.values())
+        for name, label in {
+            "strand-displacement": "displacement [mm]",
+            "link-tension": "link tension [kN]",
+            "contact-forces": "contact with sprockets [kN]",
+            "tension-waterfall": "time [s]",
+            "contact-angle": "angle since the roller reached the sprocket, in the direction of travel [degrees]",
+        }.items():
+            assert label in words[name], name
+            assert "60 links of 50 mm, driver at 95.49 rpm" in words[name], name
+
+
+def test_figures_from_an_archive(run, tmp_path):
+    archive = write_archive(run, tmp_path / "a.mcap")
+    assert len(plot_figures(archive, tmp_path / "plots", variant=0, kind=("png", "svg"), only=["drive"])) == 2
+
+
+def test_refusals(run, tmp_path):
+    with pytest.raises(SimulationError, match="variant 3 was not recorded"):
+        plot_figures(run, tmp_path, variant=3)
+    part = simulate(two_sprockets(duration=0.001, settle="false"), record=Record(channels=("tension",)))
+    with pytest.raises(SimulationError, match="recorded without position"):
+        plot_figures(part, tmp_path)
+    bare = simulate(two_sprockets(duration=0.001, settle="false"), record=Record("none"))
+    with pytest.raises(SimulationError, match="nothing to draw"):
+        view(bare, save=tmp_path / "a.rrd")
+    with pytest.raises(ArchiveError, match="cannot be written"):
+        view(run, save=tmp_path / "absent" / "a.rrd")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ArchiveError, match="cannot be written"):
+        plot_figures(run, tmp_path / "file")
+    with pytest.raises(SimulationError, match="figure 'x': allowed are drive, strand-displacement"):
+        plot_figures(run, tmp_path, only=["x"])
+    with pytest.raises(SimulationError, match="roller 60: allowed are 0 to 59"):
+        plot_figures(run, tmp_path, roller=60)
+    with pytest.raises(SimulationError, match="format 'gif': allowed are png, svg"):
+        plot_figures(run, tmp_path, kind="gif", only=["drive"])
+    with pytest.raises(SimulationError, match="two speeds or more"):
+        plot_sweep([run, run], tmp_path)
+
+
+def test_recording_is_whole_and_alone(run, tmp_path):
+    view(run, save=tmp_path / "a.rrd")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.rrd"]
+    assert (tmp_path / "a.rrd").stat().st_size > 100_000
+
+
+def test_long_recordings_are_drawn_within_the_frame_budget(run):
+    assert len(run[0].time) == 1001
+    shown = shown_frames(run[0], FRAMES)
+    assert len(shown.time) == FRAMES
+    assert (shown.time[0], shown.time[-1]) == (0.0, run[0].time[-1])
+
+
+def test_a_sweep_over_speed_shows_the_tooth_passing_frequency(tmp_path):
+    # chains settled on their sprockets run with the tooth-passing ripple of the polygon action
+    drives = [two_sprockets(duration=0.2, speed=speed, span=19.5, links=59) for speed in (30.0, 20.0, 40.0)]
+    run = simulate(drives, record=Record(rate=2000.0))
+    found = sweeps([run], "tension")
+    assert [sweep.name for sweep in found] == [
+        "driver \N{RIGHTWARDS ARROW} driven",
+        "driven \N{RIGHTWARDS ARROW} driver",
+    ]
+    assert found[0].speed == pytest.approx(np.array([20.0, 30.0, 40.0]) * 30 / np.pi)
+    for frequency, amplitude, speed in zip(found[0].frequency, found[0].amplitude, (20.0, 30.0, 40.0), strict=True):
+        passing = 20 * speed / (2 * np.pi)
+        step = frequency[1]  # 10 Hz: half of 0.2 s
+        at = np.abs(frequency - passing) <= step
+        other = (frequency > 0.3 * passing) & (frequency < 1.7 * passing) & (np.abs(frequency - passing) > 2 * step)
+        assert amplitude[at].max() > np.median(amplitude[other])
+    paths = plot_sweep([run], tmp_path)
+    assert [path.name for path in paths] == [
+        "campbell-displacement.png",
+        "campbell-resonance.png",
+        "campbell-tension.png",
+    ]
+    assert all(colored(path) > 0.01 for path in paths)
+
+
+def test_a_campbell_diagram_of_a_table_has_its_lines_where_they_are():
+    speed = np.array([60.0, 120.0, 180.0])
+    frequency = np.linspace(0.0, 100.0, 201)
+    amplitude = [np.exp(-(((frequency - 10.0 * s / 60.0) / 0.6) ** 2)) + 1e-6 for s in speed]
+    figure = campbell_figure([Sweep("a", "x [mm]", speed, [frequency] * 3, amplitude, 10)])
+    axis = figure.axes[0]
+    mesh = axis.collections[0]
+    image = mesh.get_array().reshape(600, 3)
+    up = np.linspace(0.0, axis.get_ylim()[1], 600)
+    # brightest where 10 teeth pass: half a line of the spectrum is 0.25 Hz, a row of the picture 0.17 Hz
+    assert up[image.argmax(axis=0)] == pytest.approx([10.0, 20.0, 30.0], abs=0.4)
+    assert axis.get_xlabel() == "mean speed of the driver [rpm]"
+    assert axis.get_ylabel() == "frequency [Hz]"
+
+
+def test_excited_orders_count_the_drivers_revolutions():
+    drive = load_drive(drive_path("marine"))
+    assert excited_orders(drive) == [6.0]
+    # a load of order 6 on a sprocket of twice the teeth comes three times a revolution of the driver
+    slow = two_sprockets().with_values(
+        {
+            "sprockets.driven.teeth": 40,
+            "chain.links": 70,
+            "sprockets.driven.load.harmonics": [{"order": 6, "amplitude": 5.0}],
+        }
+    )
+    assert excited_orders(slow) == [3.0]

@@ -1,0 +1,201 @@
+"""Recordings: thinned out without losing peaks, columns as Rerun builds them, variants compared, the ensemble shown."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import rerun as rr
+from drives import two_sprockets
+from hypothesis import given
+from hypothesis import strategies as st
+
+from warpchain import Record, Trajectory, simulate, write_archive
+from warpchain.archive.schema import tension_color
+from warpchain.cli import main
+from warpchain.errors import SimulationError
+from warpchain.results.signals import peak_frames, peaks_over_time
+from warpchain.view.chosen import recorded, to_compare, varied_inputs
+from warpchain.view.rerun.columns import packed_colors, rows, strips, tension_steps, vectors
+from warpchain.view.rerun.drive import log_drive
+from warpchain.view.rerun.playback import log_recording
+from warpchain.view.rerun.series import curves, log_curves, log_tension_image
+
+
+class Spy:
+    """A recording stream that keeps what it is given."""
+
+    def __init__(self):
+        self.static, self.columns = {}, {}
+
+    def log(self, path, *components, static=False):
+        self.static.setdefault(path, []).extend(components)
+
+    def send_columns(self, path, indexes, columns, strict=None):
+        (time,) = indexes
+        self.columns[path] = time.as_arrow_array(), {str(c.component_descriptor()): c.as_arrow_array() for c in columns}
+
+
+@pytest.fixture(scope="module")
+def run():
+    drive = two_sprockets(duration=0.02, step=1e-5)
+    variants = [drive.with_values({"sprockets.driven.load.torque": torque}) for torque in (200.0, 300.0, 400.0)]
+    return simulate(variants, record=Record(variants=[0, 2]))
+
+
+@given(st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=300), st.integers(1, 40))
+def test_thinned_series_keep_their_extremes_within_the_budget(values, buckets):
+    values = np.array(values)
+    frames = peak_frames(values, buckets)
+    assert (np.diff(frames) > 0).all()
+    assert len(frames) <= max(2 * buckets, min(len(values), 2 * buckets))
+    if np.isfinite(values).any():
+        assert np.nanmax(values[frames]) == np.nanmax(values)
+        assert np.nanmin(values[frames]) == np.nanmin(values)
+    # every spell's own extremes, not those of the whole alone
+    if len(values) > 2 * buckets:
+        for spell in np.split(np.arange(len(values)), (np.arange(1, buckets) * len(values)) // buckets):
+            if np.isfinite(values[spell]).any():
+                assert np.nanmax(values[spell]) == np.nanmax(values[np.intersect1d(spell, frames)])
+
+
+def test_images_keep_each_links_peak():
+    tension = np.random.default_rng(1).normal(size=(1003, 7))
+    first, peaks = peaks_over_time(tension, 100)
+    assert peaks.shape == (100, 7)
+    np.testing.assert_array_equal(peaks.max(axis=0), tension.max(axis=0))
+    np.testing.assert_array_equal(peaks[3], tension[first[3] : first[4]].max(axis=0))
+
+
+def test_columns_are_those_of_rerun_itself():
+    rng = np.random.default_rng(1)
+    points, colors = rng.normal(size=(4, 3, 2)).astype(np.float32), np.arange(48, dtype=np.uint8).reshape(12, 4)
+    theirs = {str(c.component_descriptor()): c.as_arrow_array() for c in [
+        *rr.Points2D.columns(positions=points.reshape(-1, 2), colors=colors).partition([3] * 4),
+        *rr.LineStrips2D.columns(strips=points).partition([1] * 4),
+    ]}  # fmt: skip
+    packed = (colors.astype(np.uint32) << np.array([24, 16, 8, 0], np.uint32)).sum(axis=1, dtype=np.uint32)
+    ours = {
+        "Points2D:positions": rows(vectors(points), 3, 4),
+        "Points2D:colors": rows(pa.array(packed), 3, 4),
+        "LineStrips2D:strips": rows(strips(points), 1, 4),
+    }
+    assert ours.keys() == theirs.keys()
+    for name, column in ours.items():
+        assert column.type == theirs[name].type, name
+        assert column.to_pylist() == theirs[name].to_pylist(), name
+    lengths = np.array([0, 2, 1])
+    assert [len(row) for row in rows(pa.array([1, 2, 3]), lengths).to_pylist()] == [0, 2, 1]
+
+
+def test_color_steps_are_the_scale_of_the_archive():
+    tension = np.array([-5.0, 0.0, 31.0, 62.5, 99.0, 1e9, np.nan])
+    shown = packed_colors(tension_steps(tension, 100.0)).astype(">u4").view(np.uint8).reshape(-1, 4)
+    # 256 steps over four spans of at most 195 counts a channel: half a step is 1.5 counts, rounded
+    np.testing.assert_allclose(shown[:-1].astype(int), tension_color(tension[:-1], 100.0).astype(int), atol=2)
+
+
+def test_curves_within_the_budget_keep_the_tension_peak(run):
+    trajectory = run[0]
+    tension = trajectory.tension.copy()
+    tension[37, 5] = 1e6  # one frame's peak, at a frame that even thinning would leave out
+    spiked = Trajectory(trajectory.drive, trajectory.time, **trajectory.channels() | {"tension": tension})
+    spy = Spy()
+    log_curves(spy, "a", spiked, 20, [(1, 2, 3)], False)
+    time, columns = spy.columns["/a/curves/tension/largest"]
+    values = columns["Scalars:scalars"].values.to_numpy()
+    assert len(values) <= 40 < len(trajectory.time)
+    assert values.max() == 1e6
+    assert time.to_numpy().astype(float)[values.argmax()] * 1e-9 == pytest.approx(trajectory.time[37], abs=1e-9)
+    log_tension_image(spy, "a", spiked, spiked, 20, 1e6)
+    (image,) = [c for c in spy.static["/a/tension\\ image/image"] if isinstance(c, rr.Image)]
+    pixels = np.asarray(image.buffer.as_arrow_array().to_pylist()[0], np.uint8).reshape(60, 20, 3)
+    red = tension_color(np.array([1.0]), 1.0)[0, :3]
+    assert (pixels == red).all(axis=2).sum() == 1
+    # link 5 of 60 is the sixth row from below, frame 37 of 401 in spell 1 of 20
+    np.testing.assert_array_equal(pixels[60 - 1 - 5, 1], red)
+
+
+def test_a_moving_sprockets_name_goes_with_its_center(run):
+    """The name stands at the origin of the entity that each frame carries to the sprocket's center, y turned around."""
+    trajectory = run[0]
+    center = trajectory.sprocket_center + np.sin(trajectory.time)[:, None, None]
+    moved = Trajectory(trajectory.drive, trajectory.time, **trajectory.channels() | {"sprocket_center": center})
+    spy = Spy()
+    log_drive(spy, "a", moved, 1.0)
+    path = "/a/drive/sprockets/driven"
+    _, columns = spy.columns[path]
+    places = np.array(columns["Transform3D:translation"].values.to_pylist())
+    np.testing.assert_allclose(places[:, :2], center[:, 1] * [1.0, -1.0], rtol=1e-6, atol=1e-7)
+    (label,) = spy.static[f"{path}/name"]
+    assert label.labels.as_arrow_array().to_pylist() == ["driven"]
+    assert label.positions.as_arrow_array().to_pylist() == [[0.0, 0.0]]
+    assert f"{path}/name" not in spy.columns
+
+
+def test_every_group_of_curves_has_a_view(run):
+    from warpchain.view.rerun.series import GROUPS
+
+    assert {group for group, _, _ in curves(run[0])} == set(GROUPS)
+
+
+def test_variants_to_compare(run, tmp_path):
+    path = write_archive(run, tmp_path / "a.mcap")
+    other = write_archive(simulate(two_sprockets(duration=0.001)), tmp_path / "b.mcap")
+    labels = [[one.label for one in to_compare(path, variant, others)] for variant, others in (
+        (None, []), (2, []), (None, ["2", 0]), (None, [str(other)]), (2, [str(other), f"{path}:0"]), (0, [run]),
+    )]  # fmt: skip
+    assert labels == [
+        ["variant 0"],
+        ["variant 2"],
+        ["variant 0", "variant 2"],
+        ["a 0", "b"],
+        ["a 2", "b", "a 0"],
+        ["a 0", "run 2 0"],
+    ]
+    with pytest.raises(SimulationError, match="variant 1 was not recorded"):
+        to_compare(path, None, ["1"])
+
+
+def test_inputs_that_vary(run):
+    assert {name: values.tolist() for name, values in varied_inputs(run).items()} == {
+        "sprockets.driven.load.torque": [200.0, 300.0, 400.0]
+    }
+
+
+def test_comparison_and_ensemble_are_logged(run):
+    spy = Spy()
+    shown = to_compare(run, None, ["2"])
+    log_recording(spy, shown)
+    for label in ("variant\\ 0", "variant\\ 2"):
+        assert f"/{label}/drive/rollers" in spy.columns
+        assert f"/overlaid/{label}" in spy.columns
+    scatters = {path.split("/")[3] for path in spy.static if path.startswith("/ensemble/sprockets.driven.load.torque")}
+    assert any("tension_max" in name for name in scatters)
+    assert len(scatters) == 4
+
+
+def test_refusals_in_one_line(run, tmp_path, capsys):
+    path = str(write_archive(run, tmp_path / "a.mcap"))
+    for words, reason in (
+        (["--frames", "1"], "frames = 1: allowed is a whole number of at least 2"),
+        (["--tab", "nothing"], "tab 'nothing': allowed are drive, tension along the chain"),
+        (["--compare", "1"], "variant 1 was not recorded (recorded: 0, 2)"),
+        (["--compare", str(tmp_path / "no.mcap")], "no.mcap: cannot be read"),
+    ):
+        assert main(["view", path, "--save", str(tmp_path / "a.rrd"), *words]) == 2
+        said = capsys.readouterr().err
+        assert reason in said
+        assert said.count("\n") == 1
+    assert main(["view", path, "--web", "--bind", "192.0.2.1"]) == 2  # an address for documentation, nobody's
+    assert "--bind 192.0.2.1: this machine cannot listen there" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+
+
+def test_frames_are_thinned_out_as_told(run):
+    spy, one = Spy(), recorded(run, None)
+    log_recording(spy, [one], frames=50)
+    assert max(len(time) for time, _ in spy.columns.values()) <= 100  # a smallest and a largest value a frame
+    for name in ("chain", "rollers", "sprockets/driver", "sprocket\\ forces"):
+        time, _ = spy.columns[f"/variant\\ 0/drive/{name}"]
+        shown = time.to_numpy().astype(float) * 1e-9
+        assert len(shown) == 50
+        assert (shown[0], shown[-1]) == pytest.approx((0.0, one.trajectory.time[-1]))

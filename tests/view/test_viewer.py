@@ -1,0 +1,116 @@
+"""Playback as a person sees it: screenshots of the headless Rerun viewer and of the web viewer in headless Chromium."""
+
+import importlib.util
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from warpchain import load_drive, simulate, write_archive
+from warpchain.archive.schema import tension_color
+from warpchain.drive.examples import drive_path
+from warpchain.view.rerun.playback import view
+
+ROOT = Path(__file__).resolve().parents[2]
+spec = importlib.util.spec_from_file_location("render_picture", ROOT / "scripts" / "render_picture.py")
+render = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(render)
+
+SCALE = np.unique(tension_color(np.arange(256.0), 255.0)[:, :3], axis=0).astype(int)
+
+
+@pytest.fixture(scope="module")
+def run():
+    """The marine drive, which looks the same neither upside down nor in a mirror."""
+    drive = load_drive(drive_path("marine"))
+    return simulate(drive.with_values({"run.duration": 0.02, "run.sample_rate": 2500.0}))
+
+
+def on_scale(picture, right):
+    """Pixels (rows, columns) of the tension's color scale in the picture's part left of the share `right`."""
+    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    seen = np.zeros(pixels.shape[:2], dtype=bool)
+    part = pixels[85:-60, : int(right * pixels.shape[1])]
+    for k in range(0, len(SCALE), 4):
+        seen[85:-60, : part.shape[1]] |= np.abs(part - SCALE[k]).max(axis=2) < 14
+    return seen
+
+
+def path_seen(picture, trajectory, right=0.39):
+    """How well the colored pixels are the chain: (share of rollers found, how unlike the scales of x and y are).
+
+    The colored pixels' bounding box is laid on that of the rollers, y up; then each roller's place must be colored.
+    """
+    seen = on_scale(picture, right)
+    rows, columns = np.nonzero(seen)
+    if len(rows) < 500:
+        return 0.0, np.inf
+    x = trajectory.position.mean(axis=0)
+    low, high = x.min(axis=0), x.max(axis=0)
+    across, up = np.ptp(columns) / (high - low)[0], np.ptp(rows) / (high - low)[1]
+    at_column = np.rint(columns.min() + (x[:, 0] - low[0]) * across).astype(int)
+    at_row = np.rint(rows.min() + (high[1] - x[:, 1]) * up).astype(int)
+    found = [seen[max(r - 3, 0) : r + 4, max(c - 3, 0) : c + 4].any() for r, c in zip(at_row, at_column, strict=True)]
+    return float(np.mean(found)), abs(across / up - 1.0)
+
+
+def assert_chain(picture, trajectory):
+    found, distortion = path_seen(picture, trajectory)
+    # rollers lie 20 pixels apart and are sought within 3; a chain upside down or mirrored would miss most
+    assert found > 0.95
+    # the box of the pixels is one roller wider and higher than that of the centers: 0.07 m in 2 m against 0.07 in 6
+    assert distortion < 0.05
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
+def test_the_viewer_shows_the_chain_along_its_path(run, tmp_path):
+    view(run, save=tmp_path / "a.rrd")
+    render.screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0.01)
+    assert_chain(tmp_path / "a.png", run[0])
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(render.no_vulkan() is not None, reason=str(render.no_vulkan()))
+def test_the_viewer_shows_tension_along_the_chain_as_an_image(run, tmp_path):
+    view(run, save=tmp_path / "a.rrd", tab="tension")
+    render.screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0.01)
+    seen = on_scale(tmp_path / "a.png", 1.0)[: 1080 // 2]
+    rows, columns = np.nonzero(seen)
+    assert np.ptp(columns) > 0.5 * seen.shape[1]
+    # the image is one block: nearly every pixel within it has a color of the scale
+    block = seen[
+        rows.min() : rows.max() + 1, np.quantile(columns, 0.02).astype(int) : np.quantile(columns, 0.98).astype(int)
+    ]
+    assert block.mean() > 0.8
+
+
+def listening(port):
+    """Addresses that this machine listens at on a port, as /proc/net/tcp has them."""
+    lines = [
+        line.split() for name in ("tcp", "tcp6") for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]
+    ]
+    return [line[1].split(":")[0] for line in lines if line[3] == "0A" and int(line[1].split(":")[1], 16) == port]
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(render.no_browser() is not None, reason=str(render.no_browser()))
+def test_the_web_viewer_shows_the_chain_and_listens_on_this_machine_alone(run, tmp_path):
+    archive = write_archive(run, tmp_path / "a.mcap")
+    command = [sys.executable, "-m", "warpchain", "view", str(archive), "--web"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            url = server.stdout.readline().strip()
+            assert url.startswith("http://127.0.0.1:")
+            page, data = int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
+            assert listening(page) == listening(data) == ["0100007F"]
+            render.web_screenshot(url, tmp_path / "a.png", lambda picture: path_seen(picture, run[0])[0] > 0.95)
+        finally:
+            server.send_signal(signal.SIGINT)
+        assert server.wait(20) == 0
+    assert not listening(page) and not listening(data)
+    assert_chain(tmp_path / "a.png", run[0])

@@ -1,0 +1,195 @@
+"""Reading an archive back: lazily, so that opening is quick and a variant or a time range touches only its chunks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from warpchain.archive import schema
+from warpchain.archive.mcap_read import McapIndex
+from warpchain.archive.parts import archive_files, cut_files
+from warpchain.archive.tracks import LazyDrives, Tracks
+from warpchain.errors import ArchiveError, SimulationError
+from warpchain.results.run import CHANNELS, Run, RunInfo, Trajectory
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+RECOVERED = "recovered"
+"""How a run ended whose archive was cut and restored."""
+
+
+@dataclass(frozen=True)
+class Archive(Run):
+    """A run that lies in an archive: drives and trajectories are read when they are asked for.
+
+    `archive[i]` is variant i's whole trajectory; `read` and `blocks` give parts of it.
+    """
+
+    trajectories: Tracks = field(repr=False)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The archive's files, in order."""
+        return tuple(file.path for file in self.trajectories.files)
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """The metadata record that tells how the run was made."""
+        return self.trajectories.files[0].values(schema.RUN_METADATA) or {}
+
+    @property
+    def attachments(self) -> tuple[str, ...]:
+        """Names of the attachments other than drives and metrics."""
+        names = {name: None for file in self.trajectories.files for name in file.attachments}
+        return tuple(n for n in names if n != schema.METRICS_ATTACHMENT and not n.startswith("drives/"))
+
+    def attachment(self, name: str) -> bytes:
+        """An attachment's data.
+
+        Raises:
+            ArchiveError: no attachment of that name, or a damaged one.
+        """
+        return next(
+            (f for f in self.trajectories.files if name in f.attachments), self.trajectories.files[0]
+        ).attachment(name)
+
+    def read(
+        self,
+        variant: int,
+        start: float | None = None,
+        end: float | None = None,
+        channels: Sequence[str] = CHANNELS,
+    ) -> Trajectory:
+        """Part of a variant's trajectory; reads only the chunks that hold it.
+
+        Args:
+            variant: a recorded variant.
+            start: first time [s], inclusive; None begins at the first frame.
+            end: last time [s], inclusive; None goes on to the last frame.
+            channels: which channels; the others are None.
+
+        Raises:
+            ArchiveError: a damaged archive.
+            SimulationError: a variant that was not recorded, or an unknown channel.
+        """
+        return self._asked(variant, channels).read(variant, start, end, channels)
+
+    def blocks(
+        self,
+        variant: int,
+        start: float | None = None,
+        end: float | None = None,
+        channels: Sequence[str] = CHANNELS,
+    ) -> Iterator[Trajectory]:
+        """The same chunk by chunk: the arrays are read-only views of the chunk's bytes, without copies.
+
+        In an uncompressed archive they are views of the mapped file. They are neither aligned nor contiguous: a library
+        that asks for that makes its copy. Sprocket channels come as float64, as they lie in the file.
+        """
+        return self._asked(variant, channels).blocks(variant, start, end, channels)
+
+    def _asked(self, variant: int, channels: Sequence[str]) -> Tracks:
+        for channel in channels:
+            if channel not in CHANNELS:
+                raise SimulationError(f"channels: {channel!r} is unknown; allowed are {', '.join(CHANNELS)}")
+        if variant not in self.trajectories:
+            self[variant]  # raises, and tells which variants there are
+        return self.trajectories
+
+
+def read_archive(path: str | Path) -> Archive:
+    """Opens an archive.
+
+    Only summaries, metrics and metadata are read at once; drives and trajectories when they are asked for. `run[i]` is
+    variant i's whole trajectory, bitwise as it was written; `run.read` a part of it.
+
+    Args:
+        path: an MCAP file written by warpchain; of a split archive, its name or any of its files.
+
+    Returns:
+        The run.
+
+    Raises:
+        ArchiveError: a file that is missing, not an MCAP, cut short, damaged, or not warpchain's; one line.
+    """
+    name = Path(path)
+    paths = archive_files(name)
+    if not paths[0].exists():
+        _missing(name)
+    files = tuple(McapIndex(file) for file in paths)
+    heads = [_head(file) for file in files]
+    ends = [file.values(schema.END_METADATA) for file in files]
+    _check_set(name, files, heads, ends)
+    head, end, last = heads[0], ends[-1] or {}, files[-1]
+    try:
+        info, variants = _info(head, end), int(head["variants"])
+    except (KeyError, ValueError) as error:
+        raise ArchiveError(f"{files[0].path}: is damaged (metadata: {error}); see warpchain recover") from None
+    drives = LazyDrives(files[0], variants)
+    metrics = _metrics(last, variants, info.ended)
+    return Archive(drives, metrics, Tracks(files, drives, gaps=info.ended == RECOVERED), info)
+
+
+def _info(head: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
+    """How the run was made and ended."""
+    return RunInfo(
+        version=head["version"],
+        device=head["device"],
+        precision=head["precision"],
+        created=head["created"],
+        ended=end["ended"],
+        wall_time=float(end["wall_time"]),
+        step=float(head["step"]) if "step" in head else None,
+        seed=int(head["seed"]) if "seed" in head else None,
+    )
+
+
+def _missing(path: Path) -> None:
+    """Tells that there is no such archive, and whether a killed run left one."""
+    left = cut_files(path)
+    hint = f"; a run that was cut left {left[0]}: see warpchain recover" if left else ""
+    raise ArchiveError(f"{path}: cannot be read (No such file or directory){hint}")
+
+
+def _head(file: McapIndex) -> dict[str, str]:
+    head = file.values(schema.RUN_METADATA)
+    if head is None:
+        raise ArchiveError(f"{file.path}: an MCAP file, but not an archive of warpchain")
+    if head.get("format_version") != schema.FORMAT_VERSION:
+        raise ArchiveError(
+            f"{file.path}: archive format {head.get('format_version')!r} is not known to this version "
+            f"(it reads {schema.FORMAT_VERSION!r})"
+        )
+    return head
+
+
+def _check_set(
+    path: Path, files: Sequence[McapIndex], heads: Sequence[Mapping[str, str]], ends: Sequence[Mapping[str, str] | None]
+) -> None:
+    """Refuses a set with files missing or foreign, or without its end."""
+    for k, (file, head) in enumerate(zip(files, heads, strict=True)):
+        if head.get("set") != heads[0].get("set"):
+            raise ArchiveError(f"{file.path}: belongs to another archive than {files[0].path}")
+        if head.get("part") != str(k):
+            raise ArchiveError(f"{path}: its part {k} is missing (there is {file.path})")
+    end = ends[-1]
+    if end is None or "parts" not in end:
+        raise ArchiveError(f"{path}: has no end ({files[-1].path} is not its last part); see warpchain recover")
+    if end["parts"] != str(len(files)):
+        raise ArchiveError(f"{path}: {len(files)} of its {end['parts']} files are there")
+
+
+def _metrics(file: McapIndex, variants: int, ended: str) -> pa.Table:
+    """The metrics table; a recovered archive has lost it and has only the column `variant`."""
+    import pyarrow as pa
+
+    if ended == RECOVERED and schema.METRICS_ATTACHMENT not in file.attachments:
+        return pa.table({"variant": pa.array(range(variants), pa.int64())})
+    data = file.attachment(schema.METRICS_ATTACHMENT)
+    try:
+        return pa.ipc.open_file(pa.BufferReader(data)).read_all()
+    except pa.ArrowInvalid as error:
+        raise ArchiveError(f"{file.path}: its metrics are damaged ({error})") from None

@@ -1,0 +1,243 @@
+"""Where a run's drives and recorded frames lie in an archive's files, and how they become trajectories."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, overload
+
+import numpy as np
+
+from warpchain.archive import schema
+from warpchain.archive.layout import HEADER, LENGTH_STARTS, MESSAGE, Form, FrameLayout, frame_layout
+from warpchain.archive.mcap_read import ChannelInfo, ChunkEntry, McapIndex, records, told
+from warpchain.drive import Drive, loads_drive
+from warpchain.errors import ArchiveError, DriveError
+from warpchain.results.run import CHANNELS, Trajectory
+
+READ = ("rollers", "state", "positions")
+"""Topics that hold all there is to read; the others repeat it for viewers."""
+
+
+class LazyDrives(Sequence[Drive]):
+    """All drives of a run, each read from its attachment when it is asked for."""
+
+    def __init__(self, file: McapIndex, count: int) -> None:
+        self._file, self._count = file, count
+        self._held: dict[int, Drive] = {}
+        for variant in range(count):
+            if schema.drive_attachment(variant) not in self._file.attachments:
+                raise ArchiveError(f"{self._file.path}: lacks its attachment {schema.drive_attachment(variant)}")
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> Drive: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Drive, ...]: ...
+    def __getitem__(self, index: int | slice) -> Drive | tuple[Drive, ...]:
+        if isinstance(index, slice):
+            return tuple(self[k] for k in range(*index.indices(self._count)))
+        variant = index + self._count if index < 0 else index
+        if not 0 <= variant < self._count:
+            raise IndexError(f"drive {index} of {self._count}")
+        if variant not in self._held:
+            name = schema.drive_attachment(variant)
+            try:
+                text = self._file.attachment(name).decode()
+                self._held[variant] = loads_drive(text, f"{self._file.path}: {name}")
+            except (DriveError, UnicodeDecodeError) as error:
+                raise ArchiveError(f"{self._file.path}: a drive of it cannot be read ({error})") from None
+        return self._held[variant]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sequence) and tuple(self) == tuple(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A variant's topics and chunks in one file."""
+
+    file: McapIndex
+    rollers: ChannelInfo
+    numbers: Mapping[str, int]
+    chunks: list[ChunkEntry] = field(default_factory=list)
+
+
+class Tracks(Mapping[int, Trajectory]):
+    """The recorded variants, read when they are asked for; a trajectory stays as long as somebody holds it.
+
+    Args:
+        files: the archive's files, in order.
+        drives: all drives of the run.
+        gaps: whether frames may be missing, as in a recovered archive.
+    """
+
+    def __init__(self, files: tuple[McapIndex, ...], drives: Sequence[Drive], gaps: bool) -> None:
+        self.files, self._drives, self._gaps = files, drives, gaps
+        self._held: weakref.WeakValueDictionary[int, Trajectory] = weakref.WeakValueDictionary()
+        self._last: Trajectory | None = None
+
+    @cached_property
+    def _places(self) -> dict[int, list[Place]]:
+        """The files that hold each variant's frames."""
+        found: dict[int, list[Place]] = {}
+        for file in self.files:
+            numbers: dict[int, dict[str, int]] = {}
+            for channel in file.channels.values():
+                named = schema.variant_of(channel.topic)
+                if named:
+                    numbers.setdefault(named[0], {})[named[1]] = channel.number
+            here = {}
+            for variant, topics in numbers.items():
+                if "rollers" in topics and "state" in topics:
+                    place = Place(file, file.channels[topics["rollers"]], topics)
+                    here[topics["rollers"]] = here[topics["state"]] = place
+                    found.setdefault(variant, []).append(place)
+            for chunk in file.chunks:
+                for place in {id(here[n]): here[n] for n in chunk.channels if n in here}.values():
+                    place.chunks.append(chunk)
+        held = {variant: [place for place in places if place.chunks] for variant, places in found.items()}
+        return {variant: held[variant] for variant in sorted(held) if held[variant]}
+
+    def __contains__(self, variant: object) -> bool:
+        return variant in self._places
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __getitem__(self, variant: int) -> Trajectory:
+        held = self._held.get(variant)
+        if held is None:
+            held = self._held[variant] = self.read(variant)
+        self._last = held
+        return held
+
+    def layout(self, variant: int) -> FrameLayout:
+        """How a variant's frames lie in its chunks."""
+        place = self._places[variant][0]
+        facts, drive = place.rollers.metadata, self._drives[variant]
+        try:
+            channels, precision, values = facts["channels"].split(), facts["precision"], facts["values"]
+        except KeyError as missing:
+            raise ArchiveError(f"{place.file.path}: {place.rollers.topic} lacks its metadata {missing}") from None
+        sprockets, exact = tuple(sprocket.name for sprocket in drive.sprockets), "positions" in place.numbers
+        return frame_layout(Form(drive.chain.links, sprockets, tuple(channels), precision, values, exact, variant))
+
+    def read(
+        self,
+        variant: int,
+        start: float | None = None,
+        end: float | None = None,
+        channels: Sequence[str] = CHANNELS,
+    ) -> Trajectory:
+        """Part of a trajectory, in arrays of its own."""
+        held: dict[str, list[Any]] = {}
+        for block in self.blocks(variant, start, end, channels):
+            for name, values in (("time", block.time), *block.channels().items()):
+                held.setdefault(name, []).append(values)
+        form = self.layout(variant).form
+        joined = {"time": _joined(held.get("time", []), "float64", ())}
+        for name in form.channels:
+            if name in channels:
+                joined[name] = _joined(held.get(name, []), form.kind(name), form.shape(name))
+        return Trajectory(self._drives[variant], **joined)
+
+    def blocks(
+        self,
+        variant: int,
+        start: float | None = None,
+        end: float | None = None,
+        channels: Sequence[str] = CHANNELS,
+    ) -> Iterator[Trajectory]:
+        """Part of a trajectory chunk by chunk, as views."""
+        layout, drive = self.layout(variant), self._drives[variant]
+        low = 0 if start is None else max(0, int(start * 1e9) - 1)
+        high = 2**63 if end is None else max(0, int(end * 1e9) + 2)
+        following = 0 if start is None else None
+        for frames in self._frames(variant, layout, low, high):
+            sequence = frames["state"]["head"]["sequence"].astype(np.int64)
+            first = sequence[0] if following is None else following
+            if not self._gaps and not np.array_equal(sequence, first + np.arange(len(sequence))):
+                path = self._places[variant][0].file.path
+                raise ArchiveError(f"{path}: variant {variant} lacks frames after {first}; see warpchain recover")
+            following = int(sequence[-1]) + 1
+            held = layout.views(frames)
+            time = held.pop("time")
+            inside = np.flatnonzero(
+                (time >= (-np.inf if start is None else start)) & (time <= (np.inf if end is None else end))
+            )
+            if len(inside):
+                part = slice(inside[0], inside[-1] + 1)
+                yield Trajectory(drive, time[part], **{n: v[part] for n, v in held.items() if n in channels})
+
+    def _frames(self, variant: int, layout: FrameLayout, low: int, high: int) -> Iterator[Any]:
+        """Arrays of frames of the chunks that overlap a range of log times [ns]."""
+        for place in self._places[variant]:
+            chosen = [chunk for chunk in place.chunks if chunk.end >= low and chunk.start <= high]
+            for k, chunk in enumerate(chosen):
+                data = place.file.chunk(chunk)
+                frames = _laid_out(data, layout, place.numbers)
+                if frames is None:  # another program has written the chunks anew
+                    rest = [data, *(place.file.chunk(other) for other in chosen[k + 1 :])]
+                    with told(place.file.path):
+                        frames = _gathered(rest, layout, place.numbers, low, high)
+                    chosen = []
+                if len(frames):
+                    yield frames
+                if not chosen:
+                    break
+
+
+def _joined(parts: Sequence[Any], kind: str, shape: tuple[int, ...]) -> Any:
+    """Blocks of frames as one array of its own memory."""
+    out = np.empty((sum(len(part) for part in parts), *shape), dtype=kind)
+    at = 0
+    for part in parts:
+        out[at : at + len(part)] = part
+        at += len(part)
+    return out
+
+
+def _laid_out(data: Any, layout: FrameLayout, numbers: Mapping[str, int]) -> Any:
+    """A chunk's records as frames, without a copy; None if they do not lie as warpchain writes them."""
+    if len(data) % layout.size or not set(layout.form.topics) <= set(numbers):
+        return None
+    frames = np.frombuffer(data, dtype=layout.dtype)
+    for topic in layout.form.topics:
+        head, message = frames[topic]["head"], layout.dtype[topic]
+        length = message.itemsize - LENGTH_STARTS
+        right = (head["opcode"] == MESSAGE) & (head["length"] == length) & (head["channel"] == numbers[topic])
+        if not right.all():
+            return None
+    return frames
+
+
+def _gathered(chunks: Sequence[Any], layout: FrameLayout, numbers: Mapping[str, int], low: int, high: int) -> Any:
+    """Frames from the messages of chunks that mix topics and variants in any way."""
+    topics = [topic for topic in layout.form.topics if topic in READ]
+    found: dict[int, list[bytes]] = {numbers[topic]: [] for topic in topics}
+    for data in chunks:
+        for opcode, begin, end in records(data):
+            if opcode == MESSAGE:
+                head = np.frombuffer(data, HEADER, 1, begin - LENGTH_STARTS)[0]
+                if head["channel"] in found and low <= head["log_time"] <= high:
+                    found[head["channel"]].append(bytes(data[begin - LENGTH_STARTS : end]))
+    counts = {len(messages) for messages in found.values()}
+    if len(counts) != 1:
+        raise ValueError("its topics have unlike numbers of frames")
+    frames = np.zeros(counts.pop(), dtype=layout.dtype)
+    for topic in topics:
+        message = layout.dtype[topic]
+        if any(len(data) != message.itemsize for data in found[numbers[topic]]):
+            raise ValueError(f"messages of {topic} are not as warpchain writes them")
+        frames[topic] = np.frombuffer(b"".join(found[numbers[topic]]), dtype=message)
+    return frames

@@ -1,0 +1,212 @@
+"""The initial state of a drive: every roller of a wrapped arc on a seat, every strand drawn from seat to seat.
+
+A taut chain's strands are straight and all their links are strained alike. A slack chain's links have exactly their
+unloaded length l_i: the links of a strand of chord C are chords of a circular arc of radius rho through both end seats.
+With 2 y_i the angle that link i takes at the arc's center, Y_i = y_1 + ... + y_i and Y their sum over all,
+
+    2 rho sin(Y) = C,   sin(y_i) = l_i / (2 rho),                                               (a)
+    x_i = C sin(Y_i) cos(Y - Y_i) / sin(Y),   h_i = C sin(Y_i) sin(Y - Y_i) / sin(Y)             (b)
+
+are roller i's places along the chord and off it, on the side of gravity (outward of the loop where gravity does not
+tell). Links on a wrapped arc carry no force: where wear has made them longer than the sprocket's pitch, the rollers
+stand off their seats, at the radius where links of that length span a tooth each. Only a sprocket's pitch above the
+chain's, or a link unlike the others, carries the stiffness times the difference from the start, until settling.
+
+The driver, the first prescribed sprocket, has a seat exactly where the chain's path arrives on it, which is where the
+strand that it pulls ends. The other angles follow (see `warpchain.assembly.seating`). Seat 0 of every sprocket is the
+one nearest to the x direction, so that sprocket angles are within half a pitch angle of zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.path import ChainPath, chain_path, check_fit
+from warpchain.assembly.seating import Seating, seat_chain
+from warpchain.assembly.tables import initial_speed
+from warpchain.drive.mounts import initial_center, initial_velocity
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive, Sprocket
+
+_STRAIGHT = 1e-12  # a strand this little slack is drawn straight
+_TIE = 1e-9  # of a pitch angle, or of gravity's direction: which way round-off must not decide
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """The assembled state of a drive of N rollers and S sprockets; the chain travels towards increasing index.
+
+    Roller 0 is the first seated roller of sprocket 0.
+
+    Attributes:
+        position: (N, 2) roller centers [m].
+        velocity: (N, 2) roller velocities [m/s].
+        sprocket_angle: (S,) sprocket angles, counter-clockwise [rad].
+        sprocket_speed: (S,) sprocket angular velocities, counter-clockwise [rad/s].
+        seat_sprocket: (N,) int32, the sprocket on which the roller sits, -1 in a strand.
+        seat_index: (N,) int32, the seat that holds the roller, in 0..teeth - 1, or -1; seat j is at the polar angle
+            sprocket angle + j 2 pi / teeth.
+        strand_first: (S,) index of the roller on the last seat before strand k.
+        strand_links: (S,) number of links of strand k, from that seat to the first of the next sprocket.
+        strain: strain of the strands' links; a slack chain (below 0) has a chord shorter than its links by that.
+        path: the path of the chain.
+    """
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    sprocket_angle: NDArray[np.float64]
+    sprocket_speed: NDArray[np.float64]
+    seat_sprocket: NDArray[np.int32]
+    seat_index: NDArray[np.int32]
+    strand_first: NDArray[np.int32]
+    strand_links: NDArray[np.int32]
+    strain: float
+    path: ChainPath
+
+
+def assemble(drive: Drive) -> Assembly:
+    """The drive's initial state, before settling.
+
+    Sprockets at fixed speed have their own initial speed; free sprockets and the strands move along the path at the
+    driver's pitch-circle speed.
+
+    Raises:
+        DriveError: where the path cannot be drawn or the number of links does not fit it; one line that names the
+            sprockets, or the numbers of links that fit.
+    """
+    path = chain_path(drive)
+    check_fit(drive, path)
+    seating = seat_chain(drive, path)
+    angle, first_seat = _sprocket_angles(drive, seating)
+    speed = _sprocket_speeds(drive, path)
+
+    count, lengths = drive.chain.links, drive.chain.link_lengths
+    position, velocity = np.empty((count, 2)), np.empty((count, 2))
+    seat_sprocket, seat_index = (
+        np.full(count, -1, dtype=np.int32),
+        np.full(count, -1, dtype=np.int32),
+    )
+    first, last = _ends(seating)
+    for s, sprocket in enumerate(drive.sprockets):
+        rollers = slice(first[s], last[s] + 1)
+        seat = (first_seat[s] + sprocket.sign * np.arange(seating.seats[s])) % sprocket.teeth
+        polar = angle[s] + seat * (2.0 * math.pi / sprocket.teeth)
+        arm = path.radius[s] * np.stack([np.cos(polar), np.sin(polar)], axis=1)
+        position[rollers] = initial_center(sprocket) + arm
+        velocity[rollers] = initial_velocity(sprocket) + speed[s] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+        seat_sprocket[rollers], seat_index[rollers] = s, seat
+    slack = seating.strain < -_STRAIGHT
+    for k, links in enumerate(seating.links):
+        begin, end = last[k], first[(k + 1) % len(first)]
+        rollers = slice(begin + 1, begin + links)
+        natural = lengths[np.arange(begin, begin + links) % count]
+        fraction = (np.cumsum(natural) / natural.sum())[:-1, None]
+        velocity[rollers] = velocity[begin] + fraction * (velocity[end] - velocity[begin])
+        chord = position[end] - position[begin]
+        if slack and links > 1:
+            position[rollers] = position[begin] + _arc(chord, natural, path, drive.run.gravity)
+        else:
+            position[rollers] = position[begin] + fraction * chord
+    return Assembly(
+        position=position,
+        velocity=velocity,
+        sprocket_angle=np.array(angle),
+        sprocket_speed=speed,
+        seat_sprocket=seat_sprocket,
+        seat_index=seat_index,
+        strand_first=np.array(last, dtype=np.int32),
+        strand_links=np.array(seating.links, dtype=np.int32),
+        strain=seating.strain,
+        path=path,
+    )
+
+
+def _ends(seating: Seating) -> tuple[list[int], list[int]]:
+    """Indices of the first and the last roller on each sprocket."""
+    first, last, roller = [], [], 0
+    for seats, links in zip(seating.seats, seating.links, strict=True):
+        first.append(roller)
+        last.append(roller + seats - 1)
+        roller += seats - 1 + links
+    return first, last
+
+
+def _sprocket_angles(drive: Drive, seating: Seating) -> tuple[list[float], list[int]]:
+    """Sprocket angles within half a pitch angle of zero, and the seat that then holds each first roller."""
+    angles, seats = [], []
+    for sprocket, polar in zip(drive.sprockets, seating.first_angle, strict=True):
+        pitch_angle = 2.0 * math.pi / sprocket.teeth
+        seat = math.ceil(polar / pitch_angle - 0.5 - _TIE)
+        angles.append(polar - seat * pitch_angle)
+        seats.append(seat)
+    return angles, seats
+
+
+def _sprocket_speeds(drive: Drive, path: ChainPath) -> NDArray[np.float64]:
+    """Initial angular velocities (S,) [rad/s]: prescribed, or at the driver's pitch-circle speed."""
+    travel = _prescribed_speed(drive.sprockets[drive.driver]) * float(path.radius[drive.driver])
+    speeds = [
+        travel / float(path.radius[s]) if sprocket.prescribed is None else _prescribed_speed(sprocket)
+        for s, sprocket in enumerate(drive.sprockets)
+    ]
+    return np.array([sprocket.sign * speed for sprocket, speed in zip(drive.sprockets, speeds, strict=True)])
+
+
+def _prescribed_speed(sprocket: Sprocket) -> float:
+    """Forward speed at t = 0 [rad/s]: zero if it is ramped up, else with its harmonics."""
+    motion = sprocket.prescribed
+    if motion is None or motion.ramp_time > 0.0:
+        return 0.0
+    speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
+    return speed * (1.0 + sum(h.amplitude * math.cos(h.phase) for h in motion.harmonics))
+
+
+def _arc(
+    chord: NDArray[np.float64], natural: NDArray[np.float64], path: ChainPath, gravity: Sequence[float]
+) -> NDArray[np.float64]:
+    """The rollers between the ends of a sagging strand (links - 1, 2), from its first end [m]; (b) above."""
+    length = math.hypot(chord[0], chord[1])
+    along = chord / length
+    off = np.array([-along[1], along[0]])
+    pull = float(off @ np.asarray(gravity, dtype=float))
+    if abs(pull) <= _TIE * math.hypot(*gravity):
+        pull = -path.turning
+    if pull < 0.0:
+        off = -off
+    angle = _half_angles(length, natural)
+    whole = float(angle.sum())
+    if whole == 0.0:
+        return (np.cumsum(natural) / natural.sum())[:-1, None] * chord
+    passed = np.cumsum(angle)[:-1]
+    sine = length * np.sin(passed) / math.sin(whole)
+    return (sine * np.cos(whole - passed))[:, None] * along + (sine * np.sin(whole - passed))[:, None] * off
+
+
+def _half_angles(chord: float, natural: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Half the angle y_i that each link takes at the center of a sagging strand's arc [rad], from (a): Newton's method.
+
+    Sought is the square of the curvature c = 1 / (2 rho), y_i = asin(c l_i), in which the chord sin(sum y_i) / c = l -
+    (l^3 - sum l_i^3) c^2 / 6 + ... is nearly straight.
+    """
+    total = float(natural.sum())
+    square = 6.0 * (total - chord) / (total**3 - float((natural**3).sum()))
+    if square <= 0.0:
+        return np.zeros_like(natural)
+    for _ in range(20):
+        curvature = math.sqrt(square)
+        angle = np.arcsin(curvature * natural)
+        whole = float(angle.sum())
+        value = math.sin(whole) / curvature
+        if abs(chord - value) <= 4e-16 * total:
+            break
+        spread = float((natural / np.cos(angle)).sum())
+        slope = (math.cos(whole) * spread - value) / (2.0 * square)
+        square += (chord - value) / slope
+    return np.arcsin(math.sqrt(square) * natural)

@@ -1,0 +1,233 @@
+"""The chain's path: pitch circles joined by common tangents, the wrapped angles and the straight strands.
+
+A chain that turns with sign w (+1 counter-clockwise, -1 clockwise) about a sprocket at c with pitch radius R, and
+leaves it along the unit vector u with left normal n, leaves at c - w R n, since the sprocket lies on its left for
+w = +1. For the strand from sprocket k to sprocket l, of length S, both tangent points give
+
+    c_l - c_k = S u + h n,   h = w_l R_l - w_k R_k,                         (a)
+    S = sqrt(|c_l - c_k|^2 - h^2),   u = (S D - h D') / |D|^2,               (b)
+
+D = c_l - c_k and D' = D turned by +90 degrees: the outer tangent for equal wraps, the inner one for opposite wraps.
+The wrapped angle of a sprocket is w (heading that leaves - heading that arrives), taken in (0, 2 pi).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive.mounts import initial_center
+from warpchain.errors import DriveError
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+MAX_STRAIN = 0.05
+"""Largest nominal strain of a chain that counts as fitting its path, taut or slack."""
+
+_NO_WRAP = 1e-9  # rad
+
+
+@dataclass(frozen=True)
+class ChainPath:
+    """The path of a drive's chain along pitch circles and common tangents; S sprockets, as many strands.
+
+    Strand k leaves sprocket k and reaches sprocket k + 1 (mod S).
+
+    Attributes:
+        pitch: mean unloaded length of the chain's links [m].
+        radius: (S,) radii at which the rollers ride [m]: the pitch radii, or more where wear has lengthened the chain.
+        wrap_angle: (S,) wrapped angles [rad], each in (0, 2 pi).
+        arrival_angle: (S,) polar angle about the sprocket's center at which the path arrives on it [rad].
+        turning: angle by which the path turns in one round [rad], counter-clockwise positive: +-2 pi for a loop that
+            does not cross itself, 0 for a crossed pair.
+        strand_start: (S, 2) point where strand k leaves sprocket k [m].
+        strand_end: (S, 2) point where strand k reaches sprocket k + 1 [m].
+        strand_length: (S,) straight lengths [m].
+        wrapped_pitches: pitches on all wrapped arcs, the sum of wrapped angle over pitch angle.
+        nominal_strain: strain of the strands' links for the drive's number of links; infinite where the wrapped arcs
+            alone take more.
+    """
+
+    pitch: float
+    radius: NDArray[np.float64]
+    wrap_angle: NDArray[np.float64]
+    arrival_angle: NDArray[np.float64]
+    turning: float
+    strand_start: NDArray[np.float64]
+    strand_end: NDArray[np.float64]
+    strand_length: NDArray[np.float64]
+    wrapped_pitches: float
+    nominal_strain: float
+
+    def strain(self, links: int) -> float:
+        """Nominal strain of the strands if the chain had `links` links.
+
+        It solves sum(wrap angle / pitch angle) + sum(strand length) / (pitch (1 + strain)) = links; infinite where the
+        wrapped arcs alone take as many links or more.
+        """
+        return _strain(links, self.wrapped_pitches, float(self.strand_length.sum()) / self.pitch)
+
+    def fitting_links(self) -> tuple[int, ...]:
+        """Every number of links whose nominal strain is within `MAX_STRAIN`, ascending; empty where there is none."""
+        straight = float(self.strand_length.sum()) / self.pitch
+        fewest = math.ceil(self.wrapped_pitches + straight / (1.0 + MAX_STRAIN))
+        most = math.floor(self.wrapped_pitches + straight / (1.0 - MAX_STRAIN))
+        return tuple(links for links in range(fewest, most + 1) if abs(self.strain(links)) <= MAX_STRAIN)
+
+
+def chain_path(drive: Drive) -> ChainPath:
+    """The path of the drive's chain; its number of links need not fit (see `check_fit`).
+
+    Raises:
+        DriveError: where pitch circles overlap, a sprocket is not wrapped or is wrapped by a chain that meets itself,
+            or a strand passes through another sprocket; the message names the sprockets.
+    """
+    sprockets = drive.sprockets
+    center = np.array([initial_center(sprocket) for sprocket in sprockets])
+    radius = np.array([drive.riding_radius(s) for s in range(len(sprockets))])
+    sign = np.array([sprocket.sign for sprocket in sprockets], dtype=float)
+    teeth = np.array([sprocket.teeth for sprocket in sprockets], dtype=float)
+    _check_tips(drive, radius)
+    _check_apart(drive, center, radius)
+
+    span = _next(center) - center
+    lateral = _next(sign * radius) - sign * radius
+    square = np.einsum("ij,ij->i", span, span)
+    length = np.sqrt(square - lateral**2)
+    direction = (length[:, None] * span - lateral[:, None] * _left(span)) / square[:, None]
+    arm = (sign * radius)[:, None]
+    normal = _left(direction)
+    start, end = center - arm * normal, _next(center) - _next(arm) * normal
+
+    leaving = np.arctan2(direction[:, 1], direction[:, 0])
+    arriving = np.roll(leaving, 1)
+    wrap = np.mod(sign * (leaving - arriving), 2.0 * math.pi)
+    _check_wraps(drive, wrap, 2.0 * math.pi / teeth)
+    _check_clear(drive, center, radius, start, direction, length)
+
+    wrapped = float(np.sum(wrap * teeth)) / (2.0 * math.pi)
+    pitch = float(drive.chain.link_lengths.mean())
+    return ChainPath(
+        pitch=pitch,
+        radius=radius,
+        wrap_angle=wrap,
+        arrival_angle=arriving - sign * (0.5 * math.pi),
+        turning=2.0 * math.pi * round(float(np.sum(sign * wrap)) / (2.0 * math.pi)),
+        strand_start=start,
+        strand_end=end,
+        strand_length=length,
+        wrapped_pitches=wrapped,
+        nominal_strain=_strain(drive.chain.links, wrapped, float(length.sum()) / pitch),
+    )
+
+
+def check_fit(drive: Drive, path: ChainPath) -> None:
+    """Checks that the drive's number of links fits its path.
+
+    Raises:
+        DriveError: if the nominal strain is beyond `MAX_STRAIN`; the message names the numbers of links that fit, and
+            the strain that each of the nearest ones gives.
+    """
+    if abs(path.nominal_strain) <= MAX_STRAIN:
+        return
+    fitting = path.fitting_links()
+    best = round(path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch)
+    if fitting:
+        best = min(fitting, key=lambda links: abs(path.strain(links)))
+        span = f"{fitting[0]} to {fitting[-1]}, best {best}" if len(fitting) > 1 else str(best)
+    else:
+        span = "none"
+    nearest = ", ".join(f"{links}: {_percent(path.strain(links))}" for links in (best - 1, best, best + 1))
+    crossing = ""
+    if abs(path.turning) != 2.0 * math.pi:
+        most = int(np.argmax(path.wrap_angle))
+        crossing = (
+            f"; the path crosses itself, turning {math.degrees(path.wrap_angle[most]):.4g} degrees around sprocket "
+            f'"{drive.sprockets[most].name}": look at its center and wrap'
+        )
+    raise DriveError(
+        f"chain.links = {drive.chain.links}: does not fit the path, strain {_percent(path.nominal_strain)}, allowed is "
+        f"{-100.0 * MAX_STRAIN:g} % to {100.0 * MAX_STRAIN:+g} %; links that fit: {span} "
+        f"(strain by links: {nearest}){crossing}"
+    )
+
+
+def _strain(links: int, wrapped: float, straight: float) -> float:
+    free = links - wrapped
+    return straight / free - 1.0 if free > 0.0 else math.inf
+
+
+def _percent(strain: float) -> str:
+    return f"{100.0 * strain:+.3f} %" if math.isfinite(strain) else "too short to go round"
+
+
+def _next(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.roll(values, -1, axis=0)
+
+
+def _left(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
+
+
+def _check_tips(drive: Drive, radius: NDArray[np.float64]) -> None:
+    for s, sprocket in enumerate(drive.sprockets):
+        tip = drive.tip_radius(s)
+        if radius[s] > tip:
+            limit = 2.0 * tip * math.sin(math.pi / sprocket.teeth)
+            raise DriveError(
+                f'sprocket "{sprocket.name}": links of {drive.chain.worn_pitch:.6g} m would ride over its tips, at '
+                f"{radius[s]:.6g} m against {tip:.6g} m; allowed are links of at most {limit:.6g} m"
+            )
+
+
+def _check_apart(drive: Drive, center: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
+    offset = center[:, None, :] - center[None, :, :]
+    distance = np.hypot(offset[..., 0], offset[..., 1])
+    reach = radius[:, None] + radius[None, :]
+    for a, b in np.argwhere(np.triu(distance <= reach, 1)):
+        first, second = drive.sprockets[a].name, drive.sprockets[b].name
+        raise DriveError(
+            f'sprockets "{first}" and "{second}": pitch circles overlap, no tangent joins them; their centers are '
+            f"{distance[a, b]:.6g} m apart, allowed is more than the sum of pitch radii, {reach[a, b]:.6g} m"
+        )
+
+
+def _check_wraps(drive: Drive, wrap: NDArray[np.float64], pitch_angle: NDArray[np.float64]) -> None:
+    for s in np.flatnonzero((wrap < _NO_WRAP) | (wrap > 2.0 * math.pi - pitch_angle)):
+        sprocket = drive.sprockets[s]
+        degrees = math.degrees(wrap[s])
+        allowed = 360.0 - math.degrees(pitch_angle[s])
+        raise DriveError(
+            f'sprocket "{sprocket.name}": with wrap = "{sprocket.wrap}" the chain turns {degrees:.4g} degrees around '
+            f"it, allowed is more than 0 and at most {allowed:.4g}; it stands on the other side of the chain's path, "
+            f"or its wrap is the other one"
+        )
+
+
+def _check_clear(
+    drive: Drive,
+    center: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    start: NDArray[np.float64],
+    direction: NDArray[np.float64],
+    length: NDArray[np.float64],
+) -> None:
+    count = len(radius)
+    if count < 3:
+        return
+    offset = center[None, :, :] - start[:, None, :]  # strand, sprocket
+    along = np.clip(np.einsum("ksi,ki->ks", offset, direction), 0.0, length[:, None])
+    gap = offset - along[..., None] * direction[:, None, :]
+    through = np.hypot(gap[..., 0], gap[..., 1]) < radius[None, :]
+    strand = np.arange(count)
+    through[strand, strand] = through[strand, (strand + 1) % count] = False
+    for k, s in np.argwhere(through):
+        raise DriveError(
+            f'strand "{drive.strand_names[k]}": passes through the pitch circle of sprocket '
+            f'"{drive.sprockets[s].name}"; allowed is a path clear of the other sprockets'
+        )

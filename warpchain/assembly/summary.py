@@ -1,0 +1,238 @@
+"""What a drive amounts to before it runs: geometry, strain and preload, stiffnesses, steps and frequencies."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from warpchain.assembly.assembly import assemble
+from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
+from warpchain.drive import Drive
+from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
+from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
+from warpchain.drive.stiffness import contact_rebound
+
+
+def strand_frequency(drive: Drive, links: int, tension: float) -> float:
+    """First transverse frequency of a strand of `links` links between fixed ends [Hz], 0 without tension.
+
+    f_1 = (1/pi) sqrt(T / (m p)) sin(pi / (2 (M + 1))) with its M = links - 1 rollers.
+    """
+    if tension <= 0.0 or links < 2:
+        return 0.0
+    rate = math.sqrt(tension / (drive.chain.mass * drive.chain.pitch))
+    return rate / math.pi * math.sin(math.pi / (2.0 * links))
+
+
+def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[float]:
+    """Tension of each strand that steady loads and centrifugal force imply [N]; vibration and impacts come on top.
+
+    Strand k leaves sprocket k. Past a driven sprocket the tension rises by load / pitch radius; the chain's length
+    keeps the mean elongation of the strands that of the preload, unless that would make the slackest one push.
+    Centrifugal force adds (m / p) v^2 throughout.
+    """
+    count = len(drive.sprockets)
+    travel = drive.sprockets[drive.driver].prescribed
+    assert travel is not None
+    chain_speed = travel.top_speed * drive.pitch_radius(drive.driver)
+    rise = [0.0] * count
+    for turn in range(1, count):
+        s = (drive.driver + turn) % count
+        load, radius = drive.sprockets[s].load, drive.pitch_radius(s)
+        moment = 0.0
+        if load is not None and drive.sprockets[s].prescribed is None:
+            speed = chain_speed / radius
+            moment = load.torque + load.viscous * speed + load.quadratic * speed * speed
+        rise[s] = rise[s - 1] + moment / radius
+    mean = sum(n * tension for n, tension in zip(links, rise, strict=True)) / sum(links)
+    offset = max(preload - mean, -min(rise))
+    return [tension + offset + drive.chain.mass / drive.chain.pitch * chain_speed**2 for tension in rise]
+
+
+def derive(drive: Drive) -> dict[str, Any]:
+    """All derived quantities by name, in SI units; lists follow the drive's sprockets, strands and guide-bars.
+
+    Raises:
+        DriveError: a chain that does not fit, or a step beyond its limit.
+    """
+    assembly = assemble(drive)
+    path, count = assembly.path, len(drive.sprockets)
+    preload = max(0.0, drive.chain.stiffness * path.pitch * assembly.strain)
+    driver = drive.sprockets[drive.driver]
+    assert driver.prescribed is not None
+    speed = driver.prescribed.top_speed
+    links = [int(n) for n in assembly.strand_links]
+    tensions = working_tensions(drive, preload, links)
+    return {
+        "links": drive.chain.links,
+        "pitch": drive.chain.pitch,
+        "elongation": path.pitch / drive.chain.pitch - 1.0,
+        "roller_mass": drive.chain.mass,
+        "size": drive.chain.size,
+        "breaking_load": drive.chain.breaking_load,
+        "stiffness": drive.chain.stiffness,
+        "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
+        "chain_speed": speed * drive.pitch_radius(drive.driver),
+        "strain": assembly.strain,
+        "nominal_strain": path.nominal_strain,
+        "preload": preload,
+        "sprockets": [
+            {
+                "name": drive.sprockets[s].name,
+                "teeth": drive.sprockets[s].teeth,
+                "pitch_radius": drive.pitch_radius(s),
+                "riding_radius": float(path.radius[s]),
+                "tip_radius": drive.tip_radius(s),
+                "seat_angle": math.degrees(drive.seat_angle(s)),
+                "wrap": math.degrees(float(path.wrap_angle[s])),
+                "contact_stiffness": drive.sprocket_stiffness(s),
+                "catches": s in drive.catching(),
+            }
+            for s in range(count)
+        ],
+        "strands": [
+            {
+                "name": name,
+                "length": float(path.strand_length[k]),
+                "links": links[k],
+                "preload_frequency": strand_frequency(drive, links[k], preload),
+                "working_tension": tensions[k],
+                "working_frequency": strand_frequency(drive, links[k], tensions[k]),
+            }
+            for k, name in enumerate(drive.strand_names)
+        ],
+        "law": drive.contact.sprocket.law,
+        "rebound": contact_rebound(drive.contact.sprocket),
+        "guides": [
+            {
+                "name": guide.name,
+                "contact_stiffness": drive.guide_stiffness(g),
+                "law": drive.guide_contact(g).law,
+                "rebound": contact_rebound(drive.guide_contact(g)),
+            }
+            for g, guide in enumerate(drive.guides)
+        ],
+        "mounts": [
+            {
+                "name": sprocket.name,
+                "kind": sprocket.mount.kind,
+                "mass": moving_mass(sprocket),
+                "frequencies": list(own_frequencies(sprocket)),
+                "wheel_force": wheel_force(sprocket, speed * drive.pitch_radius(drive.driver) / drive.pitch_radius(s)),
+            }
+            for s, sprocket in enumerate(drive.sprockets)
+            if active(sprocket)
+        ],
+        "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
+        "step": resolve_step(drive),
+        "step_limit": step_limit(drive),
+        "automatic_step": automatic_step(drive),
+    }
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    """Lines of a table: the first column to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    return [
+        "  "
+        + "  ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True))])
+        for row in (head, *rows)
+    ]
+
+
+def _size_lines(values: dict[str, Any]) -> list[str]:
+    """What the catalogue says of a chain that names its size."""
+    if values["size"] is None:
+        return []
+    largest = max(strand["working_tension"] for strand in values["strands"])
+    share = f", {100.0 * largest / values['breaking_load']:.2g} % of it at work"
+    lines = [f"size: {values['size']} (ISO 606), breaking load {1e-3 * values['breaking_load']:.4g} kN{share}"]
+    if values["stiffness_is_estimate"]:
+        lines.append(
+            f"stiffness: {values['stiffness']:.4g} N/m, an ESTIMATE good to a factor of three: "
+            f"{100.0 * ELONGATION_AT_BREAKING_LOAD:g} % elongation at the breaking load"
+        )
+    return lines
+
+
+def report(values: dict[str, Any]) -> str:
+    """The derived quantities as text for a terminal."""
+    state = "taut" if values["strain"] >= 0.0 else "slack"
+    worn = f", worn by {100.0 * values['elongation']:.3g} %" if abs(values["elongation"]) > 1e-12 else ""
+    lines = [
+        f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
+        f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
+        *_size_lines(values),
+        f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N",
+        "",
+    ]
+    lines += _table(
+        ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", "seat angle", "contact stiffness"),
+        [
+            (
+                s["name"],
+                str(s["teeth"]),
+                f"{s['pitch_radius']:.5f} m",
+                f"{s['tip_radius']:.5f} m",
+                f"{s['wrap']:.2f} deg",
+                f"{s['seat_angle']:.1f} deg",
+                f"{s['contact_stiffness']:.4g} N/m^n",
+            )
+            for s in values["sprockets"]
+        ],
+    )
+    lines += [
+        "",
+        f"teeth: {values['law']}, a free roller rebounds with {values['rebound']:.3f} of its speed",
+        "",
+        "first transverse frequency of each strand, at the preload and at the tension that steady loads imply:",
+    ]
+    lines += _table(
+        ("strand", "length", "links", "at preload", "working tension", "at work"),
+        [
+            (
+                k["name"],
+                f"{k['length']:.4f} m",
+                str(k["links"]),
+                f"{k['preload_frequency']:.3g} Hz",
+                f"{k['working_tension']:.4g} N",
+                f"{k['working_frequency']:.3g} Hz",
+            )
+            for k in values["strands"]
+        ],
+    )
+    if values["guides"]:
+        lines += [
+            "",
+            *_table(
+                ("guide-bar", "contact stiffness", "law", "rebound"),
+                [
+                    (g["name"], f"{g['contact_stiffness']:.4g} N/m^n", g["law"], f"{g['rebound']:.3f}")
+                    for g in values["guides"]
+                ],
+            ),
+        ]
+    if values["mounts"]:
+        lines += [
+            "",
+            "moving centers and balance wheels; frequencies of the mount without the chain:",
+            *_table(
+                ("sprocket", "mount", "moving mass", "own frequency", "wheel's centrifugal force"),
+                [
+                    (
+                        m["name"],
+                        m["kind"],
+                        f"{m['mass']:.4g} kg" if m["mass"] else "-",
+                        ", ".join(f"{f:.4g} Hz" for f in m["frequencies"]) or "-",
+                        f"{m['wheel_force']:.4g} N" if m["wheel_force"] else "-",
+                    )
+                    for m in values["mounts"]
+                ],
+            ),
+        ]
+    lines += [
+        "",
+        f"tooth-passing frequency: {values['tooth_passing_frequency']:.4g} Hz",
+        f"step: {values['step']:.4g} s; limit {values['step_limit']:.4g} s, automatic {values['automatic_step']:.4g} s",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,196 @@
+"""What each command of the command line does: takes the parsed arguments, returns the exit status."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+from warpchain.errors import WarpchainError
+
+DONE, UNFINISHED, WRONG = 0, 1, 2
+"""Exit statuses: done; a variant diverged or the run was interrupted; a mistake of the user's."""
+
+
+def _value(word: str) -> Any:
+    """A value as TOML reads it; a word that is not TOML is a text."""
+    import tomllib
+
+    try:
+        table = tomllib.loads(f"value = {word}")
+    except tomllib.TOMLDecodeError:
+        return word
+    return table["value"] if len(table) == 1 else word
+
+
+def _load(arguments: argparse.Namespace) -> Any:
+    from warpchain.drive import load_drive
+    from warpchain.drive.examples import drive_path
+
+    drive = load_drive(drive_path(arguments.drive))
+    changes = {}
+    for change in arguments.set:
+        path, mark, value = change.partition("=")
+        if not mark or not path.strip():
+            raise WarpchainError(f"--set {change}: must be PATH=VALUE, such as run.duration=0.5")
+        changes[path.strip()] = _value(value.strip())
+    return drive.with_values(changes) if changes else drive
+
+
+def check(arguments: argparse.Namespace) -> int:
+    from warpchain.assembly.summary import derive, report
+
+    values = derive(_load(arguments))
+    if arguments.json:
+        import json
+
+        print(json.dumps(values, indent=2))
+    else:
+        print(report(values))
+    return DONE
+
+
+def chains(_: argparse.Namespace) -> int:
+    from warpchain.drive.catalogue import listing
+
+    print(listing())
+    return DONE
+
+
+def fit(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.fit import fit_file
+
+    for line in fit_file(arguments):
+        print(line)
+    return DONE
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from warpchain.archive.options import ArchiveOptions
+    from warpchain.engine.simulation import simulate
+    from warpchain.results.run import Record
+
+    options = ArchiveOptions(
+        compression=arguments.compression,
+        values=arguments.values,
+        exact_positions=arguments.exact_positions,
+        split_size=arguments.split_size,
+    )
+    start_warp()
+    drive = _load(arguments)
+    run = simulate(
+        drive,
+        device=arguments.device,
+        precision=arguments.precision,
+        duration=arguments.duration,
+        step=arguments.step,
+        record=Record(rate=arguments.rate),
+        progress=not arguments.quiet,
+        memory=arguments.memory,
+        archive=arguments.output,
+        archive_options=options,
+        overwrite=arguments.overwrite,
+    )
+    row = run.metrics.to_pylist()[0]
+    for line in _summary(drive, row, run.info.wall_time):
+        print(line)
+    print(f"archive: {arguments.output}; look at it with: warpchain view {arguments.output}")
+    if run.info.ended != "complete":
+        print(f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)")
+    return UNFINISHED if row["diverged"] or run.info.ended != "complete" else DONE
+
+
+def start_warp() -> None:
+    """Starts Warp without its talk, such as that there is no GPU: the bar and the summary speak."""
+    import os
+
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    wp.config.use_precompiled_headers = False  # the CUDA compiler warns of each that does not match
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        wp.init()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
+    """What a run came to, in a few lines."""
+    if row["diverged"]:
+        return [
+            f"diverged at {row['diverged_time']:.4g} s: take a smaller step (run.step) or a higher impact_speed_floor"
+        ]
+    if row.get("tension_mean") is None:
+        return [f"{seconds:.1f} s; the window for metrics was not reached"]
+    lines = [
+        f"window {row['window_start']:g} to {row['window_end']:g} s; the run took {seconds:.1f} s",
+        f"tension: mean {row['tension_mean']:.0f} N, from {row['tension_min']:.0f} to {row['tension_max']:.0f} N",
+    ]
+    for sprocket in drive.sprockets:
+        name = sprocket.name
+        lines.append(
+            f"{name}: speed {row[f'{name}.speed_mean']:.5g} rad/s, moment {row[f'{name}.moment_mean']:.5g} N m, "
+            f"largest contact force {row[f'{name}.force_max']:.0f} N, {row[f'{name}.impacts']} impacts"
+        )
+        if row.get(f"{name}.travel_max") is not None:
+            lines.append(
+                f"{name}: center up to {row[f'{name}.travel_max']:.4g} m from its place, mean mount force "
+                f"{row[f'{name}.mount_force_mean']:.0f} N"
+            )
+    residual = row["energy_residual_relative"]
+    lines.append(f"energy: in {row['input_work']:.5g} J, out {row['output_work']:.5g} J, residual {residual:+.1e}")
+    if row.get("settle_residual") is not None and row["settle_residual"] > 1e-3:
+        lines.append(f"settling stopped at a residual of {row['settle_residual']:.2g} of the largest link force")
+    return lines
+
+
+def view(arguments: argparse.Namespace) -> int:
+    from warpchain.view.rerun.playback import FRAMES, view
+
+    view(
+        arguments.archive,
+        variant=arguments.variant,
+        save=arguments.save,
+        compare=arguments.compare,
+        frames=FRAMES if arguments.frames is None else arguments.frames,
+        web=arguments.web,
+        bind=arguments.bind,
+        tab=arguments.tab,
+    )
+    return DONE
+
+
+def plot(arguments: argparse.Namespace) -> int:
+    from warpchain.view.figures.write import plot_figures, plot_sweep
+
+    if arguments.sweep is not None:
+        paths = plot_sweep([arguments.archive, *arguments.sweep], arguments.output, arguments.format)
+    else:
+        chosen = {"variant": arguments.variant, "only": arguments.only, "roller": arguments.roller}
+        paths = plot_figures(arguments.archive, arguments.output, kind=arguments.format, **chosen)
+    for path in paths:
+        print(path)
+    return DONE
+
+
+def export(arguments: argparse.Namespace) -> int:
+    from warpchain.archive.export import export_npz
+
+    print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
+    return DONE
+
+
+def recover(arguments: argparse.Namespace) -> int:
+    from warpchain.archive.recover import recover_archive
+
+    print(recover_archive(arguments.archive, arguments.output, arguments.overwrite))
+    return DONE
+
+
+def study(arguments: argparse.Namespace) -> int:
+    return int(arguments.study_run(arguments))

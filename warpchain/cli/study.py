@@ -1,0 +1,121 @@
+"""The commands `warpchain study run | status | merge`: options and bodies."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from warpchain.cli.commands import DONE, UNFINISHED, start_warp
+
+SHARDS_A_WORKER = 2
+"""Fewest shards of a new study for each worker of a cluster, so that none waits long for the last one."""
+
+
+def add_commands(commands: Any, memory: Callable[[str], int]) -> None:
+    """Adds the commands to a parser's subparsers; each sets `study_run`, the function that does it.
+
+    Args:
+        memory: reads a memory budget.
+    """
+    run = commands.add_parser("run", help="run a study, or go on with it", description="Run a study, or go on with it.")
+    run.add_argument("study", metavar="STUDY.toml", type=Path, help="study file")
+    run.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="the study's folder")
+    run.add_argument("--shard", metavar="I/N", type=_part, help="only every N-th shard from the I-th, I from 0")
+    run.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786")
+    run.add_argument("--quiet", action="store_true", help="no progress bar")
+    run.set_defaults(study_run=_run)
+
+    status = commands.add_parser("status", help="how far a study is", description="Tell how far a study is.")
+    status.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
+    status.set_defaults(study_run=_status)
+
+    text = "make the whole table of a study whose shards are done"
+    merge = commands.add_parser("merge", help=text, description=text[0].upper() + text[1:] + ".")
+    merge.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
+    merge.set_defaults(study_run=_merge)
+
+    for parser in (run, merge):
+        parser.add_argument("--workers", metavar="N", type=_count, help="CPU threads of a shard; default all cores")
+        parser.add_argument("--memory", metavar="GIB", type=memory, default="2", help="memory of a shard (default 2)")
+
+
+def _part(word: str) -> tuple[int, int]:
+    first, _, count = word.partition("/")
+    if not (first.isdecimal() and count.isdecimal() and int(first) < int(count)):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be I/N, whole numbers with 0 <= I < N")
+    return int(first), int(count)
+
+
+def _count(word: str) -> int:
+    if not (word.isdecimal() and int(word) > 0):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number above 0")
+    return int(word)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from warpchain.study.run import run_study
+
+    start_warp()
+    try:
+        with _executor(arguments.scheduler) as (executor, parts):
+            outcome = run_study(
+                arguments.study,
+                arguments.output,
+                executor=executor,
+                part=arguments.shard,
+                parts=parts,
+                workers=arguments.workers,
+                memory=arguments.memory,
+                progress=not arguments.quiet,
+            )
+    except KeyboardInterrupt:
+        print("warpchain: interrupted; the shards that are done are kept: run again to go on", file=sys.stderr)
+        return UNFINISHED
+    return _tell(outcome)
+
+
+@contextmanager
+def _executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
+    """The executor to run on, None for this process, and how many shards it should have at least."""
+    if scheduler is None:
+        yield None, 1
+        return
+    from warpchain.study.run.dask import dask_executor
+
+    with dask_executor(scheduler) as (executor, workers):
+        yield executor, max(1, SHARDS_A_WORKER * workers)
+
+
+def _status(arguments: argparse.Namespace) -> int:
+    from warpchain.study.run import study_status
+
+    return _tell(study_status(arguments.folder))
+
+
+def _merge(arguments: argparse.Namespace) -> int:
+    from warpchain.study.run import merge_study
+
+    start_warp()
+    return _tell(merge_study(arguments.folder, workers=arguments.workers, memory=arguments.memory))
+
+
+def _tell(outcome: Any) -> int:
+    """Prints how a study stands."""
+    done, count = outcome.shards
+    counts = ", ".join(f"{number} {status}" for status, number in outcome.counts.items())
+    print(f"{done} of {count} shards are done; variants: {counts}")
+    for reason, number in outcome.reasons:
+        print(f"  {number} like this: {reason}")
+    if outcome.left and outcome.rate is not None:
+        seconds = round(outcome.left / outcome.rate)
+        left = f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+        print(f"{outcome.left} variants are left; at the latest {outcome.rate:.3g} variants/s they take {left}")
+    if outcome.table is not None:
+        print(f"table: {outcome.table}")
+    elif done == count:
+        print(f"make the whole table with: warpchain study merge {outcome.folder}")
+    return DONE

@@ -1,0 +1,334 @@
+"""A drive as data: chain, sprockets, guide-bars, contacts and run settings, checked whole; TOML in and out.
+
+SI units throughout; angles in radians but for `seat_angle`, which is in degrees. A drive never changes: `with_values`
+makes changed copies.
+
+Source: Pedersen, Hansen and Ambrosio, "A Roller Chain Drive Model Including Contact with Guide-Bars", Multibody System
+Dynamics 12 (2004) 285-301.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import secrets
+import warnings
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import ModelWrapValidatorHandler, model_validator
+
+from warpchain.drive import toml as drive_toml
+from warpchain.drive.contact import (
+    Contact,
+    GuideContact,
+    GuideOverrides,
+    ImpactLaw,
+    Material,
+    SprocketContact,
+    merged,
+)
+from warpchain.drive.motion import (
+    BalanceWheel,
+    ElasticMount,
+    FixedMount,
+    Harmonic,
+    Load,
+    Prescribed,
+    PrescribedMount,
+    SliderMount,
+)
+from warpchain.drive.part import (
+    Allowed,
+    Part,
+    Problem,
+)
+from warpchain.drive.parts import Chain, Guide, RunSettings, Sprocket, WornLink
+from warpchain.drive.paths import changed, lookup, settable
+from warpchain.drive.rules import guide_rules, shaft_rules, size_rules, sprocket_rules
+from warpchain.drive.stiffness import contact_stiffness
+from warpchain.drive.table import SpeedTable, TorqueTable, with_files
+from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
+from warpchain.errors import DriveError, drive_error
+
+__all__ = [
+    "BalanceWheel",
+    "Chain",
+    "Contact",
+    "Drive",
+    "ElasticMount",
+    "FixedMount",
+    "Guide",
+    "GuideContact",
+    "GuideOverrides",
+    "Harmonic",
+    "ImpactLaw",
+    "Load",
+    "Material",
+    "Prescribed",
+    "PrescribedMount",
+    "RunSettings",
+    "SliderMount",
+    "SpeedTable",
+    "Sprocket",
+    "SprocketContact",
+    "TorqueTable",
+    "WornLink",
+    "dumps_drive",
+    "load_drive",
+    "loads_drive",
+    "save_drive",
+]
+
+
+class Drive(Part):
+    """A whole drive: immutable, compared and hashed by value.
+
+    Attributes:
+        chain: the chain.
+        sprockets: (S,) in the order in which the chain visits them; at least 2, at least one of them prescribed.
+        guides: (G,) guide-bars.
+        contact: contact settings.
+        run: run settings.
+
+    Raises:
+        DriveError: with one line for each value that is missing, unknown or not allowed.
+    """
+
+    chain: Chain
+    sprockets: Annotated[tuple[Sprocket, ...], Allowed("must be a list of at least 2 sprockets")]
+    guides: Annotated[tuple[Guide, ...], Allowed("must be a list of guides")] = ()
+    contact: Contact
+    run: RunSettings
+
+    def with_values(self, values: Mapping[str, Any]) -> Self:
+        """A changed copy, checked like a file.
+
+        A value that stands for another replaces it: roller_mass and mass_per_length, damping and damping_ratio,
+        stiffness and materials. None takes an optional value away; a missing optional table is made.
+
+        Args:
+            values: by key path, such as "sprockets.camshaft.load.torque"; elements of a list by name or index.
+
+        Raises:
+            DriveError: for an unknown path, naming the nearest, or a value that is not allowed; one line each.
+        """
+        return changed(self, values)
+
+    def get_value(self, path: str) -> Any:
+        """The value at a key path; None if it is optional and not given.
+
+        Raises:
+            DriveError: for an unknown path, naming the nearest.
+        """
+        return lookup(self, path)
+
+    def paths(self) -> tuple[str, ...]:
+        """Every key path that `with_values` can set: tables, lists and single values, present or optional."""
+        return tuple(settable(self))
+
+    @property
+    def driver(self) -> int:
+        """Index of the first prescribed sprocket."""
+        return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
+
+    @property
+    def strand_names(self) -> tuple[str, ...]:
+        """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next."""
+        names = [sprocket.name for sprocket in self.sprockets]
+        return tuple(f"{a}->{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
+
+    def sprocket_pitch(self, s: int) -> float:
+        """Pitch of the teeth of sprocket s [m]: its own, or else the chain's."""
+        own = self.sprockets[s].pitch
+        return self.chain.pitch if own is None else own
+
+    def pitch_radius(self, s: int) -> float:
+        """Radius of the circle of sprocket s on which its seats lie [m]: p / (2 sin(pi/z))."""
+        return self.sprocket_pitch(s) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
+
+    def riding_radius(self, s: int) -> float:
+        """Radius at which the rollers ride on sprocket s [m]: in their seats, or on the flanks where links are longer.
+
+        Links of the length l that take a tooth each span the pitch angle at l / (2 sin(pi/z)).
+        """
+        return max(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
+
+    def tooth(self, s: int) -> Tooth:
+        """The tooth gap of sprocket s: the contact's own, or that of ISO 606 for its teeth."""
+        contact, radius, teeth = self.contact.sprocket, self.chain.roller_radius, self.sprockets[s].teeth
+        if contact.profile == "iso606":
+            assert contact.gap is not None  # the contact's own rule
+            return iso606_tooth(contact.gap, radius, teeth, self.sprocket_pitch(s))
+        assert contact.clearance is not None
+        angle = contact.seat_angle
+        return Tooth(
+            seat_radius=radius + contact.clearance,
+            seat_angle=default_seat_angle(teeth, self.pitch_radius(s), self.chain.pitch)
+            if angle is None
+            else math.radians(angle),
+            flank_radius=math.inf,
+            tip_radius=self.pitch_radius(s) + 0.5 * (self.chain.pitch - 2.0 * radius),
+        )
+
+    def seat_angle(self, s: int) -> float:
+        """Angle of the seat arc of sprocket s [rad]."""
+        return self.tooth(s).seat_angle
+
+    def tip_radius(self, s: int) -> float:
+        """Radius at which the teeth of sprocket s end [m]."""
+        return self.tooth(s).tip_radius
+
+    def catching(self) -> tuple[int, ...]:
+        """Sprockets whose straight flanks are too steep to let a strand's rollers go (see `warpchain.drive.teeth`)."""
+        if self.contact.sprocket.profile != "circular":
+            return ()
+        angles = ((s, releasing_seat_angle(self.pitch_radius(s), self.chain.pitch)) for s in range(len(self.sprockets)))
+        return tuple(s for s, limit in angles if self.seat_angle(s) > limit)
+
+    def guide_contact(self, g: int) -> GuideContact:
+        """Contact of guide-bar g: the common settings with the bar's own put over them."""
+        common, own = self.contact.guide, self.guides[g].contact
+        assert common is not None  # the drive's own rule
+        return common if own is None else GuideContact(**merged(common, own))
+
+    def sprocket_stiffness(self, s: int) -> float:
+        """Generalized stiffness of the contact of rollers with sprocket s [N/m^n], given or from materials (eq. (20)).
+
+        The roller, of radius R1, lies in a seat of radius R2; both count as convex, as in the paper.
+
+        Raises:
+            DriveError: if the reference load is beyond the formula's validity; the message names the key.
+        """
+        law, radius = self.contact.sprocket, self.chain.roller_radius
+        return contact_stiffness(law, radius, self.tooth(s).seat_radius, "contact.sprocket")
+
+    def guide_stiffness(self, g: int) -> float:
+        """Generalized stiffness of the contact of rollers with guide-bar g [N/m^n], given or from materials (eq. (20)).
+
+        The bar counts as flat, also at its rounded ends.
+
+        Raises:
+            DriveError: if the reference load is beyond the formula's validity; the message names the key.
+        """
+        path = f"guides.{self.guides[g].name}.contact" if self.guides[g].contact is not None else "contact.guide"
+        return contact_stiffness(self.guide_contact(g), self.chain.roller_radius, math.inf, path)
+
+    @classmethod
+    def _source(cls) -> str:
+        return ""
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from sprocket_rules(node)
+        yield from shaft_rules(node)
+        yield from guide_rules(node)
+        yield from size_rules(node)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _warn(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        drive = handler(values)
+        if drive is values:
+            return drive
+        links = drive.chain.links
+        if links % 2:
+            warnings.warn(f"chain.links = {links}: an odd number needs an offset link", stacklevel=4)
+        for s in drive.catching():
+            limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
+            warnings.warn(
+                f"contact.sprocket.seat_angle = {math.degrees(drive.seat_angle(s)):g}: the straight flanks of "
+                f'"{drive.sprockets[s].name}" ({drive.sprockets[s].teeth} teeth) catch the rollers of its strands; '
+                f"they let them go below {limit:.1f} degrees",
+                stacklevel=4,
+            )
+        return drive
+
+
+def loads_drive(text: str, source: str = "<text>", folder: str | os.PathLike[str] | None = None) -> Drive:
+    """Reads a drive from TOML text.
+
+    Args:
+        text: the drive file's contents.
+        source: what error lines call it.
+        folder: where the CSV files of its tables stand; None allows no such files.
+
+    Raises:
+        DriveError: with one line for each error of the text, all of them.
+    """
+    values = drive_toml.parse(text, source)
+    if folder is not None:
+        values = with_files(values, Path(folder), source)
+    try:
+        return Drive(**values)
+    except DriveError as error:
+        raise drive_error(error.errors, source) from None
+
+
+def load_drive(path: str | os.PathLike[str]) -> Drive:
+    """Reads a drive file (TOML, UTF-8).
+
+    Raises:
+        DriveError: if it cannot be read, in one line, or with one line for each of its errors.
+    """
+    return loads_drive(read_drive_text(path), str(path), Path(path).parent)
+
+
+def read_drive_text(path: str | os.PathLike[str]) -> str:
+    """A drive file's text, unchecked.
+
+    Raises:
+        DriveError: if it cannot be read or is not UTF-8.
+    """
+    try:
+        return Path(path).read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise drive_error([f"cannot be read: {_reason(error)}"], str(path)) from None
+    except UnicodeDecodeError as error:
+        raise drive_error([f"not TOML: byte {error.start} is not UTF-8"], str(path)) from None
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
+
+
+def dumps_drive(drive: Drive) -> str:
+    """A drive as TOML text, which `loads_drive` reads back equal. Defaults are written out, so that they stay."""
+    return drive_toml.dumps(_without_empty(drive.model_dump(exclude_none=True)))
+
+
+def _without_empty(value: Any) -> Any:
+    """Without lists that have no elements; TOML's tables cannot say them everywhere, and they are the default."""
+    if isinstance(value, dict):
+        return {key: _without_empty(inner) for key, inner in value.items() if inner != ()}
+    return [_without_empty(inner) for inner in value] if isinstance(value, tuple) else value
+
+
+def save_drive(drive: Drive, path: str | os.PathLike[str]) -> None:
+    """Writes a drive file; one of that name is replaced, at once and whole.
+
+    Raises:
+        DriveError: if it cannot be written.
+    """
+    write_drive_text(dumps_drive(drive), path)
+
+
+def write_drive_text(text: str, path: str | os.PathLike[str]) -> None:
+    """Writes a drive file's text as it stands; one of that name is replaced, at once and whole.
+
+    Raises:
+        DriveError: if it cannot be written.
+    """
+    target = Path(path)
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}")
+    try:
+        with open(temporary, "x", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, target)
+    except OSError as error:
+        raise drive_error([f"cannot be written: {_reason(error)}"], str(path)) from None
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,100 @@
+"""Mounts and balance wheels of sprockets: where centers begin, what they weigh.
+
+A prescribed center begins where its motion puts it at t = 0. One on springs begins at its stated center, at rest, where
+its springs are relaxed; the preload acts from the first step on.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive.motion import ElasticMount, FixedMount, PrescribedMount, SliderMount
+
+if TYPE_CHECKING:
+    from warpchain.drive.parts import Sprocket
+
+
+def unit(direction: tuple[float, float]) -> NDArray[np.float64]:
+    """The unit vector along a direction."""
+    return np.asarray(direction, dtype=float) / math.hypot(*direction)
+
+
+def initial_center(sprocket: Sprocket) -> NDArray[np.float64]:
+    """Center at t = 0 (2,) [m]."""
+    center, mount = np.asarray(sprocket.center, dtype=float), sprocket.mount
+    if isinstance(mount, PrescribedMount):
+        center = center + unit(mount.direction) * (mount.offset + mount.amplitude * math.sin(mount.phase))
+    return center
+
+
+def initial_velocity(sprocket: Sprocket) -> NDArray[np.float64]:
+    """Velocity of the center at t = 0 (2,) [m/s]."""
+    mount = sprocket.mount
+    if not isinstance(mount, PrescribedMount):
+        return np.zeros(2)
+    rate = 2.0 * math.pi * mount.frequency
+    return unit(mount.direction) * (mount.amplitude * rate * math.cos(mount.phase))
+
+
+def farthest(sprocket: Sprocket) -> float:
+    """Distance from its stated center that a prescribed motion can take the sprocket [m]; 0 for other mounts."""
+    mount = sprocket.mount
+    return abs(mount.offset) + abs(mount.amplitude) if isinstance(mount, PrescribedMount) else 0.0
+
+
+def moves(sprocket: Sprocket) -> bool:
+    """True if the center can move."""
+    return not isinstance(sprocket.mount, FixedMount)
+
+
+def on_springs(sprocket: Sprocket) -> bool:
+    """True for an elastic mount or a slider, whose center the forces on it move."""
+    return isinstance(sprocket.mount, ElasticMount | SliderMount)
+
+
+def active(sprocket: Sprocket) -> bool:
+    """True if the center can move or a balance wheel turns with the sprocket."""
+    return moves(sprocket) or wheel_mass(sprocket) > 0.0
+
+
+def wheel_mass(sprocket: Sprocket) -> float:
+    """Mass of the balance wheel [kg], which is not part of the sprocket's."""
+    return sprocket.balance_wheel.mass if sprocket.balance_wheel is not None else 0.0
+
+
+def wheel_inertia(sprocket: Sprocket) -> float:
+    """m_b r_b^2, which is not part of the sprocket's inertia [kg m^2]."""
+    return wheel_mass(sprocket) * sprocket.balance_wheel.radius**2 if sprocket.balance_wheel is not None else 0.0
+
+
+def moving_mass(sprocket: Sprocket) -> float:
+    """Mass of sprocket and balance wheel [kg]; that of a sprocket that needs none counts as 0 unless given."""
+    return (sprocket.mass or 0.0) + wheel_mass(sprocket)
+
+
+def spring(sprocket: Sprocket) -> tuple[float, float]:
+    """The stiffer axis' spring [N/m] and the heavier axis' damper [N s/m] of a mount; 0 where it has none."""
+    mount = sprocket.mount
+    if isinstance(mount, ElasticMount):
+        return max(mount.stiffness), max(mount.damping)
+    return (mount.stiffness, mount.damping) if isinstance(mount, SliderMount) else (0.0, 0.0)
+
+
+def own_frequencies(sprocket: Sprocket) -> tuple[float, ...]:
+    """Natural frequencies of the mount alone, without the chain [Hz]: along x and y, or along the slider."""
+    mount = sprocket.mount
+    stiffness: tuple[float, ...] = mount.stiffness if isinstance(mount, ElasticMount) else ()
+    if isinstance(mount, SliderMount):
+        stiffness = (mount.stiffness,)
+    return tuple(math.sqrt(k / moving_mass(sprocket)) / (2.0 * math.pi) for k in stiffness)
+
+
+def wheel_force(sprocket: Sprocket, speed: float) -> float:
+    """Centrifugal force of the balance wheel at an angular speed, m_b r_b omega^2 [N]."""
+    return (
+        wheel_mass(sprocket) * sprocket.balance_wheel.radius * speed**2 if sprocket.balance_wheel is not None else 0.0
+    )

@@ -1,0 +1,286 @@
+"""The parts of a drive: chain, sprockets, guide-bars, run settings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, Field
+
+from warpchain.drive.catalogue import CHAINS
+from warpchain.drive.contact import GuideOverrides
+from warpchain.drive.motion import BalanceWheel, FixedMount, Load, Mount, Prescribed
+from warpchain.drive.part import (
+    BARE,
+    Allowed,
+    Name,
+    NonNegative,
+    Pair,
+    Part,
+    Positive,
+    Problem,
+    Switch,
+    Value,
+    allowed,
+    at_most,
+    elements,
+    exactly_one,
+    get,
+    numbers,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+Teeth = Annotated[int, Field(strict=True, ge=5), Value("must be an integer of at least 5")]
+Links = Annotated[int, Field(strict=True, ge=3), Value("must be an integer of at least 3")]
+LinkIndex = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
+Elongation = Annotated[float, Field(strict=True, ge=-0.05, le=0.1), Value("must be a number from -0.05 to 0.1")]
+Wrap = Annotated[Literal["ccw", "cw"], Value('must be "ccw" or "cw"')]
+Integrator = Annotated[Literal["leapfrog", "rk4"], Value('must be "leapfrog" or "rk4"')]
+Step = Annotated[
+    Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)] | Literal["auto"],
+    Value('must be a positive number or "auto"'),
+]
+
+MOST = 1_000_000
+"""Largest number of links, and of teeth: beyond it a file is surely mistaken."""
+
+ESTIMATE = "estimate"
+"""The stiffness that stands for the catalogue's estimate."""
+
+
+def _check_size(value: str) -> str:
+    if value not in CHAINS:
+        raise ValueError("not in the catalogue")
+    return value
+
+
+SIZE_TEXT = "must be a size of ISO 606: " + ", ".join(CHAINS)
+Size = Annotated[Annotated[str, Field(strict=True), AfterValidator(_check_size)], Value(SIZE_TEXT)]
+Stiffness = Annotated[
+    Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)],
+    Value('must be a positive number, or "estimate" together with a size'),
+]
+
+
+class WornLink(Part):
+    """One link whose length is its own.
+
+    Attributes:
+        link: index from 0; link i joins rollers i and i + 1, roller 0 the first seated one of the first sprocket.
+        elongation: of this link [-], relative to the pitch and in place of the chain's.
+    """
+
+    link: LinkIndex
+    elongation: Elongation
+
+
+class Chain(Part):
+    """The chain: links between rollers that are point masses (eq. (1)-(3)), equal but for wear.
+
+    Attributes:
+        size: ISO 606 size, which fills pitch, roller_radius and mass where they are not given.
+        pitch: unloaded length of a link [m].
+        links: number of links and of rollers, >= 3; even unless an offset link is meant.
+        roller_mass: mass of one pitch of chain [kg]; or
+        mass_per_length: [kg/m].
+        stiffness: of one link [N/m]; given as "estimate", the catalogue's for the size.
+        damping: of one link [N s/m], >= 0; or
+        damping_ratio: zeta [-], >= 0: the damping is 2 zeta sqrt(stiffness mass).
+        roller_radius: [m], below half the pitch.
+        elongation: of every link by wear [-], relative to the pitch.
+        worn_links: links with an elongation of their own.
+    """
+
+    size: Size | None = None
+    pitch: Positive
+    links: Links
+    roller_mass: Positive | None = None
+    mass_per_length: Positive | None = None
+    stiffness: Stiffness
+    damping: NonNegative | None = None
+    damping_ratio: NonNegative | None = None
+    roller_radius: Positive
+    elongation: Elongation = 0.0
+    worn_links: Annotated[tuple[WornLink, ...], Allowed("must be a list of tables { link, elongation }")] = ()
+
+    _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
+        "roller_mass": ("mass_per_length",),
+        "mass_per_length": ("roller_mass",),
+        "damping": ("damping_ratio",),
+        "damping_ratio": ("damping",),
+    }
+
+    @property
+    def mass(self) -> float:
+        """Mass of one roller with its share of the links [kg]."""
+        if self.roller_mass is not None:
+            return self.roller_mass
+        assert self.mass_per_length is not None  # the chain's own rule
+        return self.mass_per_length * self.pitch
+
+    @property
+    def link_damping(self) -> float:
+        """Damping of one link [N s/m]."""
+        if self.damping is not None:
+            return self.damping
+        assert self.damping_ratio is not None  # the chain's own rule
+        return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * self.mass)
+
+    @property
+    def worn_pitch(self) -> float:
+        """Unloaded length of a link that has no elongation of its own [m]."""
+        return self.pitch * (1.0 + self.elongation)
+
+    @property
+    def link_lengths(self) -> NDArray[np.float64]:
+        """(N,) unloaded lengths of the links [m]."""
+        import numpy as np
+
+        lengths = np.full(self.links, self.worn_pitch)
+        for worn in self.worn_links:
+            lengths[worn.link] = self.pitch * (1.0 + worn.elongation)
+        return lengths
+
+    @property
+    def breaking_load(self) -> float | None:
+        """Least tensile strength of a chain of its size [N]; None without a size."""
+        return None if self.size is None else CHAINS[self.size].breaking_load
+
+    @property
+    def stiffness_is_estimate(self) -> bool:
+        """True if the stiffness is the catalogue's estimate for the size."""
+        return self.size is not None and self.stiffness == CHAINS[self.size].estimated_stiffness
+
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        size = get(values, "size")
+        if not isinstance(values, Mapping) or not isinstance(size, str) or size not in CHAINS:
+            return values
+        chain = CHAINS[size]
+        filled = {"pitch": chain.pitch, "roller_radius": chain.roller_radius}
+        if values.get("roller_mass") is None:
+            filled["mass_per_length"] = chain.mass_per_length
+        whole = dict(values) | {key: value for key, value in filled.items() if values.get(key) is None}
+        return whole | {"stiffness": chain.estimated_stiffness} if values.get("stiffness") == ESTIMATE else whole
+
+    @classmethod
+    def _missing(cls, key: str, node: Any) -> Problem:
+        if get(node, "size") is not None and key in ("pitch", "roller_radius"):
+            return Problem(("size",), get(node, "size"), SIZE_TEXT)
+        return super()._missing(key, node)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        radius, pitch = get(node, "roller_radius"), get(node, "pitch")
+        if get(node, "size") is None or get(node, "roller_mass") is not None:
+            yield from exactly_one(node, "roller_mass", "mass_per_length")
+        yield from at_most(node, "links", MOST)
+        links, seen = get(node, "links"), set()
+        for i, worn in enumerate(elements(node, "worn_links")):
+            link = get(worn, "link")
+            if numbers(link, links) and link >= links:
+                yield Problem(("worn_links", i, "link"), link, f"must be below the number of links, {links}")
+            if numbers(link) and link in seen:
+                yield Problem(("worn_links", i, "link"), link, "must be another link than those before")
+            seen.add(link if numbers(link) else None)
+        yield from exactly_one(node, "damping", "damping_ratio", "must be a number of at least 0")
+        if numbers(radius, pitch) and radius >= pitch / 2 > 0:
+            yield Problem(("roller_radius",), radius, f"must be below half the pitch, {pitch / 2:g}")
+
+
+class Sprocket(Part):
+    """A sprocket, at its place in the order in which the chain visits them.
+
+    Attributes:
+        name: unique among sprockets and guide-bars.
+        teeth: z, >= 5.
+        center: [m].
+        wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
+        pitch: of its teeth, where worn [m]; None is the chain's.
+        mass: without the balance wheel [kg]; needed when the mount is elastic or a slider.
+        inertia: without the balance wheel [kg m^2]; needed unless prescribed.
+        prescribed: its motion, if that is given.
+        load: moment against forward rotation.
+        balance_wheel: eccentric mass that turns with it.
+        mount: how the center is held.
+    """
+
+    name: Name
+    teeth: Teeth
+    center: Pair
+    wrap: Wrap
+    pitch: Positive | None = None
+    mass: Positive | None = None
+    inertia: Positive | None = None
+    prescribed: Prescribed | None = None
+    load: Load | None = None
+    balance_wheel: BalanceWheel | None = None
+    mount: Mount = FixedMount()
+
+    @property
+    def sign(self) -> int:
+        """+1 if forward rotation is counter-clockwise, else -1."""
+        return 1 if self.wrap == "ccw" else -1
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        positive = allowed(cls, "mass")
+        yield from at_most(node, "teeth", MOST)
+        if get(node, "inertia") is None and get(node, "prescribed") is None:
+            yield Problem(("inertia",), None, f"missing; {positive}; needed unless the sprocket is prescribed", BARE)
+        kind = get(get(node, "mount"), "kind")
+        if kind in ("elastic", "slider") and get(node, "mass") is None:
+            yield Problem(("mass",), None, f'missing; {positive}; needed with mount kind "{kind}"', BARE)
+
+
+class Guide(Part):
+    """A guide-bar: a straight face with rounded ends; the chain rides on the left of start -> end.
+
+    Attributes:
+        name: unique among sprockets and guide-bars.
+        start, end: ends of the flat face [m]; not the same point.
+        end_radius: radius of both ends [m], > 0.
+        contact: what differs from `[contact.guide]`.
+    """
+
+    name: Name
+    start: Pair
+    end: Pair
+    end_radius: Positive
+    contact: GuideOverrides | None = None
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        if get(node, "start") is not None and list(elements(node, "start")) == list(elements(node, "end")) != []:
+            yield Problem(("end",), get(node, "end"), "must be another point than start")
+
+
+class RunSettings(Part):
+    """How a drive is simulated.
+
+    Attributes:
+        settle: find the static equilibrium before the first step.
+        duration: simulated time [s].
+        step: time step [s], at most the duration; or "auto".
+        integrator: "leapfrog" or "rk4".
+        sample_rate: of trajectories [Hz]; the sampling interval is rounded to whole steps.
+        gravity: [m/s^2].
+    """
+
+    settle: Switch = True
+    duration: Positive
+    step: Step
+    integrator: Integrator = "leapfrog"
+    sample_rate: Positive
+    gravity: Pair = (0.0, -9.81)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        step, duration = get(node, "step"), get(node, "duration")
+        if numbers(step, duration) and step > duration > 0:
+            yield Problem(("step",), step, f"must be at most the duration, {duration:g}")

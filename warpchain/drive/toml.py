@@ -1,0 +1,105 @@
+"""TOML text of nested tables, as drive files have them: written here, since the standard library only reads TOML."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from warpchain.errors import drive_error
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_PLACE = re.compile(r" \(at (.*)\)$")
+_LONGEST = 60
+
+
+def parse(text: str, source: str) -> dict[str, Any]:
+    """Reads TOML.
+
+    Raises:
+        DriveError: for text that is not TOML; one line with line and column.
+    """
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # also a number with too many digits, which has no place
+        message = str(error)
+        place = _PLACE.search(message)
+        reason = _PLACE.sub("", message)
+        where = f"{place.group(1)}: " if place else ""
+        raise drive_error([f"{where}not TOML: {reason[:1].lower()}{reason[1:]}"], source) from None
+    except RecursionError:
+        raise drive_error(["not TOML that can be read: nested too deeply"], source) from None
+
+
+def dumps(tables: Mapping[str, Any]) -> str:
+    """Writes tables as TOML that `tomllib` reads back equal: `[table]`, `[[list of tables]]`, the rest a line each.
+
+    Numbers are written with `repr`, so floats keep every bit.
+    """
+    return "\n\n".join("\n".join(block) for block in _blocks(tables, ())) + "\n"
+
+
+def _blocks(tables: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[list[str]]:
+    for name, value in tables.items():
+        head = ".".join(_key(word) for word in (*above, name))
+        if isinstance(value, Mapping) and value and all(isinstance(inner, Mapping) for inner in value.values()):
+            yield from _blocks(value, (*above, name))
+        elif isinstance(value, Mapping):
+            yield [f"[{head}]", *_lines(value)]
+        else:
+            for element in value:
+                yield [f"[[{head}]]", *_lines(element)]
+
+
+def _lines(table: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in table.items():
+        yield f"{_key(key)} = {inline(value)}"
+
+
+def _key(key: str) -> str:
+    return key if _BARE_KEY.fullmatch(key) else _quoted(key)
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def inline(value: Any) -> str:
+    """A value as it stands behind the equals sign.
+
+    Raises:
+        TypeError: for a type that TOML does not have.
+    """
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return int.__repr__(value)
+    if isinstance(value, float):
+        return float.__repr__(value)
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, Mapping):
+        pairs = ", ".join(f"{_key(str(key))} = {inline(inner)}" for key, inner in value.items())
+        return f"{{ {pairs} }}" if pairs else "{}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(inline(element) for element in value) + "]"
+    raise TypeError(f"no TOML for {type(value).__name__}")
+
+
+def word_text(word: str) -> str:
+    """A key for an error line: quoted if it would break the line."""
+    return word if word.isprintable() else _quoted(word)
+
+
+def value_text(value: Any) -> str:
+    """A value for an error line: as TOML where it can be, on one line, cut short."""
+    try:
+        text = inline(value)
+    except TypeError:
+        text = str(value) if hasattr(value, "isoformat") else repr(value)
+    except ValueError:  # python writes no integers of more than some thousand digits
+        text = "a number of thousands of digits"
+    text = " ".join(text.split())
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 4] + " ..."

@@ -1,1 +1,0 @@
-"""Example drives, as TOML files."""

@@ -1,0 +1,1 @@
+"""Runs ensembles of drives on CPUs and GPUs; the only users of Warp beside the kernels."""

@@ -1,0 +1,100 @@
+"""A packed ensemble as Warp arrays on a device."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from warpchain.engine.fill import INTEGRATORS
+from warpchain.engine.packed import Packed
+from warpchain.kernels import structs, sum_structs
+from warpchain.kernels.gpu.block_rk4 import STAGE_ROWS
+
+SPARE_LENGTHS = 4096
+"""Lengths after the last: the block kernels' threads that have no roller read them."""
+
+
+def upload_ensemble(packed: Packed, device: str) -> Any:
+    """What does not change during a run (`kernels.structs.types(...).Ensemble`), copied to `device`."""
+    kinds = structs.types(packed.real)
+    ensemble = kinds.Ensemble()
+    for name, values, dtype in (
+        ("drives", packed.drives, structs.Drive),
+        ("chains", packed.chains, kinds.Chain),
+        ("lengths", np.append(packed.lengths, np.ones(SPARE_LENGTHS)), packed.real),
+        ("sprockets", packed.sprockets, kinds.Sprocket),
+        ("motions", packed.motions, structs.Motion),
+        ("mounts", packed.mounts, structs.Mount),
+        ("guides", packed.guides, kinds.Guide),
+        ("harmonics", packed.harmonics, structs.vec3d),
+        ("tables", packed.tables, wp.float64),
+        ("seats", packed.seats, structs.vec2d),
+    ):
+        setattr(ensemble, name, wp.array(values, dtype=dtype, device=device, copy=True))
+    return ensemble
+
+
+def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None = None) -> Any:
+    """The initial state (`kernels.structs.types(...).State`), copied to `device`.
+
+    `large` is for block kernels: how many values, integers and doubles of what blocks share lie in global memory.
+    """
+    kinds = structs.types(packed.real)
+    state = kinds.State()
+    in_rows, integers, doubles = large or (0, 0, 0)
+    state.rows = wp.empty(max(in_rows, 1), dtype=packed.real, device=device)
+    state.held = wp.empty(max(integers, 1), dtype=wp.int32, device=device)
+    state.parts = wp.empty(max(doubles, 1), dtype=wp.float64, device=device)
+    rk4 = large is not None and bool((packed.drives["integrator"] == INTEGRATORS["rk4"]).any())
+    state.stages = wp.empty(STAGE_ROWS * len(packed.lengths) if rk4 else 1, dtype=packed.real, device=device)
+    state.extra = wp.zeros(1 if large is None else len(packed.lengths), dtype=kinds.Extra, device=device)
+    for name, values, dtype in (
+        ("rollers", packed.rollers, packed.real),
+        ("sprockets", packed.bodies, structs.SprocketState),
+        ("strands", packed.strands, structs.Strand),
+        ("seat", packed.seat, wp.int32),
+    ):
+        setattr(state, name, wp.array(values, dtype=dtype, device=device, copy=True))
+    state.impact_speed = wp.zeros(len(packed.seat), dtype=packed.real, device=device)
+    partners = len(packed.sprockets) + len(packed.guides)
+    state.totals = wp.zeros(partners, dtype=sum_structs.Totals, device=device)
+    state.centers = wp.zeros(len(packed.sprockets), dtype=structs.CenterStages, device=device)
+    state.progress = wp.zeros(packed.variants, dtype=structs.Progress, device=device)
+    return state
+
+
+SUMS = ("chain", "strand", "sprocket", "mount", "contact")
+"""The fields of `kernels.sum_structs.Sums`."""
+
+
+def empty_sums(packed: Packed, device: str) -> sum_structs.Sums:
+    """Sums to which nothing has been added: minima at +infinity, maxima at -infinity."""
+    sums = sum_structs.Sums()
+    for name, struct, count in (
+        ("chain", sum_structs.ChainSums, packed.variants),
+        ("strand", sum_structs.StrandSums, len(packed.sprockets)),
+        ("sprocket", sum_structs.SprocketSums, len(packed.sprockets)),
+        ("mount", sum_structs.MountSums, len(packed.sprockets)),
+        ("contact", sum_structs.ContactSums, len(packed.sprockets) + len(packed.guides)),
+    ):
+        values = np.zeros(count, dtype=struct.numpy_dtype())
+        for field in values.dtype.names or ():
+            if field.endswith("_min"):
+                values[field] = np.inf
+            elif field.endswith("_max") and field != "force_max":
+                values[field] = -np.inf
+        setattr(sums, name, wp.array(values, dtype=struct, device=device))
+    return sums
+
+
+def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
+    """Tallies to which nothing has been added, for the block kernels."""
+    links, wheels = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
+    tallies = sum_structs.Tallies()
+    tallies.link = wp.zeros(int((links * (wheels + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
+    tallies.contact = wp.zeros(len(packed.seat), dtype=sum_structs.ContactSums, device=device)
+    tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
+    tallies.sprocket = wp.zeros(len(packed.sprockets), dtype=sum_structs.RollerTally, device=device)
+    return tallies

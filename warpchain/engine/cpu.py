@@ -1,0 +1,118 @@
+"""The CPU engine: an ensemble in the machine's memory, its variants spread over a pool of threads.
+
+Warp runs a CPU launch on the calling thread, without Python's lock. Each thread takes variants one group at a time and
+has a scratch of its own, so that what a variant computes depends neither on its neighbors nor on the number of threads.
+"""
+
+from __future__ import annotations
+
+import queue
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from warpchain.engine.arrays import SUMS, empty_sums, upload_ensemble, upload_state
+from warpchain.engine.packed import Packed
+from warpchain.kernels import relaxation
+from warpchain.kernels.cpu import relax, serial
+
+CAPACITIES = (264, 1032, 4104, 16392, 65544)
+"""Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
+
+
+class CpuEngine:
+    """Steps an ensemble on the CPU.
+
+    Args:
+        packed: the ensemble.
+        workers: number of threads.
+    """
+
+    def __init__(self, packed: Packed, workers: int) -> None:
+        self.packed = packed
+        self.workers = workers
+        self.variants = len(packed.assemblies)
+        self.capacity = _capacity(packed)
+        self._kernels: dict[str, Any] = {}
+        self._pool = ThreadPoolExecutor(workers, thread_name_prefix="warpchain")
+        self._scratch: queue.SimpleQueue[wp.array] = queue.SimpleQueue()
+        for _ in range(workers):
+            self._scratch.put(wp.zeros(serial.SCRATCH_ROWS * self.capacity, dtype=packed.real, device="cpu"))
+        self.ensemble = upload_ensemble(packed, "cpu")
+        self.state = upload_state(packed, "cpu")
+        self.cpu_sums = empty_sums(packed, "cpu")
+        self._settling: wp.array = wp.empty(0, dtype=relaxation.Settling, device="cpu")
+
+    def _kernel(self, name: str) -> Any:
+        """The compiled kernel, loaded before any thread launches it."""
+        if name not in self._kernels:
+            factory = {"advance": serial.advance_kernel, "relax": relax.relax_kernel}[name]
+            kernel = factory(self.packed.real, self.capacity)
+            wp.load_module(kernel.module, device="cpu")
+            self._kernels[name] = kernel
+        return self._kernels[name]
+
+    def _launch(self, name: str, before: list[Any], after: list[Any]) -> list[Future[None]]:
+        """Launches a kernel over all variants, in groups, on the pool."""
+        kernel = self._kernel(name)
+        group = max(1, -(-self.variants // (8 * self.workers)))
+
+        def work(first: int) -> None:
+            scratch = self._scratch.get()
+            try:
+                count = min(group, self.variants - first)
+                wp.launch(kernel, dim=count, inputs=[*before, scratch, first, *after], device="cpu")
+            finally:
+                self._scratch.put(scratch)
+
+        return [self._pool.submit(work, first) for first in range(0, self.variants, group)]
+
+    def advance(self, block: int, frames: wp.array) -> list[Future[None]]:
+        """Starts `block` steps of every variant that has not ended; frames go to `frames`."""
+        return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [block])
+
+    def start_settling(self, settling: NDArray[Any]) -> None:
+        """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
+        self._settling = wp.array(settling, dtype=relaxation.Settling, device="cpu")
+
+    def settle(self, block: int) -> list[Future[None]]:
+        """Starts up to `block` steps of relaxation of every variant that has not settled."""
+        return self._launch("relax", [self.ensemble, self.state, self._settling], [block])
+
+    def settling(self) -> NDArray[Any]:
+        """The state of each variant's relaxation."""
+        return np.array(self._settling.numpy(), copy=True)
+
+    def rollers(self) -> NDArray[np.floating]:
+        """Copy of the rollers' rows, as in `Packed.rollers`."""
+        return np.array(self.state.rollers.numpy(), copy=True)
+
+    def progress(self) -> NDArray[Any]:
+        """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""
+        return np.array(self.state.progress.numpy(), copy=True)
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """The window's sums, by name as in `kernels.sum_structs.Sums`."""
+        return {name: np.array(getattr(self.cpu_sums, name).numpy(), copy=True) for name in SUMS}
+
+    def frame_buffer(self, values: int) -> wp.array:
+        """A buffer for a block's frames."""
+        return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")
+
+    def close(self) -> None:
+        """Ends the threads, after what they are doing."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _capacity(packed: Packed) -> int:
+    """The shortest row that holds the longest chain and one more roller."""
+    from warpchain.errors import SimulationError
+
+    longest = int(packed.drives["rollers"].max())
+    for capacity in CAPACITIES:
+        if capacity > longest:
+            return capacity
+    raise SimulationError(f"chain.links = {longest}: the CPU engine takes up to {CAPACITIES[-1] - 1} links")

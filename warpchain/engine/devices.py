@@ -1,0 +1,221 @@
+"""Devices by name, and an ensemble spread over several of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.engine.packed import Packed
+from warpchain.errors import SimulationError
+
+
+class Buffer(Protocol):
+    """Frames of one block of steps."""
+
+    def numpy(self) -> NDArray[np.floating]:
+        """The frames, in the host's memory."""
+        ...
+
+
+class Engine(Protocol):
+    """What steps an ensemble: `cpu.CpuEngine`, `gpu.GpuEngine`, or several of them as one."""
+
+    packed: Packed
+
+    def advance(self, block: int, frames: Any) -> list[Future[None]]: ...
+    def start_settling(self, settling: NDArray[Any]) -> None: ...
+    def settle(self, block: int) -> list[Future[None]]: ...
+    def settling(self) -> NDArray[Any]: ...
+    def rollers(self) -> NDArray[np.floating]: ...
+    def progress(self) -> NDArray[Any]: ...
+    def sums(self) -> dict[str, NDArray[Any]]: ...
+    def frame_buffer(self, values: int) -> Buffer: ...
+    def close(self) -> None: ...
+
+
+def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
+    """The devices that `device` names: "cpu", "cuda" for all GPUs, "cuda:1" for one, None for the best there is.
+
+    Raises:
+        SimulationError: for an unknown name, no such GPU, one that is too old, or an ensemble that a GPU cannot run.
+    """
+    if device == "cpu":
+        return ("cpu",)
+    if device is not None and device != "cuda" and not (device.startswith("cuda:") and device[5:].isdigit()):
+        raise SimulationError(f'device = {device!r}: allowed are "cpu", "cuda" (all GPUs), "cuda:0" (one), or None')
+    from warpchain.engine.gpu import OLDEST, refusal
+
+    names = _gpus()
+    reason = refusal(packed)
+    if device is None:
+        names = {name: arch for name, arch in names.items() if arch >= OLDEST}
+        return tuple(names) if names and reason is None else ("cpu",)
+    if not names:
+        raise SimulationError(
+            f"device = {device!r}: no NVIDIA GPU with a driver is here (see nvidia-smi); install the driver, "
+            'or use device="cpu"'
+        )
+    wanted = tuple(names) if device == "cuda" else (device,)
+    for name in wanted:
+        if name not in names:
+            raise SimulationError(f"device = {device!r}: there is no such GPU; there are {', '.join(names)}")
+        if names[name] < OLDEST:
+            raise SimulationError(
+                f"device {name}: compute capability {names[name] / 10:g} is too old, {OLDEST / 10:g} is needed; "
+                'use device="cpu"'
+            )
+    if reason is not None:
+        raise SimulationError(reason)
+    return wanted
+
+
+def _gpus() -> dict[str, int]:
+    """The GPUs that Warp sees, with their architectures."""
+    import warp as wp
+
+    wp.init()
+    if not wp.is_cuda_available():
+        return {}
+    return {str(gpu): int(gpu.arch) for gpu in wp.get_cuda_devices()}
+
+
+def engine_on(devices: Sequence[str], packed: Packed, cores: int) -> Engine:
+    """An engine for the ensemble on these devices.
+
+    Args:
+        devices: as from `chosen_devices`.
+        packed: the ensemble.
+        cores: CPU threads, where the device is the CPU.
+    """
+    if tuple(devices) == ("cpu",):
+        from warpchain.engine.cpu import CpuEngine
+
+        return CpuEngine(packed, cores)
+    from warpchain.engine.gpu import GpuEngine
+
+    cuts = _cuts(packed, len(devices))
+    parts = [(name, a, b) for name, a, b in zip(devices, cuts[:-1], cuts[1:], strict=True) if b > a]
+    if len(parts) == 1:
+        return GpuEngine(packed, parts[0][0])
+    return SeveralEngines(packed, parts, GpuEngine)
+
+
+def launch_steps(devices: Sequence[str], packed: Packed, wanted: int) -> int:
+    """Steps of a launch on these devices, `wanted` at most."""
+    if tuple(devices) == ("cpu",):
+        return wanted
+    from warpchain.engine.gpu import launch_steps as on_gpu
+
+    return on_gpu(float(packed.drives["rollers"].sum()) / len(devices), wanted)
+
+
+def frame_bytes(devices: Sequence[str]) -> int | None:
+    """Most bytes that the frames of one launch are to take, None for as many as the memory budget gives."""
+    if tuple(devices) == ("cpu",):
+        return None
+    from warpchain.engine.gpu import FRAME_BYTES
+
+    return FRAME_BYTES * len(devices)
+
+
+def _first_frame(packed: Packed, a: int) -> int | None:
+    """Where the frames of variants from `a` on begin in the whole buffer; None if there are none."""
+    recorded = np.flatnonzero(packed.drives["sample_every"][a:]) + a
+    return int(packed.drives["first_value"][recorded[0]]) if recorded.size else None
+
+
+def _cuts(packed: Packed, count: int) -> list[int]:
+    """Where to cut the row of variants into `count` parts of about the same work."""
+    drives = packed.drives
+    work = np.cumsum(drives["rollers"].astype(float) * (drives["steps"] + 1.0))
+    inner = np.searchsorted(work, work[-1] * np.arange(1, count) / count, side="left") + 1
+    return [0, *np.minimum(inner, packed.variants).tolist(), packed.variants]
+
+
+class SeveralBuffers:
+    """The parts' buffers of one block of steps, joined in the host's memory."""
+
+    def __init__(self, buffers: Sequence[Any], firsts: Sequence[int], values: int, real: Any) -> None:
+        self.buffers, self.firsts = buffers, firsts
+        self.joined = np.empty(values, dtype=real)
+
+    def numpy(self) -> NDArray[np.floating]:
+        """All frames."""
+        for buffer, first in zip(self.buffers, self.firsts, strict=True):
+            if buffer.values:
+                self.joined[first : first + buffer.values] = buffer.numpy()[: buffer.values]
+        return self.joined
+
+
+class SeveralEngines:
+    """An ensemble cut into parts, each on an engine of its own; the variants' results are those of one engine."""
+
+    def __init__(
+        self, packed: Packed, parts: Sequence[tuple[str, int, int]], make: Callable[[Packed, str], Engine]
+    ) -> None:
+        self.packed = packed
+        self.parts = [packed.part(a, b) for _, a, b in parts]
+        self.cuts = [(a, b) for _, a, b in parts]
+        self.firsts = [_first_frame(packed, a) for a, _ in self.cuts]
+        for part, first in zip(self.parts, self.firsts, strict=True):
+            part.drives["first_value"] -= first or 0
+        self.engines: list[Engine] = []
+        with ThreadPoolExecutor(len(parts)) as pool:  # the parts go to their devices side by side
+            made = [pool.submit(make, part, name) for (name, _, _), part in zip(parts, self.parts, strict=True)]
+        self.engines = [future.result() for future in made if future.exception() is None]
+        if len(self.engines) < len(made):
+            self.close()
+            for future in made:
+                future.result()  # raises
+
+    def advance(self, block: int, frames: SeveralBuffers) -> list[Future[None]]:
+        """Starts `block` steps on all engines."""
+        pairs = zip(self.engines, frames.buffers, strict=True)
+        return [future for engine, buffer in pairs for future in engine.advance(block, buffer)]
+
+    def start_settling(self, settling: NDArray[Any]) -> None:
+        """Hands each engine its variants' relaxation."""
+        for engine, (a, b) in zip(self.engines, self.cuts, strict=True):
+            engine.start_settling(settling[a:b])
+
+    def settle(self, block: int) -> list[Future[None]]:
+        """Starts up to `block` steps of relaxation on all engines."""
+        return [future for engine in self.engines for future in engine.settle(block)]
+
+    def settling(self) -> NDArray[Any]:
+        """The state of each variant's relaxation."""
+        return np.concatenate([engine.settling() for engine in self.engines])
+
+    def rollers(self) -> NDArray[np.floating]:
+        """Copy of the rollers' rows, as in `Packed.rollers`."""
+        return np.concatenate([engine.rollers() for engine in self.engines])
+
+    def progress(self) -> NDArray[Any]:
+        """(variants,) `structs.Progress`."""
+        return np.concatenate([engine.progress() for engine in self.engines])
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """The window's sums, by name."""
+        each = [engine.sums() for engine in self.engines]
+        for sums, part in zip(each, self.parts, strict=True):
+            partners = int((part.drives["sprockets"] + part.drives["guides"]).sum())
+            sums["contact"] = sums["contact"][:partners]  # without what stands for an empty list of guide-bars
+        return {name: np.concatenate([sums[name] for sums in each]) for name in each[0]}
+
+    def frame_buffer(self, values: int) -> SeveralBuffers:
+        """A buffer for a block's frames, each part's on its own device."""
+        firsts = [values if first is None else first for first in self.firsts]
+        ends = [*firsts[1:], values]
+        buffers = [
+            engine.frame_buffer(end - first) for engine, first, end in zip(self.engines, firsts, ends, strict=True)
+        ]
+        return SeveralBuffers(buffers, firsts, values, self.packed.rollers.dtype)
+
+    def close(self) -> None:
+        """Ends all engines."""
+        for engine in self.engines:
+            engine.close()

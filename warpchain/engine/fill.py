@@ -1,0 +1,186 @@
+"""Rows of the kernels' structs from the parts of a drive; a part that is added to drives gets its row here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly import Assembly
+from warpchain.assembly.tables import TableList, shaft_ratio
+from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
+from warpchain.drive.laws import LAWS
+from warpchain.drive.mounts import active, farthest, moving_mass, unit, wheel_inertia, wheel_mass
+from warpchain.drive.stiffness import contact_damping
+from warpchain.drive.table import Table
+from warpchain.kernels.physics.impact import FORCES
+from warpchain.kernels.physics.mount import FREE, PRESCRIBED
+
+INTEGRATORS = {"leapfrog": 0, "rk4": 1}
+FORMS = {force.key: form for form, force in enumerate(FORCES)}
+ESCAPE_PITCHES = 10.0
+"""A roller this many pitches outside the drive's bounding box has left it (the variant diverged)."""
+
+
+class RowList:
+    """Rows of (order, amplitude, phase), or of seat directions, gathered as drives are packed."""
+
+    def __init__(self, width: int) -> None:
+        self.blocks: list[NDArray[np.float64]] = []
+        self.length = 0
+        self.width = width
+        self.known: dict[int, int] = {}
+
+    def add(self, rows: NDArray[np.float64]) -> tuple[int, int]:
+        """Appends rows; returns where they begin and how many they are."""
+        first = self.length
+        self.blocks.append(rows.reshape(-1, self.width))
+        self.length += len(self.blocks[-1])
+        return first, len(self.blocks[-1])
+
+    def array(self) -> NDArray[np.float64]:
+        """All rows; one row of zeros where there are none, since Warp reads no empty array."""
+        return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
+
+
+def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
+    row["form"] = FORMS[LAWS[contact.law].force]
+    row["stiffness"] = stiffness
+    row["exponent"] = contact.exponent
+    row["hysteresis"] = contact_damping(contact, stiffness, mass)
+    row["speed_floor"] = contact.impact_speed_floor
+
+
+def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
+    teeth = drive.sprockets[s].teeth
+    if teeth not in seats.known:
+        angle = 2.0 * np.pi * np.arange(teeth) / teeth
+        seats.known[teeth], _ = seats.add(np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    radius, half_pitch = drive.pitch_radius(s), 0.5 * drive.chain.pitch
+    tooth = drive.tooth(s)
+    half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
+    row["teeth"] = teeth
+    row["first_seat"] = seats.known[teeth]
+    row["exact_radius"] = row["pitch_radius"] = radius
+    row["near_square"] = (radius - half_pitch) ** 2
+    row["far_square"] = (radius + half_pitch) ** 2
+    row["half_pitch_tangent"] = np.tan(np.pi / teeth)
+    row["clearance"] = tooth.seat_radius - roller_radius
+    row["cos_half_seat"] = np.cos(half_seat)
+    row["sin_half_seat"] = np.sin(half_seat)
+    row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
+    row["tip_reach"] = tooth.tip_radius + roller_radius
+    fill_law(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass)
+
+
+def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
+    """(order, amplitude, phase) of sprocket s's harmonics, orders by its own revolutions."""
+    rows = [(h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase) for h in harmonics]
+    return np.array(rows, dtype=float)
+
+
+def fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: RowList, tables: TableList) -> None:
+    sprocket = drive.sprockets[s]
+    row["sign"] = sprocket.sign
+    row["start_angle"] = angle
+    if sprocket.prescribed is not None:
+        row["prescribed"] = 1
+        row["speed"] = sprocket.prescribed.top_speed
+        row["ramp_time"] = sprocket.prescribed.ramp_time
+        fill_table(row["drive_table"], drive, s, sprocket.prescribed.table, tables)
+        rows = _harmonic_rows(drive, s, sprocket.prescribed.harmonics)
+        row["drive_harmonics"]["first"], row["drive_harmonics"]["count"] = harmonics.add(rows)
+        return
+    assert sprocket.inertia is not None  # the drive's own check
+    row["inverse_inertia"] = 1.0 / (sprocket.inertia + wheel_inertia(sprocket))
+    if sprocket.load is not None:
+        load = sprocket.load
+        row["load"] = (load.torque, load.viscous, load.quadratic)
+        row["load_ramp_time"] = load.ramp_time
+        fill_table(row["load_table"], drive, s, load.table, tables)
+        rows = _harmonic_rows(drive, s, load.harmonics)
+        row["load_harmonics"]["first"], row["load_harmonics"]["count"] = harmonics.add(rows)
+
+
+def fill_table(row: Any, drive: Drive, s: int, table: Table | None, tables: TableList) -> None:
+    if table is not None:
+        tables.add(row, table, shaft_ratio(drive, s, table.shaft))
+
+
+def fill_guide(row: Any, drive: Drive, g: int) -> None:
+    guide = drive.guides[g]
+    start, end = np.asarray(guide.start), np.asarray(guide.end)
+    length = float(np.hypot(*(end - start)))
+    row["start"] = start
+    row["direction"] = (end - start) / length
+    row["length"] = length
+    row["end_radius"] = guide.end_radius
+    row["roller_radius"] = drive.chain.roller_radius
+    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
+
+
+def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
+    path = assembly.path
+    chord = path.strand_end[s] - path.strand_start[s]
+    length = float(np.hypot(*chord))
+    row["start"] = path.strand_start[s]
+    row["direction"] = chord / length
+    row["length"] = length
+    row["middle"] = (int(assembly.strand_first[s]) + int(assembly.strand_links[s]) // 2) % rollers
+
+
+def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
+    row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
+    row["integrator"] = INTEGRATORS[drive.run.integrator]
+    margin = ESCAPE_PITCHES * drive.chain.pitch
+    reach = np.array([sprocket.center for sprocket in drive.sprockets])
+    radius = np.array([drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)])[
+        :, None
+    ]
+    row["low"] = np.minimum((reach - radius).min(axis=0), assembly.position.min(axis=0)) - margin
+    row["high"] = np.maximum((reach + radius).max(axis=0), assembly.position.max(axis=0)) + margin
+
+
+def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float]) -> None:
+    """Fills a sprocket's `kernels.structs.Mount`; it stays zero for a fixed center without a wheel."""
+    if not active(sprocket):
+        return
+    mount, mass = sprocket.mount, moving_mass(sprocket)
+    row["active"] = 1
+    row["home"] = sprocket.center
+    row["mass"] = mass
+    row["gravity"] = gravity
+    own = sprocket.inertia if sprocket.prescribed is None else None
+    row["inertia"] = (own or 0.0) + wheel_inertia(sprocket)
+    if sprocket.balance_wheel is not None:
+        phase = sprocket.balance_wheel.phase
+        arm = wheel_mass(sprocket) * sprocket.balance_wheel.radius
+        row["wheel"] = arm * np.array([math.cos(phase), math.sin(phase)])
+    if isinstance(mount, PrescribedMount):
+        row["moves"] = PRESCRIBED
+        row["direction"] = unit(mount.direction)
+        row["offset"], row["amplitude"], row["phase"] = mount.offset, mount.amplitude, mount.phase
+        row["frequency"] = 2.0 * math.pi * mount.frequency
+    elif isinstance(mount, ElasticMount):
+        row["moves"] = FREE
+        row["inverse_mass"] = np.eye(2) / mass
+        row["stiffness"], row["damping"] = np.diag(mount.stiffness), np.diag(mount.damping)
+        row["preload"] = mount.preload
+    elif isinstance(mount, SliderMount):
+        along = unit(mount.direction)
+        line = np.outer(along, along)
+        row["moves"] = FREE
+        row["inverse_mass"] = line / mass
+        row["stiffness"], row["damping"] = mount.stiffness * line, mount.damping * line
+        row["preload"] = mount.preload * along
+
+
+def fill_chain(row: Any, drive: Drive) -> None:
+    row["stiffness"] = drive.chain.stiffness
+    row["damping"] = drive.chain.link_damping
+    row["mass"] = drive.chain.mass
+    row["inverse_mass"] = 1.0 / drive.chain.mass
+    row["gravity"] = drive.run.gravity

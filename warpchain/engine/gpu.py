@@ -1,0 +1,313 @@
+"""The GPU engine: an ensemble in one GPU's memory, one block of threads a variant.
+
+Variants with like numbers of rollers and sprockets go into one launch. Frames come back on a stream of their own while
+the next steps are under way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from warpchain.engine.arrays import SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.block_shape import MANY, THREADS, BlockShape, block_shape, room_for
+from warpchain.engine.packed import Packed
+from warpchain.errors import SimulationError
+from warpchain.kernels import relaxation
+from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_observe import collect
+from warpchain.kernels.gpu.block_relax import block_relax_kernel
+from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.structs import DIVERGENCE_CHECK
+
+MOST_LINKS = 16 * THREADS[-1]
+"""Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
+
+MOST_PARTNERS = 31
+"""Sprockets and guide-bars of one drive: which of them a roller is near is kept in the bits of an int."""
+
+OLDEST = 70
+"""Oldest architecture (compute capability times ten) that the kernels are compiled for."""
+
+FRAME_BYTES = 32 * 2**20
+"""Most bytes of frames of one launch: pinned memory takes long to get, and small copies hide behind the next steps."""
+
+LAUNCH_WORK = 5.0e9
+"""Roller-steps of one launch, about a quarter of a second, so that progress shows and Ctrl-C is heard."""
+
+LAUNCH_STEPS = 131_072
+"""Most steps of one launch, about a quarter of a second for a single variant."""
+
+
+def launch_steps(rollers: float, wanted: int) -> int:
+    """Steps of a launch over so many rollers in all: `wanted` at most, and a fraction of a second.
+
+    Whole multiples of what the kernel counts by, so that results do not depend on where launches end.
+    """
+    unit = int(DIVERGENCE_CHECK)
+    steps = min(wanted, LAUNCH_STEPS, int(LAUNCH_WORK / rollers))
+    return max(unit, steps // unit * unit) if wanted >= unit else wanted
+
+
+def refusal(packed: Packed) -> str | None:
+    """Why a GPU cannot run this ensemble, None if it can."""
+    drives = packed.drives
+    for v in np.flatnonzero(drives["rollers"] > MOST_LINKS):
+        return f'variant {v}: chain.links = {drives["rollers"][v]}: a GPU takes up to {MOST_LINKS}; use device="cpu"'
+    partners = drives["sprockets"] + drives["guides"]
+    for v in np.flatnonzero(partners > MOST_PARTNERS):
+        return (
+            f'variant {v}: {partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}; use device="cpu"'
+        )
+    return None
+
+
+@contextmanager
+def _told(device: str, packed: Packed) -> Iterator[None]:
+    """Turns an exhausted GPU memory into one line that says what to do."""
+    try:
+        yield
+    except RuntimeError as error:
+        if "alloc" not in str(error).lower() and "out of memory" not in str(error).lower():
+            raise
+        free = wp.get_device(device).free_memory / 2**30
+        raise SimulationError(
+            f"device {device}: out of memory with {packed.variants} variants ({free:.3g} GiB are free); simulate fewer "
+            'variants at a time, lower memory=, or use precision="float32"'
+        ) from error
+
+
+class FrameBuffer:
+    """A block's frames: on the device, and in the host's memory once `numpy` is called."""
+
+    def __init__(self, values: int, real: type, device: str) -> None:
+        self.values = values
+        self.device: wp.array = wp.empty(max(values, 1), dtype=real, device=device)
+        self.host: wp.array = wp.empty(max(values, 1), dtype=real, device="cpu", pinned=True)
+        self.copied: Any = None
+
+    def numpy(self) -> NDArray[np.floating]:
+        """The frames; waits until they have come over."""
+        if self.copied is not None:
+            wp.synchronize_event(self.copied)
+        return self.host.numpy()
+
+
+@dataclass(frozen=True)
+class Bucket:
+    """Variants that share a kernel."""
+
+    shape: BlockShape
+    sprockets: int
+    guides: int
+    moving: bool
+    rk4: bool
+    variants: NDArray[np.integer]
+    order: wp.array  # of the variants, on the device
+
+    @property
+    def count(self) -> int:
+        """How many variants."""
+        return len(self.variants)
+
+
+class GpuEngine:
+    """Steps an ensemble on one GPU.
+
+    Args:
+        packed: the ensemble.
+        device: such as "cuda:0".
+
+    Raises:
+        SimulationError: if the GPU's memory does not hold the ensemble.
+    """
+
+    def __init__(self, packed: Packed, device: str) -> None:
+        self.packed, self.device = packed, device
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
+        with _told(device, packed):
+            self.stream, self.copies = wp.Stream(device), wp.Stream(device)
+            with wp.ScopedStream(self.stream):
+                self.buckets = self._bucketed()
+                self.ensemble = upload_ensemble(packed, device)
+                self.state = upload_state(packed, device, self._large())
+                self.gpu_sums = empty_sums(packed, device)
+                self.tallies = empty_tallies(packed, device)
+            wp.synchronize_stream(self.stream)
+        self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
+        self._settling: Any = None
+        self._kernels: dict[Any, Any] = {}
+        self._settling_now: NDArray[Any] = np.zeros(0)
+
+    def _large(self) -> tuple[int, int, int]:
+        """Values, integers and doubles that blocks too large for shared memory keep in global memory."""
+        needs = np.zeros(3, dtype=int)
+        for b in self.buckets:
+            kernels = (("advance", b.moving, False), ("measure", b.moving, True), ("relax", False, False))
+            for name, moving, measuring in kernels:
+                shape = self._shape(name, b)
+                of = room(self.packed.real, shape.threads, shape.slots, b.sprockets, b.guides, moving, measuring)
+                needs = np.maximum(needs, b.count * np.array([of.values, of.integers, of.doubles]))
+        return int(needs[0]), int(needs[1]), int(needs[2])
+
+    def _bucketed(self) -> list[Bucket]:
+        """The variants by kernel, the longest first."""
+        drives = self.packed.drives
+        moving = np.add.reduceat(self.packed.mounts["active"], drives["first_sprocket"]) > 0
+        slots = room_for(drives["rollers"])
+        keys = np.column_stack([slots, drives["sprockets"], drives["guides"], moving, drives["integrator"]])
+        processors = int(wp.get_device(self.device).sm_count)
+        buckets = []
+        for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
+            order = np.flatnonzero((keys == key).all(axis=1))
+            order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
+            slots, wheels, bars, moves, rk4 = key
+            shape = block_shape(slots, len(order) >= MANY * processors)
+            array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
+            buckets.append(Bucket(shape, wheels, bars, bool(moves), bool(rk4), order, array))
+        return buckets
+
+    def _kernel(self, name: str, bucket: Bucket) -> Any:
+        """A bucket's kernel, compiled and loaded by the calling thread: Warp builds one at a time.
+
+        "advance" takes no metrics, "measure" does, "relax" settles.
+        """
+        shape = self._shape(name, bucket)
+        form = (self.packed.real, shape.threads, shape.per, bucket.sprockets, bucket.guides)
+        kind = (name, form, bucket.moving, bucket.rk4)
+        each = 2**31 if name == "relax" else -(-bucket.count // int(wp.get_device(self.device).sm_count))
+        blocks = shape.resident(self.packed.precision, name == "measure", each)
+        if kind not in self._kernels:
+            if name == "relax":
+                kernel = block_relax_kernel(*form, blocks)
+            else:
+                kernel = block_kernel(*form, blocks, bucket.moving, name == "measure", bucket.rk4)
+            wp.load_module(kernel.module, device=self.device, block_dim=shape.threads)
+            self._kernels[kind] = kernel
+        return self._kernels[kind]
+
+    def _phases(self, bucket: Bucket, block: int) -> list[tuple[str, int, int]]:
+        """How to take a bucket `block` steps on: kernel, steps, and steps before in this launch.
+
+        What takes metrics is slower, so it runs from where the first window begins to where the last one ends.
+        """
+        drives, progress = self.packed.drives[bucket.variants], self._progress[bucket.variants]
+        alive = (progress["diverged"] == 0) & (drives["window_end"] >= progress["step"])
+        until = np.maximum(drives["window_start"] - progress["step"], 0)[alive].min(initial=block)
+        bare = block if until >= block else int(until) // int(DIVERGENCE_CHECK) * int(DIVERGENCE_CHECK)
+        phases = [("advance", bare, 0), ("measure", block - bare, bare)]
+        return [phase for phase in phases if phase[1] > 0]
+
+    def _shape(self, name: str, bucket: Bucket) -> BlockShape:
+        """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
+        return block_shape(bucket.shape.slots, True) if name == "relax" else bucket.shape
+
+    def _launch(self, kernel: Any, shape: BlockShape, bucket: Bucket, inputs: Sequence[Any]) -> None:
+        wp.launch(
+            kernel,
+            dim=bucket.count * shape.threads,
+            inputs=[*inputs],
+            block_dim=shape.threads,
+            device=self.device,
+            stream=self.stream,
+        )
+
+    def advance(self, block: int, frames: FrameBuffer) -> list[Future[None]]:
+        """Starts `block` steps of every variant that has not ended; frames go to `frames`."""
+
+        launches = [
+            (bucket, self._kernel(name, bucket), steps, before)
+            for bucket in self.buckets
+            for name, steps, before in self._phases(bucket, block)
+        ]
+
+        def work() -> None:
+            with _told(self.device, self.packed):
+                if frames.copied is not None:
+                    self.stream.wait_event(frames.copied)
+                for bucket, kernel, steps, before in launches:
+                    inputs = [
+                        self.ensemble,
+                        self.state,
+                        self.gpu_sums,
+                        self.tallies,
+                        frames.device,
+                        bucket.order,
+                        steps,
+                        before,
+                    ]
+                    self._launch(kernel, bucket.shape, bucket, inputs)
+                done = self.stream.record_event()
+                if frames.values:
+                    self.copies.wait_event(done)
+                    wp.copy(frames.host, frames.device, count=frames.values, stream=self.copies)
+                    frames.copied = self.copies.record_event()
+                wp.synchronize_event(done)
+                self._progress = self._read(self.state.progress)
+
+        return [self._pool.submit(work)]
+
+    def _read(self, array: wp.array) -> NDArray[Any]:
+        """A copy of a device array, by the engine's own stream."""
+        with wp.ScopedStream(self.stream, sync_enter=False):
+            return np.array(array.numpy(), copy=True)
+
+    def start_settling(self, settling: NDArray[Any]) -> None:
+        """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
+        with _told(self.device, self.packed), wp.ScopedStream(self.stream):
+            self._settling = wp.array(settling, dtype=relaxation.Settling, device=self.device)
+            self._settling_now = settling.copy()
+
+    def settle(self, block: int) -> list[Future[None]]:
+        """Starts up to `block` steps of relaxation of every variant that has not settled."""
+
+        kernels = [self._kernel("relax", bucket) for bucket in self.buckets]
+
+        def work() -> None:
+            with _told(self.device, self.packed):
+                for bucket, kernel in zip(self.buckets, kernels, strict=True):
+                    inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, block]
+                    self._launch(kernel, self._shape("relax", bucket), bucket, inputs)
+                self._settling_now = self._read(self._settling)
+
+        return [self._pool.submit(work)]
+
+    def settling(self) -> NDArray[Any]:
+        """The state of each variant's relaxation after the last launch."""
+        return self._settling_now
+
+    def rollers(self) -> NDArray[np.floating]:
+        """Copy of the rollers' rows, as in `Packed.rollers`."""
+        return self._read(self.state.rollers)
+
+    def progress(self) -> NDArray[Any]:
+        """(variants,) `structs.Progress` after the last launch."""
+        return self._progress
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """The window's sums, by name as in `kernels.sum_structs.Sums`."""
+        with _told(self.device, self.packed), wp.ScopedStream(self.stream):
+            sums = empty_sums(self.packed, self.device)
+            for name in ("strand", "sprocket", "mount"):
+                wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
+            wp.launch(
+                collect, dim=self.packed.variants, inputs=[self.ensemble.drives, self.tallies, sums], device=self.device
+            )
+            return {name: np.array(getattr(sums, name).numpy(), copy=True) for name in SUMS}
+
+    def frame_buffer(self, values: int) -> FrameBuffer:
+        """A buffer for a block's frames."""
+        with _told(self.device, self.packed):
+            return FrameBuffer(values, self.packed.real, self.device)
+
+    def close(self) -> None:
+        """Waits for what is under way."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        wp.synchronize_device(self.device)

@@ -1,0 +1,172 @@
+"""Takes the frames that the kernels write, block by block, to memory or to an archive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive import Drive
+from warpchain.errors import SimulationError
+from warpchain.results.run import Record, RunInfo, Trajectory
+from warpchain.results.schedule import Schedule
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from warpchain.archive.options import ArchiveOptions
+    from warpchain.engine.packed import Packed
+
+ROLLER_VALUES = 7
+"""Values of a frame per roller: position (2), velocity (2), tension, sprocket force, guide force."""
+SPROCKET_VALUES = 5
+"""Values of a frame per sprocket: angle, speed, moment, center (2)."""
+BUFFER_SHARE = 0.25
+"""Part of the memory budget that the two frame buffers may take."""
+
+
+def frame_width(drive: Drive) -> int:
+    """Number of values of one frame."""
+    return ROLLER_VALUES * drive.chain.links + SPROCKET_VALUES * len(drive.sprockets)
+
+
+class Recorder:
+    """Lays out the frame buffers, and keeps or writes what they bring.
+
+    Raises:
+        SimulationError: if the trajectories, or a single frame of each variant, exceed the memory budget.
+    """
+
+    def __init__(
+        self,
+        drives: Sequence[Drive],
+        schedules: Sequence[Schedule],
+        packed: Packed,
+        precision: str,
+        record: Record,
+        memory: int,
+        archive: str | Path | None,
+        overwrite: bool,
+        info: RunInfo,
+        archive_options: ArchiveOptions | None = None,
+    ) -> None:
+        self.drives, self.schedules, self.packed = drives, schedules, packed
+        self.channels = tuple(record.channels)
+        self.indices = record.indices(len(drives))
+        self.widths = np.array([frame_width(drives[v]) for v in self.indices], dtype=np.int64)
+        self.every = np.array([schedules[v].sample_every for v in self.indices], dtype=np.int64)
+        self.bytes_per_value = np.dtype(precision).itemsize
+        self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
+        self._archive: Any = None
+        self.archive_path = Path(archive) if archive is not None else None
+        self._buffer_values = int(BUFFER_SHARE * memory) // (2 * self.bytes_per_value)
+        if self.widths.sum() > min(self._buffer_values, 2**31 - 1):
+            raise SimulationError(
+                f"record: one frame of {len(self.indices)} variants takes more than a quarter of the memory budget of "
+                f"{memory / 2**30:.3g} GiB; record fewer variants or raise memory"
+            )
+        if self.archive_path is None:
+            self._check_memory(memory)
+        else:
+            from warpchain.archive import ArchiveWriter
+
+            self._archive = ArchiveWriter(
+                self.archive_path, drives, self.indices, info, archive_options, overwrite, salvage=True
+            )
+
+    def _check_memory(self, memory: int) -> None:
+        """Refuses trajectories that would not fit in memory."""
+        frames = np.array([self.schedules[v].frames for v in self.indices], dtype=np.int64)
+        wanted = float((frames * self.widths).sum()) * self.bytes_per_value
+        if wanted > memory:
+            raise SimulationError(
+                f"record: the trajectories of {len(self.indices)} variants take {wanted / 2**30:.3g} GiB, more than "
+                f"the memory budget of {memory / 2**30:.3g} GiB; write them to an archive, record fewer variants, "
+                "lower the rate, or raise memory"
+            )
+
+    def block(self, limit: int, most: int | None = None) -> int:
+        """Steps of a block, `limit` at most, such that its frames fit a buffer, of `most` bytes if given."""
+        if not self.indices:
+            return limit
+        values = self._buffer_values if most is None else min(self._buffer_values, most // self.bytes_per_value)
+        room = max(min(values, 2**31 - 1) - int(self.widths.sum()), 0)
+        return int(max(1, min(limit, room / float((self.widths / self.every).sum()))))
+
+    def layout(self, block: int) -> int:
+        """Fixes where each variant's frames begin in a buffer for blocks of `block` steps; returns its length."""
+        counts = block // self.every + 1 if self.indices else np.zeros(0, dtype=np.int64)
+        ends = np.cumsum(counts * self.widths)
+        self.first = ends - counts * self.widths
+        self.packed.drives["first_value"][list(self.indices)] = self.first
+        return int(ends[-1]) if self.indices else 0
+
+    def take(self, buffer: NDArray[np.floating], before: NDArray[Any], after: NDArray[Any]) -> None:
+        """Takes the frames of a block from its buffer; `before` and `after` are the variants' progress."""
+        for k, v in enumerate(self.indices):
+            every, width = int(self.every[k]), int(self.widths[k])
+            start = -(-int(before["step"][v]) // every)
+            stop_step = int(after["step"][v]) + int(after["diverged"][v]) * (1 - int(before["diverged"][v]))
+            stop = -(-stop_step // every)
+            if stop <= start:
+                continue
+            first = int(self.first[k])
+            values = buffer[first : first + (stop - start) * width].reshape(stop - start, width)
+            time = (np.arange(start, stop) * every).astype(np.float64) * self.schedules[v].step
+            self._keep(v, self._trajectory(v, time, values))
+
+    def _trajectory(self, v: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
+        """Frames as they lie in a buffer, as a trajectory of its own memory."""
+        drive = self.drives[v]
+        n, frames = drive.chain.links, len(time)
+        rollers = values[:, : ROLLER_VALUES * n].reshape(frames, ROLLER_VALUES, n)
+        sprockets = values[:, ROLLER_VALUES * n :].reshape(frames, len(drive.sprockets), SPROCKET_VALUES)
+        channels = {
+            "position": rollers[:, 0:2].transpose(0, 2, 1),
+            "velocity": rollers[:, 2:4].transpose(0, 2, 1),
+            "tension": rollers[:, 4],
+            "sprocket_force": rollers[:, 5],
+            "guide_force": rollers[:, 6],
+            "sprocket_angle": sprockets[:, :, 0],
+            "sprocket_speed": sprockets[:, :, 1],
+            "sprocket_moment": sprockets[:, :, 2],
+            "sprocket_center": sprockets[:, :, 3:5],
+        }
+        return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in self.channels})
+
+    def _keep(self, v: int, chunk: Trajectory) -> None:
+        if self._archive is not None:
+            self._archive.append(v, chunk)
+        else:
+            self._kept[v].append(chunk)
+
+    def finish(self, metrics: pa.Table, info: RunInfo) -> Mapping[int, Trajectory]:
+        """Ends the record; returns the trajectories, read from the archive if there is one."""
+        if self._archive is not None:
+            from warpchain.archive import read_archive
+
+            assert self.archive_path is not None
+            self._archive.finish(metrics, info)
+            self._archive = None
+            return read_archive(self.archive_path).trajectories
+        return {v: self._joined(v) for v in self.indices}
+
+    def _joined(self, v: int) -> Trajectory:
+        """A variant's chunks as one trajectory."""
+        chunks = self._kept.pop(v)
+        if not chunks:
+            return self._trajectory(v, np.zeros(0), np.zeros((0, frame_width(self.drives[v]))))
+        if len(chunks) == 1:
+            return chunks[0]
+        time = np.concatenate([chunk.time for chunk in chunks])
+        joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in self.channels}
+        return Trajectory(chunks[0].drive, time, **joined)
+
+    def close(self) -> None:
+        """Drops an archive that was not finished."""
+        if self._archive is not None:
+            self._archive.abort()
+            self._archive = None

@@ -1,0 +1,105 @@
+"""Settling: brings the assembled chains to static equilibrium, with all sprockets held, before the first step.
+
+It is done in float64 whatever the run's precision, by the kernel `relax` of `warpchain.kernels`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.timestep import step_limit
+from warpchain.drive import Drive
+from warpchain.engine.alike import alike
+from warpchain.engine.devices import engine_on
+from warpchain.engine.pack import STATE_ROWS
+from warpchain.engine.packed import Packed
+from warpchain.kernels import relaxation
+
+SETTLE_LIMIT = 100_000
+"""Most steps that settling takes a variant."""
+
+SETTLE_TOLERANCE = 1.0e-3
+"""Residual that settling aims at, as a fraction of the largest link force."""
+
+SETTLE_DAMPING = 0.1
+"""Link damping while settling, of sqrt(k m): it quiets the fast axial modes and leaves the equilibrium as it is."""
+
+SETTLE_STEP = 0.7
+"""Relaxation step as a fraction of the stability limit."""
+
+
+def elastic(packed: Packed) -> Packed:
+    """The ensemble at rest, sprockets held, contacts without dissipation, links damped for settling."""
+    still = replace(
+        packed,
+        chains=packed.chains.copy(),
+        sprockets=packed.sprockets.copy(),
+        guides=packed.guides.copy(),
+        bodies=packed.bodies.copy(),
+        rollers=packed.rollers.copy(),
+    )
+    still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
+    still.sprockets["law"]["hysteresis"] = 0.0
+    still.guides["law"]["hysteresis"] = 0.0
+    still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
+    for v in range(packed.variants):
+        still.rows(v)[2:4] = 0.0
+    return still
+
+
+def settle(
+    packed: Packed,
+    drives: Sequence[Drive],
+    devices: Sequence[str],
+    cores: int,
+    block: int,
+    run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
+) -> NDArray[Any]:
+    """Settles the variants that ask for it: moves the rollers of `packed`, whose velocities stay.
+
+    Args:
+        packed: the ensemble in float64.
+        devices: where to settle, as from `devices.chosen_devices`.
+        cores: CPU threads.
+        block: steps of one launch.
+        run: waits for launches, given a function that tells (done, total) in roller-steps; False ends the settling.
+
+    Returns:
+        (variants,) `kernels.relaxation.Settling`: residual and steps of each variant.
+    """
+    wanted = np.array([drive.run.settle for drive in drives])
+    state = np.zeros(packed.variants, dtype=relaxation.Settling.numpy_dtype())
+    firsts, which = alike(drives)
+    state["step"] = SETTLE_STEP * np.array([step_limit(drives[v]) for v in firsts])[which]
+    state["tolerance"] = SETTLE_TOLERANCE
+    state["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
+    if not wanted.any():
+        return state
+    rollers = packed.drives["rollers"].astype(float)
+    engine = engine_on(devices, elastic(packed), cores)
+
+    def done() -> tuple[float, float]:
+        now = engine.settling()
+        steps = np.where(now["settled"], now["limit"], now["steps"])
+        return float((steps * rollers).sum()), float((now["limit"] * rollers).sum())
+
+    try:
+        engine.start_settling(state)
+        going = True
+        while going:
+            going = run(engine.settle(block), done)
+            now = engine.settling()
+            going = going and bool(((now["settled"] == 0) & (now["steps"] < now["limit"])).any())
+        moved = engine.rollers()
+    finally:
+        engine.close()
+    for v in np.flatnonzero(wanted):
+        first, rows = packed.first_value(int(v)), packed.rows(int(v))
+        rows[0:2] = moved[first : first + rows.size].reshape(STATE_ROWS, -1)[0:2]
+    return now

@@ -1,0 +1,249 @@
+"""Runs an ensemble of drives: settling, blocks of steps, recording, progress, and an orderly end on Ctrl-C."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.timestep import resolve_step
+from warpchain.drive import Drive
+from warpchain.engine.progress import Report, Stop, interruptible, reporter
+from warpchain.engine.recorder import Recorder
+from warpchain.errors import DriveError, SimulationError
+from warpchain.results.metrics import row_of, table_of
+from warpchain.results.run import Record, Run, RunInfo
+from warpchain.version import installed
+
+if TYPE_CHECKING:
+    from warpchain.archive.options import ArchiveOptions
+    from warpchain.engine.devices import Engine
+    from warpchain.engine.packed import Packed
+    from warpchain.results.schedule import Schedule
+
+MEMORY = 2 * 2**30
+"""Default memory budget [bytes]."""
+
+BLOCK_WORK = 20_000_000
+"""Roller-steps of a variant in one block at most, so that progress shows and Ctrl-C is heard."""
+
+
+def simulate(
+    drives: Drive | Sequence[Drive],
+    *,
+    device: str | None = None,
+    precision: str = "float64",
+    duration: float | None = None,
+    step: float | None = None,
+    record: Record | None = None,
+    window: tuple[float, float] | None = None,
+    progress: bool | Report = False,
+    memory: int = MEMORY,
+    archive: str | Path | None = None,
+    archive_options: ArchiveOptions | None = None,
+    overwrite: bool = False,
+    workers: int | None = None,
+) -> Run:
+    """Simulates drives, all at once, and returns their metrics and the recorded trajectories.
+
+    The drives may differ in every value, in the number of links, teeth, sprockets and guide-bars. A variant's result
+    depends neither on the others nor on the number of threads.
+
+    Args:
+        drives: one drive or many.
+        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for the best there is.
+        precision: "float64" or "float32".
+        duration: simulated time [s]; None takes each drive's own.
+        step: time step [s]; None takes each drive's own.
+        record: which trajectories to keep; None keeps all, at each drive's own sample rate.
+        window: (start, end) of the time over which metrics are taken [s]; None is the second half of the run.
+        progress: True shows a bar; a function is called with (phase, done, total) in roller-steps.
+        memory: budget for state, buffers and kept trajectories [bytes].
+        archive: MCAP file that recorded frames go to while the run goes on, instead of memory; `run[i]` then reads
+            from it.
+        archive_options: how the archive is written; None takes the defaults.
+        overwrite: replace an archive of that name.
+        workers: number of CPU threads; None takes all cores.
+
+    Returns:
+        The run. If the user interrupts (Ctrl-C), what was computed until then, with `run.info.ended` "interrupted".
+
+    Raises:
+        DriveError: a chain that does not fit, or a step beyond its limit; the message names the variant.
+        SimulationError: an unknown device or precision, a bad window, or trajectories that exceed the memory budget.
+    """
+    from warpchain.engine.devices import chosen_devices, engine_on, frame_bytes, launch_steps
+    from warpchain.engine.pack import pack
+    from warpchain.engine.packed import real_of
+
+    chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
+    if not chosen:
+        raise SimulationError("drives: none given; at least one is needed")
+    record = record or Record()
+    schedules = schedules_of(chosen, duration, step, record, window)
+    cores = workers or available_cores()
+    packed = pack(chosen, schedules)
+    real_of(precision)  # an unknown precision ends here
+    devices = chosen_devices(device, packed)[: len(chosen)]
+    info = RunInfo(
+        version=installed(),
+        device=",".join(devices),
+        precision=precision,
+        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        step=schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None,
+    )
+    begun = time.monotonic()
+    block = launch_steps(devices, packed, max(1, BLOCK_WORK // int(packed.drives["rollers"].max())))
+    recorder = Recorder(chosen, schedules, packed, precision, record, memory, archive, overwrite, info, archive_options)
+    engine = None
+    try:
+        with reporter(progress) as report, interruptible() as stop:
+            settled = _settle(packed, chosen, devices, cores, block, report, stop)
+            block = launch_steps(devices, packed, recorder.block(block, frame_bytes(devices)))
+            buffer_values = recorder.layout(block)
+            engine = engine_on(devices, packed.at_precision(precision), cores)
+            _march(engine, block, buffer_values, recorder, report, stop)
+        info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
+        metrics = table_of(_rows(engine, chosen, schedules, settled))
+        return Run(chosen, metrics, recorder.finish(metrics, info), info)
+    finally:
+        if engine is not None:
+            engine.close()
+        recorder.close()
+
+
+def available_cores() -> int:
+    """Number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def schedules_of(
+    drives: Sequence[Drive],
+    duration: float | None,
+    step: float | None,
+    record: Record,
+    window: tuple[float, float] | None,
+) -> list[Schedule]:
+    """Each variant's steps, samples and window, in whole steps.
+
+    Raises:
+        DriveError: a step beyond a variant's limit.
+        SimulationError: a duration that is not positive, or a window outside the run.
+    """
+    from warpchain.engine.alike import alike
+    from warpchain.results.schedule import Schedule
+
+    if duration is not None and not (np.isfinite(duration) and duration > 0.0):
+        raise SimulationError(f"duration = {duration!r}: allowed is a finite number above 0 (s)")
+    recorded = set(record.indices(len(drives)))
+    schedules = []
+    firsts, which = alike(drives)
+    resolved: dict[int, float] = {}
+    for v, (drive, kind) in enumerate(zip(drives, which, strict=True)):
+        try:
+            if v == firsts[kind]:
+                resolved[kind] = resolve_step(drive, step)
+        except DriveError as error:
+            raise DriveError(f"variant {v}: {error}") from None
+        h = resolved[kind]
+        length = duration if duration is not None else drive.run.duration
+        steps = max(1, round(length / h))
+        start, end = window if window is not None else (0.5 * length, length)
+        first, last = round(start / h), round(end / h)
+        if not 0 <= first < last <= steps:
+            raise SimulationError(
+                f"window = ({start:g}, {end:g}) s: allowed is 0 <= start < end <= duration = {length:g} s (variant {v})"
+            )
+        rate = record.rate if record.rate is not None else drive.run.sample_rate
+        every = max(1, round(1.0 / (rate * h))) if v in recorded else 0
+        schedules.append(Schedule(h, steps, first, last, every))
+    return schedules
+
+
+def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:
+    """Waits for a block; on a request to stop, drops what has not begun. Raises what a launch raised."""
+    pending = set(futures)
+    while pending:
+        _, pending = wait(pending, timeout=0.1)
+        tick()
+        if stop.asked:
+            for future in pending:
+                future.cancel()
+    for future in futures:
+        if not future.cancelled():
+            future.result()
+
+
+def _settle(
+    packed: Packed,
+    drives: Sequence[Drive],
+    devices: Sequence[str],
+    cores: int,
+    block: int,
+    report: Report,
+    stop: Stop,
+) -> NDArray[Any]:
+    """Brings the variants that ask for it to static equilibrium; returns how each one's settling ended."""
+
+    def run(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
+        _await(futures, stop, lambda: report("settling", *done()))
+        return not stop.asked
+
+    from warpchain.engine.settling import settle
+
+    return settle(packed, drives, devices, cores, block, run)
+
+
+def _march(engine: Engine, block: int, buffer_values: int, recorder: Recorder, report: Report, stop: Stop) -> None:
+    """Runs blocks of steps until every variant has ended; the frames of one are taken while the next runs."""
+    drives = engine.packed.drives
+    rollers = drives["rollers"].astype(float)
+    total = float(((drives["steps"] + 1) * rollers).sum())
+    buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
+    taken: tuple[Any, Any, Any] | None = None
+
+    def tick() -> None:
+        state = engine.progress()
+        done = np.where(state["diverged"] == 1, drives["steps"] + 1, state["step"])
+        report("simulating", float((done * rollers).sum()), total)
+
+    before = engine.progress()
+    turn = 0
+    while ((before["step"] <= drives["steps"]) & (before["diverged"] == 0)).any() and not stop.asked:
+        futures = engine.advance(block, buffers[turn])
+        if taken is not None:
+            recorder.take(taken[0].numpy(), *taken[1:])
+        _await(futures, stop, tick)
+        after = engine.progress()
+        taken = (buffers[turn], before, after)
+        before, turn = after, 1 - turn
+    if taken is not None:
+        recorder.take(taken[0].numpy(), *taken[1:])
+
+
+def _rows(
+    engine: Engine, drives: Sequence[Drive], schedules: Sequence[Schedule], settled: NDArray[Any]
+) -> list[dict[str, Any]]:
+    """The metrics of all variants."""
+    from warpchain.engine.sums import split_sums
+
+    sums = engine.sums()
+    state = engine.progress()
+    rows = []
+    for v, (drive, schedule) in enumerate(zip(drives, schedules, strict=True)):
+        part = split_sums(sums, engine.packed, v)
+        row = row_of(drive, schedule, part, int(state["step"][v]), bool(state["diverged"][v]))
+        if drive.run.settle:
+            row |= {"settle_steps": int(settled["steps"][v]), "settle_residual": float(settled["residual"][v])}
+        rows.append(row)
+    return rows

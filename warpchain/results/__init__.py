@@ -1,0 +1,1 @@
+"""What runs give: trajectories, metrics, objectives, and what engineers read off them."""

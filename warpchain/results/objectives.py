@@ -1,0 +1,153 @@
+"""What designs are judged by that takes a recorded trajectory: transmission error, impact of engagement, fatigue.
+
+With the ideal angle of a driven sprocket z_d theta_d / z_s forward, K the contact's stiffness, m a roller's mass:
+
+    transmission error       e(t) = theta_s - z_d theta_d / z_s, less its mean                                    (a)
+    engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (b)
+
+and fatigue (`warpchain.results.fatigue`). (b) asks for several samples in 2 pi sqrt(m / K) of one passing, or for many
+passings. The objectives that the sums of the window hold, for every variant, are `results.metrics.design_row`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import SimulationError
+from warpchain.results.fatigue import Woehler, damage, equivalent_range
+from warpchain.results.metrics import driver
+from warpchain.results.run import Run, Trajectory
+from warpchain.results.scene import nearest_sprocket
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Row = dict[str, float]
+
+
+def transmission_error(trajectory: Trajectory, s: int) -> NDArray[np.float64]:
+    """How far a sprocket runs ahead of where the driver's angle puts it (F,) [rad], forward, less its mean (a).
+
+    Raises:
+        SimulationError: recorded without sprocket angles.
+    """
+    _need(trajectory, "sprocket_angle")
+    assert trajectory.sprocket_angle is not None
+    drive, d = trajectory.drive, driver(trajectory.drive)
+    turned = np.asarray(trajectory.sprocket_angle - trajectory.sprocket_angle[:1], dtype=float)
+    ideal = drive.sprockets[d].sign * turned[:, d] * drive.sprockets[d].teeth / drive.sprockets[s].teeth
+    error = drive.sprockets[s].sign * turned[:, s] - ideal
+    return error - error.mean()
+
+
+def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
+    """Impulse of each roller's first touch with a sprocket, one for each tooth passing that begins (P,) [N s] (b).
+
+    Args:
+        trajectory: one recorded variant.
+        s: the sprocket.
+        start: time from which touches count [s]; the frames before tell which rollers were there already.
+
+    Raises:
+        SimulationError: recorded without positions, sprocket centers or sprocket forces.
+    """
+    _need(trajectory, "position", "sprocket_center", "sprocket_force")
+    assert trajectory.sprocket_force is not None
+    drive, time = trajectory.drive, trajectory.time
+    length = 2.0 * math.pi * math.sqrt(drive.chain.mass / drive.sprocket_stiffness(s))
+    near = nearest_sprocket(trajectory) == s
+    force = np.where(near, np.asarray(trajectory.sprocket_force, dtype=float), 0.0)
+    steps = 0.5 * (force[1:] + force[:-1]) * np.diff(time)[:, None]
+    summed = np.vstack([np.zeros(force.shape[1]), np.cumsum(steps, axis=0)])
+    impulses: list[float] = []
+    for roller in range(force.shape[1]):
+        begins = np.flatnonzero(near[1:, roller] & ~near[:-1, roller]) + 1
+        touches = np.flatnonzero((force[1:, roller] > 0.0) & (force[:-1, roller] == 0.0))
+        first = np.searchsorted(touches, begins)
+        at = np.unique(touches[first[first < len(touches)]])
+        ends = time[at] + length
+        counted = (time[at] >= start) & (ends <= time[-1])
+        at, ends = at[counted], ends[counted]
+        impulses += (np.interp(ends, time, summed[:, roller]) - summed[at, roller]).tolist()
+    return np.array(impulses)
+
+
+def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: Woehler | None = None) -> Row:
+    """Objectives of a recorded window, of the channels that were recorded (a), (b), and fatigue.
+
+    Args:
+        trajectory: one recorded variant.
+        start, end: the window [s].
+        woehler: Woehler curve of a link; None leaves fatigue out.
+
+    Raises:
+        SimulationError: fewer than three frames in the window.
+    """
+    held = trajectory.channels()
+    inside = (trajectory.time >= start - 1e-12) & (trajectory.time <= end + 1e-12)
+    if inside.sum() < 3:
+        raise SimulationError(f"objectives: {int(inside.sum())} frames from {start:g} to {end:g} s, at least 3 needed")
+    part = Trajectory(trajectory.drive, trajectory.time[inside], **{n: v[inside] for n, v in held.items()})
+    before = trajectory.time <= end + 1e-12
+    whole = Trajectory(trajectory.drive, trajectory.time[before], **{n: v[before] for n, v in held.items()})
+    drive, d = trajectory.drive, driver(trajectory.drive)
+    row: Row = {}
+    if part.sprocket_angle is not None:
+        for s, sprocket in enumerate(drive.sprockets):
+            if s != d:
+                error = transmission_error(part, s)
+                row[f"{sprocket.name}.transmission_error_rms"] = float(np.sqrt(np.mean(error * error)))
+                row[f"{sprocket.name}.transmission_error_range"] = float(np.ptp(error))
+    if part.position is not None and part.sprocket_center is not None and part.sprocket_force is not None:
+        for s, sprocket in enumerate(drive.sprockets):
+            impulses = engagement_impulses(whole, s, start)
+            if len(impulses):
+                row[f"{sprocket.name}.engagement_impulse"] = float(impulses.mean())
+    if woehler is not None and part.tension is not None:
+        row |= _fatigue(part, woehler)
+    return row
+
+
+def _fatigue(part: Trajectory, woehler: Woehler) -> Row:
+    """Damage of the worst and the mean link an hour, and the range that does it once a chain revolution."""
+    assert part.tension is not None
+    seconds = float(part.time[-1] - part.time[0])
+    found = damage(part.tension, woehler)
+    row = {
+        "damage_per_hour_max": float(found.max()) * 3600.0 / seconds,
+        "damage_per_hour_mean": float(found.mean()) * 3600.0 / seconds,
+    }
+    if part.sprocket_angle is not None:
+        d = driver(part.drive)
+        turns = abs(float(part.sprocket_angle[-1, d] - part.sprocket_angle[0, d])) / (2.0 * math.pi)
+        revolutions = turns * part.drive.sprockets[d].teeth / part.drive.chain.links
+        if revolutions > 0.0:
+            ranges = equivalent_range(part.tension, woehler.exponent, revolutions)
+            row["tension_equivalent_range"] = float(ranges.max())
+    return row
+
+
+def _need(trajectory: Trajectory, *channels: str) -> None:
+    missing = [name for name in channels if getattr(trajectory, name) is None]
+    if missing:
+        raise SimulationError(f"the variant was recorded without {', '.join(missing)}, which this needs")
+
+
+def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
+    """The run's metrics with the objectives as further columns; those of trajectories are null where none was recorded.
+
+    Args:
+        run: what `simulate` or `read_archive` returned.
+        woehler: Woehler curve of a link; None leaves fatigue out.
+    """
+    from warpchain.results.metrics import table_of
+
+    rows = run.metrics.to_pylist()
+    for variant, row in enumerate(rows):
+        if row.get("tension_mean") is not None and variant in run:
+            row.update(from_trajectory(run[variant], row["window_start"], row["window_end"], woehler))
+    return table_of(rows)

@@ -1,0 +1,180 @@
+"""What to record, and what a run returns: trajectories of chosen variants and one row of metrics a variant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import SimulationError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import xarray as xr
+
+    from warpchain.drive import Drive
+
+CHANNELS = (
+    "position",
+    "velocity",
+    "tension",
+    "sprocket_force",
+    "guide_force",
+    "sprocket_angle",
+    "sprocket_speed",
+    "sprocket_moment",
+    "sprocket_center",
+)
+"""Every channel that a trajectory can hold beside its time."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What to keep of a run as trajectories (metrics are always kept, for all variants).
+
+    Attributes:
+        variants: "all", "none", or the indices of the variants to record.
+        rate: samples a second of simulated time [Hz]; None takes each drive's own `run.sample_rate`. The sampling
+            interval is rounded to whole steps; frame 0 is t = 0.
+        channels: which of `CHANNELS` to keep; the others are None in the trajectory.
+
+    Raises:
+        SimulationError: for an unknown channel, an unknown word, or a rate that is not positive.
+    """
+
+    variants: Literal["all", "none"] | Sequence[int] = "all"
+    rate: float | None = None
+    channels: Sequence[str] = CHANNELS
+
+    def __post_init__(self) -> None:
+        if isinstance(self.variants, str) and self.variants not in ("all", "none"):
+            raise SimulationError(
+                f'record.variants = {self.variants!r}: allowed are "all", "none" or a sequence of variant indices'
+            )
+        for channel in self.channels:
+            if channel not in CHANNELS:
+                raise SimulationError(f"record.channels: {channel!r} is unknown; allowed are {', '.join(CHANNELS)}")
+        if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0.0):
+            raise SimulationError(f"record.rate = {self.rate!r}: allowed is a finite number above 0 (Hz), or None")
+
+    def indices(self, variants: int) -> tuple[int, ...]:
+        """The recorded variants of an ensemble of `variants`, ascending."""
+        if self.variants == "all":
+            return tuple(range(variants))
+        if self.variants == "none":
+            return ()
+        chosen = sorted({int(index) for index in self.variants})
+        for index in chosen:
+            if not 0 <= index < variants:
+                raise SimulationError(f"record.variants: {index} is not among the {variants} variants (from 0)")
+        return tuple(chosen)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The recorded motion of one variant; F frames, N rollers and links, S sprockets. A channel not recorded is None.
+
+    Attributes:
+        drive: the drive that was simulated.
+        time: (F,) simulated time [s]; frame 0 is t = 0.
+        position: (F, N, 2) roller centers [m].
+        velocity: (F, N, 2) roller velocities [m/s].
+        tension: (F, N) link tensions [N], positive in tension; link i joins rollers i and i + 1 (2).
+        sprocket_force: (F, N) magnitude of the sprocket contact force on each roller [N] (15).
+        guide_force: (F, N) magnitude of the guide-bar contact force on each roller [N] (15), (23).
+        sprocket_angle: (F, S) sprocket angles, counter-clockwise [rad].
+        sprocket_speed: (F, S) sprocket angular velocities, counter-clockwise [rad/s].
+        sprocket_moment: (F, S) moment of the contact forces on each sprocket, counter-clockwise [N m] (16).
+        sprocket_center: (F, S, 2) sprocket centers [m].
+    """
+
+    drive: Drive
+    time: NDArray[np.float64]
+    position: NDArray[np.floating] | None = None
+    velocity: NDArray[np.floating] | None = None
+    tension: NDArray[np.floating] | None = None
+    sprocket_force: NDArray[np.floating] | None = None
+    guide_force: NDArray[np.floating] | None = None
+    sprocket_angle: NDArray[np.floating] | None = None
+    sprocket_speed: NDArray[np.floating] | None = None
+    sprocket_moment: NDArray[np.floating] | None = None
+    sprocket_center: NDArray[np.floating] | None = None
+
+    def channels(self) -> dict[str, NDArray[np.floating]]:
+        """The recorded channels by name, without time."""
+        held = {f.name: getattr(self, f.name) for f in fields(self) if f.name in CHANNELS}
+        return {name: values for name, values in held.items() if values is not None}
+
+    def to_arrow(self) -> pa.Table:
+        """A pyarrow table, one row a frame, units in the field metadata; shares the arrays' memory."""
+        from warpchain.results.tables import to_arrow
+
+        return to_arrow(self.time, self.channels())
+
+    def to_xarray(self) -> xr.Dataset:
+        """An xarray dataset (extra `xarray`) with dimensions time, roller, link, sprocket, axis; shares the memory."""
+        from warpchain.results.tables import to_xarray
+
+        return to_xarray(self.time, self.channels(), self.drive)
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """How a run was made.
+
+    Attributes:
+        version: warpchain's version.
+        device: the Warp device, such as "cpu".
+        precision: "float64" or "float32".
+        ended: "complete", or "interrupted" when the user stopped it (what was computed until then is kept).
+        wall_time: seconds the run took.
+        created: UTC time of the start, ISO 8601.
+        step: time step [s]; None where the variants' steps differ.
+        seed: of the design whose variants these are, if there is one.
+    """
+
+    version: str
+    device: str
+    precision: str
+    ended: str = "complete"
+    wall_time: float = 0.0
+    created: str = ""
+    step: float | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class Run(Mapping[int, Trajectory]):
+    """The result of one call of `simulate`: `run[i]` is variant i's trajectory, `run.metrics` a row a variant.
+
+    Attributes:
+        drives: the drives simulated, in order.
+        metrics: pyarrow table, one row a variant; units in the field metadata (key "unit"); a quantity that a variant
+            does not have is null.
+        trajectories: the recorded variants.
+        info: how the run was made.
+    """
+
+    drives: Sequence[Drive]
+    metrics: pa.Table
+    trajectories: Mapping[int, Trajectory] = field(repr=False)
+    info: RunInfo
+
+    def __getitem__(self, variant: int) -> Trajectory:
+        try:
+            return self.trajectories[variant]
+        except KeyError:
+            recorded = ", ".join(map(str, self.trajectories)) or "none"
+            raise SimulationError(f"variant {variant} was not recorded (recorded: {recorded})") from None
+
+    def __contains__(self, variant: object) -> bool:
+        return variant in self.trajectories
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self.trajectories)
+
+    def __len__(self) -> int:
+        return len(self.trajectories)

@@ -1,0 +1,230 @@
+"""What pictures of a drive need: outlines of teeth and guide-bars, contact directions, displacement of a strand."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.path import chain_path
+from warpchain.drive import Drive
+from warpchain.drive.teeth import half_gap_outline
+from warpchain.results.run import Trajectory
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+BLOCK = 4096
+"""Frames that are looked at together, so that long recordings need little memory beside themselves."""
+
+
+class Arrows(NamedTuple):
+    """Forces on K rollers, in order of frames.
+
+    Attributes:
+        frame, roller: (K,) when and where.
+        force: (K, 2) the forces [N].
+    """
+
+    frame: Index
+    roller: Index
+    force: Array
+
+
+def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
+    """Closed outline of sprocket s's teeth at angle zero about its center (P, 2) [m]: seat arcs, flanks and tips.
+
+    The surface itself, not the offset curve of the rollers' centers (eq. (5)-(8)).
+    """
+    teeth = drive.sprockets[s].teeth
+    half = half_gap_outline(drive.tooth(s), teeth, drive.pitch_radius(s), arc_points)
+    gap = np.vstack([half[::-1] * [1.0, -1.0], half[1:]])
+    turn = 2.0 * math.pi / teeth * np.arange(teeth)
+    cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    points = np.stack([gap[:, 0] * cosine - gap[:, 1] * sine, gap[:, 0] * sine + gap[:, 1] * cosine], axis=-1)
+    outline = points.reshape(-1, 2)
+    return np.vstack([outline, outline[:1]])
+
+
+def guide_outline(drive: Drive, g: int, points: int = 12) -> Array:
+    """Outline of guide-bar g (P, 2) [m]: its face and both rounded ends."""
+    guide = drive.guides[g]
+    start, end = np.asarray(guide.start, dtype=float), np.asarray(guide.end, dtype=float)
+    t = (end - start) / np.hypot(*(end - start))
+    n = np.array([-t[1], t[0]])
+    angle = np.linspace(0.0, 0.5 * math.pi, points)[:, None]
+    radius = guide.end_radius
+    before = start - radius * n + radius * (np.cos(angle) * n - np.sin(angle) * t)
+    after = end - radius * n + radius * (np.cos(angle) * n + np.sin(angle) * t)
+    return np.vstack([before[::-1], after])
+
+
+def pressing(trajectory: Trajectory, least: float = 0.0) -> tuple[Arrows, Arrows]:
+    """Contact forces on the rollers that are above `least` [N]: those of sprockets (eq. (8) and the flank's normal),
+    those of guide-bars."""
+    assert trajectory.position is not None
+    assert trajectory.sprocket_force is not None
+    assert trajectory.guide_force is not None
+    frame, roller = np.nonzero(trajectory.sprocket_force > least)
+    normals = _sprocket_normals(trajectory, frame, roller)
+    sprockets = Arrows(frame, roller, normals * np.asarray(trajectory.sprocket_force, float)[frame, roller, None])
+    frame, roller = np.nonzero(trajectory.guide_force > least)
+    normals = _guide_normals(trajectory.drive, np.asarray(trajectory.position, dtype=float)[frame, roller])
+    guides = Arrows(frame, roller, normals * np.asarray(trajectory.guide_force, float)[frame, roller, None])
+    return sprockets, guides
+
+
+def _nearest(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
+    """The sprocket whose pitch circle each of K rollers is nearest to (K,), and how far it is from that circle [m]."""
+    assert trajectory.position is not None
+    assert trajectory.sprocket_center is not None
+    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    near, apart = np.zeros(len(frame), dtype=np.intp), np.full(len(frame), np.inf)
+    for s in range(len(trajectory.drive.sprockets)):
+        r = x - trajectory.sprocket_center[frame, s]
+        off = np.abs(np.sqrt(r[:, 0] ** 2 + r[:, 1] ** 2) - trajectory.drive.pitch_radius(s))
+        closer = off < apart
+        near[closer], apart[closer] = s, off[closer]
+    return near, apart
+
+
+def _sprocket_normals(trajectory: Trajectory, frame: Index, roller: Index) -> Array:
+    """Direction of the nearest sprocket's contact force on each of K rollers (K, 2)."""
+    drive = trajectory.drive
+    assert trajectory.position is not None
+    assert trajectory.sprocket_center is not None
+    assert trajectory.sprocket_angle is not None
+    s, _ = _nearest(trajectory, frame, roller)
+    wheels = range(len(drive.sprockets))
+    pitch_angle = np.array([2.0 * math.pi / sprocket.teeth for sprocket in drive.sprockets])[s]
+    teeth = [drive.tooth(k) for k in wheels]
+    radius, half, flank, clearance = np.array(
+        [
+            (
+                drive.pitch_radius(k),
+                0.5 * tooth.seat_angle,
+                tooth.flank_radius,
+                tooth.seat_radius - drive.chain.roller_radius,
+            )
+            for k, tooth in zip(wheels, teeth, strict=True)
+        ]
+    )[s].T
+    r = np.asarray(trajectory.position, dtype=float)[frame, roller] - trajectory.sprocket_center[frame, s]
+    turned = np.asarray(trajectory.sprocket_angle, dtype=float)[frame, s]
+    seat = np.rint((np.arctan2(r[:, 1], r[:, 0]) - turned) / pitch_angle) * pitch_angle + turned
+    c, d = np.cos(seat), np.sin(seat)
+    xi, eta = r[:, 0] * c + r[:, 1] * d - radius, r[:, 1] * c - r[:, 0] * d
+    cosine, sine = np.cos(half), np.sin(half)
+    size = np.maximum(np.sqrt(xi * xi + eta * eta), 1e-15)
+    on_arc = np.abs(eta) * cosine <= -xi * sine
+    curvature = 1.0 / (flank + drive.chain.roller_radius)
+    across = 1.0 - curvature * (np.abs(eta) * sine - xi * cosine - clearance)
+    along = curvature * (np.abs(eta) * cosine + xi * sine)
+    reach = np.hypot(across, along)
+    radial = np.where(on_arc, -xi / size, (across * cosine + along * sine) / reach)
+    lateral = np.where(on_arc, -eta / size, np.sign(eta) * (along * cosine - across * sine) / reach)
+    return np.stack([radial * c - lateral * d, radial * d + lateral * c], axis=1)
+
+
+def _guide_normals(drive: Drive, x: Array) -> Array:
+    """Direction of the guide-bars' contact force on rollers at `x` (K, 2): the faces' normal."""
+    normals = np.zeros_like(x)
+    for guide in drive.guides:
+        t = np.subtract(guide.end, guide.start)
+        length = float(np.hypot(*t))
+        t = t / length
+        along = (x - np.asarray(guide.start)) @ t
+        reach = guide.end_radius + drive.chain.roller_radius
+        near = (along > -reach) & (along < length + reach)
+        normals += near[:, None] * np.array([-t[1], t[0]])
+    return normals
+
+
+def nearest_guide(drive: Drive, x: Array) -> Index:
+    """The guide-bar whose face each of the points `x` (K, 2) is nearest to (K,)."""
+    apart = []
+    for guide in drive.guides:
+        start, t = np.asarray(guide.start, dtype=float), np.subtract(guide.end, guide.start)
+        share = np.clip((x - start) @ t / float(t @ t), 0.0, 1.0)
+        apart.append(np.hypot(*(x - start - share[:, None] * t).T))
+    return np.argmin(apart, axis=0) if apart else np.zeros(len(x), dtype=np.intp)
+
+
+def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> Index:
+    """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond half a pitch from all.
+
+    Args:
+        rollers: only these, (N,); all if None.
+    """
+    drive = trajectory.drive
+    assert trajectory.position is not None
+    which = np.arange(drive.chain.links) if rollers is None else rollers
+    frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
+    near, apart = _nearest(trajectory, frame.ravel(), roller.ravel())
+    return np.where(apart < 0.5 * drive.chain.pitch, near, -1).reshape(frame.shape)
+
+
+def contact_arrows(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Contact forces on the rollers as vectors (F, N, 2) [N]: those of sprockets, those of guide-bars."""
+    assert trajectory.position is not None
+    both = []
+    for arrows in pressing(trajectory):
+        vectors = np.zeros(trajectory.position.shape)
+        vectors[arrows.frame, arrows.roller] = arrows.force
+        both.append(vectors)
+    return both[0], both[1]
+
+
+class Passing(NamedTuple):
+    """Which link passes the middle of a strand, and where.
+
+    Attributes:
+        link: (F,) its number, -1 where no link does.
+        displacement: (F,) distance of the chain from the straight common tangent there [m], left of travel positive;
+            NaN where no link passes.
+    """
+
+    link: Index
+    displacement: Array
+
+
+def passing_link(trajectory: Trajectory, strand: int) -> Passing:
+    """The link that passes the middle of a strand, at every frame."""
+    assert trajectory.position is not None
+    path = chain_path(trajectory.drive)
+    start, end = path.strand_start[strand], path.strand_end[strand]
+    count = len(trajectory.time)
+    link, displacement = np.full(count, -1, dtype=np.intp), np.full(count, np.nan)
+    for first in range(0, count, BLOCK):
+        block = slice(first, first + BLOCK)
+        _pass(trajectory.position[block], start, end, link[block], displacement[block])
+    return Passing(link, displacement)
+
+
+def _pass(position: NDArray[np.floating], start: Array, end: Array, link: Index, displacement: Array) -> None:
+    """Fills in link and displacement of a block of frames, where a link passes."""
+    length = float(np.hypot(*(end - start)))
+    tx, ty = (end - start) / length
+    x, y = position[..., 0], position[..., 1]
+    along = np.asarray(tx * x + ty * y, dtype=float) - float(start @ (tx, ty)) - 0.5 * length
+    across = np.asarray(tx * y - ty * x, dtype=float) - float(tx * start[1] - ty * start[0])
+    beyond = along > 0.0
+    frame, near = np.nonzero(~beyond & np.roll(beyond, -1, axis=1))
+    far = (near + 1) % along.shape[1]
+    # other strands cross the middle too: the nearest is the one
+    order = np.lexsort((np.abs(across[frame, near]) + np.abs(across[frame, far]), frame))
+    frame, first = np.unique(frame[order], return_index=True)
+    near, far = near[order][first], far[order][first]
+    part = -along[frame, near] / (along[frame, far] - along[frame, near])
+    link[frame] = near
+    displacement[frame] = across[frame, near] * (1.0 - part) + across[frame, far] * part
+
+
+def strand_displacement(trajectory: Trajectory, strand: int) -> Array:
+    """Transverse displacement of the chain where it passes the middle of a strand (F,) [m], left of travel positive.
+
+    The paper's Figures 9 and 10: distance from the straight common tangent. NaN where no link passes the middle.
+    """
+    return passing_link(trajectory, strand).displacement

@@ -1,0 +1,207 @@
+"""Signals that engineers read off a recorded drive: tension of a strand, speed ratio, transmission error, spectra."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.path import chain_path
+from warpchain.results.run import Trajectory
+from warpchain.results.scene import Passing, nearest_guide, passing_link
+
+Array = NDArray[np.float64]
+
+FEWEST_TEETH = 16
+"""Teeth that must pass for an order spectrum to tell the tooth-passing orders apart."""
+
+
+def latter_half(trajectory: Trajectory) -> slice:
+    """Frames of the second half of the recording, which the start's transients have left."""
+    return slice(int(np.searchsorted(trajectory.time, 0.5 * trajectory.time[-1])), None)
+
+
+def last_round(trajectory: Trajectory) -> slice:
+    """Frames of the chain's last round: while as many teeth of the driver pass as the chain has links; else all."""
+    assert trajectory.sprocket_angle is not None
+    drive = trajectory.drive
+    angle = np.asarray(trajectory.sprocket_angle[:, drive.driver], dtype=float) * drive.sprockets[drive.driver].sign
+    passed = (angle[-1] - angle) * drive.sprockets[drive.driver].teeth / (2.0 * np.pi)
+    earlier = np.flatnonzero(passed >= drive.chain.links)
+    return slice(int(earlier[-1]) if len(earlier) else 0, None)
+
+
+def strand_tension(trajectory: Trajectory, strand: int, passing: Passing | None = None) -> Array:
+    """Tension of the link that passes the middle of a strand (F,) [N].
+
+    Args:
+        passing: which link that is, if known.
+    """
+    assert trajectory.tension is not None
+    link = (passing or passing_link(trajectory, strand)).link
+    values = np.asarray(trajectory.tension, dtype=float)[np.arange(len(link)), np.maximum(link, 0)]
+    return np.where(link >= 0, values, np.nan)
+
+
+def speed_ratio(trajectory: Trajectory, s: int) -> Array:
+    """Speed of sprocket s over the driver's, as a part of the ratio that the teeth give (F,); 1 without error.
+
+    NaN where the driver stands still.
+    """
+    assert trajectory.sprocket_speed is not None
+    drive = trajectory.drive
+    forward = [
+        np.asarray(trajectory.sprocket_speed[:, k], dtype=float) * drive.sprockets[k].sign for k in (s, drive.driver)
+    ]
+    own, driver = forward
+    moving = np.abs(driver) > 1e-6 * max(float(np.abs(driver).max()), 1e-300)
+    gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
+    return np.where(moving, gear * own / np.where(moving, driver, 1.0), np.nan)
+
+
+def transmission_error(trajectory: Trajectory, s: int) -> Array:
+    """How far sprocket s is ahead of where the driver and the teeth put it, less its mean (F,) [rad]."""
+    assert trajectory.sprocket_angle is not None
+    drive = trajectory.drive
+    turned = [
+        (np.asarray(trajectory.sprocket_angle[:, k], dtype=float) - float(trajectory.sprocket_angle[0, k]))
+        * drive.sprockets[k].sign
+        for k in (s, drive.driver)
+    ]
+    gear = drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
+    ahead = turned[0] - gear * turned[1]
+    return ahead - ahead.mean()
+
+
+def transverse_frequency(trajectory: Trajectory, strand: int) -> float:
+    """First transverse frequency of a strand at its mean tension over the latter half, the chain at rest [Hz]."""
+    from warpchain.assembly.summary import strand_frequency
+
+    path = chain_path(trajectory.drive)
+    links = int(np.rint(path.strand_length[strand] / path.pitch))
+    tension = float(np.nanmean(strand_tension(trajectory, strand)[latter_half(trajectory)]))
+    return strand_frequency(trajectory.drive, links, tension)
+
+
+def guide_forces(trajectory: Trajectory) -> list[tuple[Array, Array]]:
+    """Each guide-bar's force on the chain (F,) [N], and how many rollers it presses (F,)."""
+    assert trajectory.position is not None
+    assert trajectory.guide_force is not None
+    frame, roller = np.nonzero(trajectory.guide_force > 0.0)
+    force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
+    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    nearest = nearest_guide(trajectory.drive, x)
+    found: list[tuple[Array, Array]] = []
+    for g in range(len(trajectory.drive.guides)):
+        mine, count = nearest == g, len(trajectory.time)
+        total = np.bincount(frame[mine], force[mine], minlength=count)
+        found.append((np.asarray(total, float), np.asarray(np.bincount(frame[mine], minlength=count), float)))
+    return found
+
+
+class ContactAngles(NamedTuple):
+    """Contact of all rollers with one sprocket.
+
+    Attributes:
+        angle: (K,) angle of the roller past the point where the chain reaches the sprocket, in the direction of travel
+            [rad].
+        force: (K,) contact force [N].
+        wrap: wrapped angle [rad].
+        pitch: pitch angle of the teeth [rad].
+    """
+
+    angle: Array
+    force: Array
+    wrap: float
+    pitch: float
+
+
+def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
+    """Contact force against angle on sprocket s, of the frames of the latter half; of unpressed rollers, too."""
+    assert trajectory.position is not None
+    assert trajectory.sprocket_center is not None
+    assert trajectory.sprocket_force is not None
+    drive, part, path = trajectory.drive, latter_half(trajectory), chain_path(trajectory.drive)
+    step = 2.0 * np.pi / drive.sprockets[s].teeth
+    r = np.asarray(trajectory.position[part], dtype=float) - trajectory.sprocket_center[part, None, s]
+    apart = np.abs(np.hypot(r[..., 0], r[..., 1]) - drive.pitch_radius(s))
+    polar = drive.sprockets[s].sign * (np.arctan2(r[..., 1], r[..., 0]) - path.arrival_angle[s])
+    wrap = float(path.wrap_angle[s])
+    spare = 0.5 * (2.0 * np.pi - wrap)
+    angle = np.mod(polar + spare, 2.0 * np.pi) - spare
+    on = (apart < 0.5 * drive.chain.pitch) & (angle > -2.0 * step) & (angle < wrap + 2.0 * step)
+    return ContactAngles(angle[on], np.asarray(trajectory.sprocket_force[part], dtype=float)[on], wrap, step)
+
+
+def amplitude_spectrum(values: Array, interval: float) -> tuple[Array, Array]:
+    """One-sided amplitude spectrum of evenly spaced samples, mean removed, Hann window.
+
+    Args:
+        values: (K,) samples.
+        interval: between them, in seconds, or in revolutions for orders.
+
+    Returns:
+        (K // 2 + 1,) frequencies in 1/interval's unit, and amplitudes in the unit of the values: a sine of amplitude a
+        on a line of the spectrum shows a.
+    """
+    values = np.asarray(values, dtype=float)
+    window = np.hanning(len(values) + 1)[:-1]
+    amplitude: Array = np.abs(np.fft.rfft((values - values.mean()) * window)) * 2.0 / window.sum()
+    return np.asarray(np.fft.rfftfreq(len(values), interval)), amplitude
+
+
+def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array] | None:
+    """Amplitude spectrum over orders of the driver's revolution, from the latter half of the recording.
+
+    The samples are taken at even angles of the driver, so that a driver whose speed varies does not smear the orders;
+    the tooth-passing orders of the whole chain are the multiples of the driver's number of teeth.
+
+    Returns:
+        orders and amplitudes; None where the driver stops or turns back, where fewer than `FEWEST_TEETH` of its teeth
+        pass, or where values are not finite.
+    """
+    assert trajectory.sprocket_angle is not None
+    drive, part = trajectory.drive, latter_half(trajectory)
+    angle = np.asarray(trajectory.sprocket_angle[part, drive.driver], dtype=float) * drive.sprockets[drive.driver].sign
+    turns = angle / (2.0 * np.pi)
+    if len(turns) < 8 or not np.all(np.diff(turns) > 0.0):
+        return None
+    if (turns[-1] - turns[0]) * drive.sprockets[drive.driver].teeth < FEWEST_TEETH:
+        return None
+    if not np.isfinite(values[part]).all():
+        return None
+    even: Array = np.linspace(turns[0], turns[-1], len(turns), endpoint=False)
+    return amplitude_spectrum(np.interp(even, turns, values[part]), float(even[1] - even[0]))
+
+
+def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:
+    """Frames to draw of a series, ascending: the smallest and the largest value of each of `buckets` equal spells.
+
+    A series of no more than twice as many frames is kept whole; at most 2 * buckets frames are left otherwise, the
+    extremes of the whole series always among them. Spells without a finite value leave their first frame.
+    """
+    count = len(values)
+    if count <= 2 * buckets:
+        return np.arange(count)
+    first = _starts(count, buckets)
+    width = int(np.diff(first, append=count).max())
+    at = np.minimum(first[:, None] + np.arange(width), np.append(first[1:], count)[:, None] - 1)
+    spells = np.asarray(values, dtype=float)[at]
+    lowest = np.where(np.isnan(spells), np.inf, spells).argmin(axis=1)
+    highest = np.where(np.isnan(spells), -np.inf, spells).argmax(axis=1)
+    rows = np.arange(buckets)
+    return np.unique(np.concatenate([at[rows, lowest], at[rows, highest]]))
+
+
+def peaks_over_time(values: NDArray[np.floating], buckets: int) -> tuple[NDArray[np.intp], NDArray[np.floating]]:
+    """The largest values over each of at most `buckets` equal spells: the spells' first frames, and (spells, ...)."""
+    count = len(values)
+    if count <= buckets:
+        return np.arange(count), values
+    first = _starts(count, buckets)
+    return first, np.maximum.reduceat(values, first, axis=0)
+
+
+def _starts(count: int, buckets: int) -> NDArray[np.intp]:
+    return (np.arange(buckets) * count // buckets).astype(np.intp)

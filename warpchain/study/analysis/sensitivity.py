@@ -1,0 +1,264 @@
+"""Sobol' indices: the part of a metric's variance that each factor causes, alone and with its interactions.
+
+Two ways lead to them. A Saltelli design (`saltelli_table`, run as a study whose design is a table) gives them without a
+model, by SALib's estimators (Saltelli et al. 2010). Any other design gives those of its response surface, exactly: with
+uniform factors on -1 .. 1, var x = 1/3, var x^2 = 4/45, var x_i x_j = 1/9, and all terms are uncorrelated, so that
+
+    V = sum_i (b_i^2 / 3 + 4 b_ii^2 / 45) + sum_{i<j} b_ij^2 / 9,
+    S_i = (b_i^2 / 3 + 4 b_ii^2 / 45) / V,        T_i = S_i + sum_j b_ij^2 / (9 V).                          (a)
+
+SALib's problem dictionary is made from a study's factors or results and taken to make factors and designs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import StudyError
+from warpchain.study.analysis.surface import TRUSTED, Surface, fit_surface
+from warpchain.study.results import Array, Results
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Problem = dict[str, Any]
+
+DISTRIBUTIONS = {"uniform": "unif", "log-uniform": "logunif", "normal": "norm", "truncated-normal": "truncnorm"}
+"""SALib's name of each distribution of a study."""
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Sobol' indices of one metric.
+
+    Attributes:
+        metric: its name.
+        factors: (A,) names.
+        first: (A,) part of the variance by each factor alone.
+        total: (A,) the same with all interactions.
+        first_error: (A,) half width of the 95 % confidence interval; zero from a surface.
+        total_error: (A,)
+        rows: number of variants that they stand on.
+        dropped: variants left out because one of their block did not end well; zero from a surface.
+    """
+
+    metric: str
+    factors: tuple[str, ...]
+    first: Array
+    total: Array
+    first_error: Array
+    total_error: Array
+    rows: int
+    dropped: int = 0
+
+
+def _salib() -> None:
+    try:
+        import SALib  # noqa: F401
+    except ImportError:
+        raise StudyError("Sobol' indices need the package SALib: pip install 'warpchain[salib]'") from None
+
+
+def problem_of(results: Results, factors: Sequence[str] | None = None) -> Problem:
+    """SALib's problem dictionary of a study's numeric factors, uniform over the range that was run."""
+    names = list(factors or results.independent_factors())
+    columns = [results.values(name) for name in names]
+    bounds = [[float(np.nanmin(x)), float(np.nanmax(x))] for x in columns]
+    return {"num_vars": len(names), "names": names, "bounds": bounds}
+
+
+def problem_of_factors(factors: Iterable[Any]) -> Problem:
+    """SALib's problem dictionary of a study file's factors (`Study.factors`), those with expressions left out.
+
+    Raises:
+        StudyError: a factor of levels or choices, which SALib's continuous distributions cannot say.
+    """
+    names, bounds, dists = [], [], []
+    for factor in factors:
+        kind = factor.kind
+        if kind == "expression":
+            continue
+        if kind not in DISTRIBUTIONS:
+            raise StudyError(f"factor {factor.name!r}: {kind or 'a table'} is not a distribution that SALib knows")
+        names.append(factor.name)
+        dists.append(DISTRIBUTIONS[kind])
+        ends = list(factor.range or ())
+        bounds.append(ends if kind in ("uniform", "log-uniform") else [*ends, factor.mean, factor.std])
+    return {"num_vars": len(names), "names": names, "bounds": bounds, "dists": dists}
+
+
+def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
+    """The factors of a study file, as tables, from SALib's problem dictionary.
+
+    Args:
+        problem: names and bounds, and dists where they are not uniform.
+        paths: key path into the drive by name; names are paths where none is given.
+
+    Raises:
+        StudyError: a problem with groups, or a distribution that studies do not have.
+    """
+    _check_problem(problem)
+    words = {salib: own for own, salib in DISTRIBUTIONS.items()}
+    tables = []
+    for name, bounds, dist in zip(problem["names"], problem["bounds"], _dists(problem), strict=True):
+        if dist not in words:
+            raise StudyError(f"problem: dists: {dist!r} of {name!r}: allowed are {', '.join(words)}")
+        table: dict[str, Any] = {"name": name, "path": (paths or {}).get(name, name), "distribution": words[dist]}
+        if dist != "norm":
+            table["range"] = [float(value) for value in bounds[:2]]
+        if dist in ("norm", "truncnorm"):
+            table["mean"], table["std"] = (float(value) for value in bounds[-2:])
+        tables.append(table)
+    return tables
+
+
+def _dists(problem: Mapping[str, Any]) -> list[str]:
+    return list(problem.get("dists") or ["unif"] * len(problem["names"]))
+
+
+def _check_problem(problem: Mapping[str, Any]) -> None:
+    for key in ("names", "bounds"):
+        if key not in problem:
+            raise StudyError(f"problem: {key!r} is missing; SALib's problem has names and bounds")
+    counts = {len(problem["names"]), len(problem["bounds"]), int(problem.get("num_vars", len(problem["names"])))}
+    if len(counts) > 1 or len(problem["names"]) != len(_dists(problem)):
+        raise StudyError("problem: num_vars, names, bounds and dists must be equally many")
+    if problem.get("groups"):
+        raise StudyError("problem: groups are not supported; use the study's own `group`")
+
+
+def saltelli_table(problem: Mapping[str, Any], base: int, seed: int = 0, second_order: bool = False) -> pa.Table:
+    """A Saltelli design for `sobol_indices`: base * (A + 2) rows, or base * (2 A + 2) with second order.
+
+    Write it with `results.export_table` and name the file in a study whose design is a table.
+
+    Args:
+        problem: SALib's problem dictionary.
+        base: a power of two.
+        seed: of the scrambling.
+        second_order: also with the rows that SALib's second-order indices take.
+
+    Raises:
+        StudyError: no SALib, a base that is no power of two, or a problem that SALib refuses.
+    """
+    import pyarrow as pa
+
+    _salib()
+    from SALib.sample import sobol
+
+    _check_problem(problem)
+    if base < 2 or base & (base - 1):
+        raise StudyError(f"base = {base}: must be a power of two, at least 2")
+    try:
+        values = sobol.sample(
+            {"num_vars": len(problem["names"]), **problem}, base, calc_second_order=second_order, seed=seed
+        )
+    except ValueError as error:
+        raise StudyError(f"problem: {str(error).strip().splitlines()[0]}") from None
+    return pa.table({name: values[:, k] for k, name in enumerate(problem["names"])})
+
+
+def saltelli_block(results: Results, factors: Sequence[str]) -> int:
+    """Rows of a block if the table is a Saltelli design of these factors: A + 2, or 2 A + 2; else 0.
+
+    A block is a row of A, the same with each factor in turn from B (and, for the longer one, the reverse), and B's row.
+    """
+    count = len(factors)
+    if count < 2:
+        return 0
+    order = np.argsort(results.variants, kind="stable")
+    values = np.stack([results.values(name)[order] for name in factors], axis=1)
+    for block in (count + 2, 2 * count + 2):
+        if len(values) < 2 * block or len(values) % block:
+            continue
+        blocks = values.reshape(-1, block, count)
+        own = np.eye(count, dtype=bool)
+        mixed = np.where(own, blocks[:, -1:, :], blocks[:, :1, :])
+        if np.allclose(blocks[:, 1 : count + 1], mixed, rtol=1e-12, atol=0.0):
+            return block
+    return 0
+
+
+def best_indices(results: Results, metric: str) -> tuple[Indices, str]:
+    """Sobol' indices by the better way there is, and which that is, in words.
+
+    Raises:
+        StudyError: neither a Saltelli design nor a surface that can be trusted.
+    """
+    if saltelli_block(results, results.independent_factors()):
+        found = sobol_indices(results, metric)
+        lost = f", {found.dropped} left out with blocks that did not end well" if found.dropped else ""
+        return found, f"by a Saltelli design of {found.rows} variants{lost}; bars are 95 % intervals"
+    surface = fit_surface(results, metric)
+    if not surface.trusted:
+        raise StudyError(
+            f"Sobol' indices of {metric!r}: the response surface predicts too badly "
+            f"(predicted R\u00b2 = {surface.r2_predicted:.2f}, {TRUSTED} needed); run a Saltelli design"
+        )
+    words = (
+        f"of the response surface (predicted R\u00b2 = {surface.r2_predicted:.3f}), factors uniform over their range"
+    )
+    return surface_indices(surface), words
+
+
+def sobol_indices(
+    results: Results, metric: str, problem: Mapping[str, Any] | None = None, resamples: int = 200, seed: int = 1
+) -> Indices:
+    """Sobol' indices from a study that ran a Saltelli design, by SALib.
+
+    A variant that did not end well takes its whole block out, so that the estimators stay what they are.
+
+    Args:
+        results: the study's results, of all rows of the design.
+        metric: the metric.
+        problem: SALib's problem dictionary; None takes all independent factors.
+        resamples: bootstrap resamples of the confidence intervals.
+        seed: of the bootstrap, at least 1.
+
+    Raises:
+        StudyError: no SALib, another design, or fewer than two whole blocks.
+    """
+    _salib()
+    from SALib.analyze import sobol
+
+    chosen = dict(problem or problem_of(results))
+    _check_problem(chosen)
+    names = tuple(chosen["names"])
+    chosen["num_vars"] = len(names)
+    block = saltelli_block(results, names)
+    if not block:
+        raise StudyError(f"Sobol' indices of {metric!r}: the rows are no Saltelli design of {', '.join(names)}")
+    order = np.argsort(results.variants, kind="stable")
+    values = results.values(metric)[order].reshape(-1, block)
+    whole = results.rows_for(metric)[order].reshape(-1, block).all(axis=1)
+    if whole.sum() < 2:
+        raise StudyError(f"Sobol' indices of {metric!r}: {int(whole.sum())} whole blocks, at least 2 are needed")
+    y = values[whole].ravel()
+    if not np.ptp(y) > 0.0:
+        raise StudyError(f"Sobol' indices of {metric!r}: it does not vary")
+    second = block == 2 * len(names) + 2
+    found = sobol.analyze(chosen, y, calc_second_order=second, num_resamples=resamples, seed=seed)
+    first, total, first_error, total_error = (
+        np.asarray(found[key], dtype=float) for key in ("S1", "ST", "S1_conf", "ST_conf")
+    )
+    dropped = int((~whole).sum()) * block
+    return Indices(metric, names, first, total, first_error, total_error, len(y), dropped)
+
+
+def surface_indices(surface: Surface) -> Indices:
+    """Sobol' indices of a response surface for factors that are uniform and independent over its range, eq. (a)."""
+    powers, squares = surface.powers, surface.coefficients**2
+    order, touched = powers.sum(axis=1), powers > 0
+    alone: NDArray[np.bool_] = touched.sum(axis=1) == 1
+    part = np.where(~alone, squares / 9.0, np.where(order == 1, squares / 3.0, 4.0 * squares / 45.0))
+    part[order == 0] = 0.0
+    variance = float(part.sum()) or 1.0
+    first = (touched & alone[:, None]).T @ part / variance
+    total = touched.T @ part / variance
+    zero = np.zeros(len(first))
+    return Indices(surface.metric, surface.factors, first, total, zero, zero, surface.rows)

@@ -1,0 +1,9 @@
+"""Designs of experiments: the rows of a study."""
+
+from warpchain.study.design.design import (
+    make_design,
+)
+
+__all__ = [
+    "make_design",
+]

@@ -1,0 +1,214 @@
+"""Designs of experiments: the table of a study's rows, before anything is simulated.
+
+Latin hypercube, Sobol' and Halton points come from `scipy.stats.qmc`, scrambled by the study's seed. A central
+composite design of k dimensions has the 2^k corners, 2 k axial points and center points (Box and Wilson 1951); its
+circumscribed and inscribed forms are rotatable, with axial points 2^(k/4) times as far out as the corners. A
+Plackett-Burman design (1946) has the least multiple of four rows above k; its columns are orthogonal columns of a
+Hadamard matrix.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpchain.errors import StudyError
+from warpchain.study.design import factors as values_of
+from warpchain.study.design.factors import Array, Dimension, dimensions, tied
+from warpchain.study.spec import Study
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+MOST_ROWS = 10_000_000
+"""More rows than this are surely a mistake."""
+
+
+def make_design(study: Study, source: str | Path) -> pa.Table:
+    """The rows of a study.
+
+    Args:
+        study: what to vary.
+        source: the study file: tables are relative to it, and errors name it.
+
+    Returns:
+        A row a variant: "variant", a column for each factor (its field says role = "factor" and its unit), "status"
+        ("planned" or "infeasible") and "reason".
+
+    Raises:
+        StudyError: too many rows or dimensions, or a table that cannot be used.
+    """
+    columns = _columns(study, source)
+    order = tied(study)
+    count = len(next(iter(columns.values()), ()))
+    reasons: list[str | None] = []
+    found: dict[str, list[Any]] = {factor.name: [] for factor in study.factors}
+    for i in range(count):
+        row = {name: values[i] for name, values in columns.items()}
+        reasons.append(values_of.complete(study, order, row))
+        for name, column in found.items():
+            column.append(row[name])
+    return _table(study, found, reasons)
+
+
+def _columns(study: Study, source: str | Path) -> dict[str, list[Any]]:
+    """Values of the factors that have no expression."""
+    design, axes = study.design, dimensions(study)
+    if design.kind == "table":
+        return _read(study, source)
+    if not axes:
+        raise StudyError(f"{source}: factors: all are expressions; at least one must vary by itself")
+    if design.kind == "factorial":
+        return _factorial(axes, source)
+    if design.count is not None:
+        points = _sampled(study, len(axes), source)
+        return {f.name: values_of.from_unit(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
+    if design.kind == "central-composite":
+        points = central_composite(len(axes), design.axial or "face", 1 if design.center is None else design.center)
+    else:
+        points = np.vstack([plackett_burman(len(axes)), np.zeros((design.center or 0, len(axes)))])
+    _check_count(len(points), source)
+    return {f.name: values_of.from_coded(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
+
+
+def _check_count(rows: int, source: str | Path) -> None:
+    if rows > MOST_ROWS:
+        raise StudyError(f"{source}: design: {rows} rows; allowed are at most {MOST_ROWS}")
+
+
+def _factorial(axes: Iterable[Dimension], source: str | Path) -> dict[str, list[Any]]:
+    """Every combination; the last factor varies fastest."""
+    axes = tuple(axes)
+    sizes = [axis.size or 1 for axis in axes]
+    _check_count(math.prod(sizes), source)
+    places = np.indices(sizes).reshape(len(sizes), -1)
+    return {
+        factor.name: values_of.on_grid(factor, places[k], sizes[k])
+        for k, axis in enumerate(axes)
+        for factor in axis.factors
+    }
+
+
+def _sampled(study: Study, count: int, source: str | Path) -> Array:
+    """Points in the unit cube (rows, dimensions)."""
+    from scipy.stats import qmc
+
+    design = study.design
+    assert design.count is not None  # the design's own rule
+    _check_count(design.count, source)
+    samplers = {"latin-hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol, "halton": qmc.Halton}
+    try:
+        sampler = samplers[design.kind](count, rng=design.seed or 0)
+    except ValueError as error:
+        raise StudyError(f'{source}: design.kind = "{design.kind}": {error}') from None
+    if design.kind == "sobol" and design.count & (design.count - 1):
+        near = 2 ** round(math.log2(design.count))
+        warnings.warn(f"design.count = {design.count}: Sobol' points are balanced at powers of 2: {near}", stacklevel=4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return np.asarray(sampler.random(design.count), dtype=float)
+
+
+def central_composite(count: int, axial: str, center: int) -> Array:
+    """Corners, axial points and center rows in coded units (2^count + 2 count + center, count)."""
+    if count > 20:
+        raise StudyError(f'design.kind = "central-composite": 2^{count} corners; allowed are at most 20 factors')
+    reach = 2.0 ** (0.25 * count)
+    corner, arm = {"face": (1.0, 1.0), "inscribed": (1.0 / reach, 1.0), "circumscribed": (1.0, reach)}[axial]
+    corners = corner * np.array(list(itertools.product((-1.0, 1.0), repeat=count)))
+    arms = arm * np.vstack([sign * row for row in np.eye(count) for sign in (-1.0, 1.0)])
+    return np.vstack([corners, arms, np.zeros((center, count))])
+
+
+def plackett_burman(count: int) -> Array:
+    """Two-level rows in coded units (4 (count // 4 + 1), count) with orthogonal columns.
+
+    Raises:
+        StudyError: no Hadamard matrix of that size is known here.
+    """
+    size = 4 * (count // 4 + 1)
+    matrix = hadamard(size)
+    while matrix is None and size < 4 * count + 64:
+        size += 4
+        matrix = hadamard(size)
+    if matrix is None:
+        raise StudyError(f'design.kind = "plackett-burman": none is known for {count} factors')
+    return matrix[:, 1 : count + 1]
+
+
+def hadamard(size: int) -> Array | None:
+    """A Hadamard matrix with a first column of ones: Paley's first construction, doubled (Sylvester); None if neither.
+
+    For a prime q = size - 1 with q = 3 mod 4 the core has the Legendre symbol of j - i off its diagonal, -1 on it.
+    """
+    if size in (1, 2):
+        return np.array([[1.0, 1.0], [1.0, -1.0]])[:size, :size]
+    q = size - 1
+    if q % 4 == 3 and all(q % d for d in range(3, math.isqrt(q) + 1, 2)):
+        squares = {k * k % q for k in range(1, q)}
+        symbol = np.array([-1.0] + [1.0 if k in squares else -1.0 for k in range(1, q)])
+        core = np.array([np.roll(symbol, i) for i in range(q)])
+        return np.block([[np.ones((1, 1)), np.ones((1, q))], [np.ones((q, 1)), core]])
+    half = hadamard(size // 2) if size % 4 == 0 else None
+    return None if half is None else np.block([[half, half], [half, -half]])
+
+
+def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
+    """The columns of a design table."""
+    from warpchain.study.tables import read_table
+
+    assert study.design.file is not None  # the design's own rule
+    path = Path(source).parent / study.design.file
+    table = read_table(path)
+    wanted = [factor.name for factor in study.factors if factor.kind != "expression"]
+    missing = [name for name in wanted if name not in table.column_names]
+    extra = [name for name in table.column_names if name not in wanted]
+    if missing:
+        raise StudyError(f"{path}: no column for factor {missing[0]}; it has {', '.join(table.column_names)}")
+    if extra:
+        raise StudyError(f"{path}: column {extra[0]}: no factor of that name; factors are {', '.join(wanted)}")
+    if not table.num_rows:
+        raise StudyError(f"{path}: no rows")
+    _check_count(table.num_rows, path)
+    columns = {name: table[name].to_pylist() for name in wanted}
+    for name, values in columns.items():
+        for i, value in enumerate(values):
+            if value is None or (isinstance(value, float) and not math.isfinite(value)):
+                shown = "empty" if value is None else value
+                raise StudyError(
+                    f"{path}: column {name}, row {i}: {shown}; must be a finite number, a text or a switch"
+                )
+    return columns
+
+
+def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
+    import pyarrow as pa
+
+    fields: list[pa.Field] = [pa.field("variant", pa.int64())]
+    arrays: list[pa.Array] = [pa.array(range(len(reasons)), pa.int64())]
+    for factor in study.factors:
+        column = columns[factor.name]
+        arrays.append(pa.array(column, _kind(column)))
+        fields.append(pa.field(factor.name, arrays[-1].type, metadata={"role": "factor", "unit": factor.unit or ""}))
+    statuses = ["planned" if reason is None else "infeasible" for reason in reasons]
+    arrays += [pa.array(statuses, pa.string()), pa.array(reasons, pa.string())]
+    fields += [pa.field("status", pa.string()), pa.field("reason", pa.string())]
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
+
+
+def _kind(column: list[Any]) -> Any:
+    """The Arrow type of a column's values."""
+    import pyarrow as pa
+
+    types = {type(value) for value in column if value is not None}
+    if types <= {bool} and types:
+        return pa.bool_()
+    if types <= {str} and types:
+        return pa.string()
+    return pa.int64() if types <= {int} and types else pa.float64()

@@ -1,0 +1,13 @@
+"""Studies as pages, and as scenes in Rerun."""
+
+from warpchain.study.report.report import (
+    report_html,
+    telling_metrics,
+    write_report,
+)
+
+__all__ = [
+    "report_html",
+    "telling_metrics",
+    "write_report",
+]

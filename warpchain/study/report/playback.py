@@ -1,0 +1,184 @@
+"""A study in Rerun: scatters of its factors against its metrics, beside the variants that were recorded."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.errors import StudyError
+from warpchain.results.run import Trajectory
+from warpchain.study.analysis.pareto import pareto_front
+from warpchain.study.report.report import telling_metrics
+from warpchain.study.results import Results
+from warpchain.study.tables import write_whole
+from warpchain.view.chosen import NEEDED
+from warpchain.view.rerun.chart import BACKGROUND, Chart, around
+from warpchain.view.rerun.columns import entity
+from warpchain.view.rerun.drive import log_drive, shown_frames, tension_top
+from warpchain.view.rerun.playback import COLORS
+from warpchain.view.rerun.series import GROUPS, log_curves
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+INPUTS, METRICS = 3, 4
+"""Most factors and metrics that scatters are drawn for when not told."""
+FRAMES = 400
+"""Frames that a recorded variant is drawn with; its curves keep their peaks."""
+KINDS = {
+    "variants": ((140, 140, 140), 2.5),
+    "Pareto front": ((240, 200, 60), 4.0),
+    "recorded variants": ((240, 90, 60), 5.0),
+}
+"""Color and size of each kind of dot."""
+
+
+def view_study(
+    results: Results,
+    recorded: Mapping[int, Trajectory] | None = None,
+    factors: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+    objectives: Mapping[str, str] | None = None,
+    save: str | Path | None = None,
+) -> None:
+    """Shows a study in the Rerun viewer, or saves it as a Rerun recording.
+
+    Args:
+        results: the study's results.
+        recorded: trajectories to play, by the study's variant (see `study.recorded.recorded_variants`).
+        factors: across the scatters; none takes the numeric ones that explain most.
+        metrics: up the scatters; none takes the telling ones.
+        objectives: "min" or "max" by metric: marks the Pareto front.
+        save: file (.rrd) to write instead of opening the viewer; it appears under this name only when whole.
+
+    Raises:
+        StudyError: an unknown column, nothing to draw, a file that cannot be written.
+        SimulationError: no viewer to open.
+    """
+    import rerun as rr
+
+    stream = rr.RecordingStream("warpchain-study", recording_id=None)
+    if save is None:
+        from warpchain.view.rerun.viewer import Viewer
+
+        with Viewer() as viewer:
+            viewer.connect(stream)
+            stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
+            stream.flush()
+            stream.disconnect()
+        return
+    target = Path(save)
+    written = target.with_name(f".{target.stem}.{os.getpid()}.rrd")
+    try:
+        written.touch()
+        stream.save(written)
+        stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
+        stream.flush()
+        stream.disconnect()
+        write_whole(target, lambda file: file.write(written.read_bytes()))
+    except OSError as error:
+        raise StudyError(f"{target}: cannot be written ({error.strerror or error})") from None
+    finally:
+        written.unlink(missing_ok=True)
+
+
+def log_study(
+    stream: rr.RecordingStream,
+    results: Results,
+    recorded: Mapping[int, Trajectory],
+    factors: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+    objectives: Mapping[str, str] | None = None,
+) -> rrb.Blueprint:
+    """Logs the scatters and the recorded variants; returns the layout: scatters, and beside them a tab a variant."""
+    import rerun.blueprint as rrb
+
+    charts, columns = log_scatters(stream, results, list(recorded), factors, metrics, objectives)
+    scatters = rrb.Grid(*(chart.view(chart.path[-1]) for chart in charts), grid_columns=columns, name="study")
+    played = [_log_recorded(stream, f"variant {variant}", one) for variant, one in recorded.items()]
+    both = rrb.Horizontal(scatters, rrb.Tabs(*played), column_shares=[3, 2]) if played else scatters
+    return rrb.Blueprint(both, rrb.TimePanel(state="collapsed"), auto_views=False, collapse_panels=True)
+
+
+def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory) -> rrb.Container:
+    """One recorded variant as `warpchain view` draws it: the drive in motion above its curves of tension."""
+    import rerun.blueprint as rrb
+
+    missing = [channel for channel in NEEDED if getattr(trajectory, channel) is None]
+    if missing:
+        raise StudyError(f"{name} was recorded without {', '.join(missing)}, which this needs")
+    drawn, top = shown_frames(trajectory, FRAMES), tension_top(trajectory)
+    log_drive(stream, name, drawn, top)
+    log_curves(stream, name, trajectory, FRAMES, COLORS, own=False)
+    title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
+    moving = rrb.Spatial2DView(origin=entity(name, "drive"), name=title, background=BACKGROUND)
+    over_time = rrb.TimeSeriesView(origin=entity(name, "curves", "tension"), name=GROUPS["tension"])
+    return rrb.Vertical(moving, over_time, row_shares=[3, 1], name=name)
+
+
+def log_scatters(
+    stream: rr.RecordingStream,
+    results: Results,
+    recorded: Sequence[int],
+    factors: Sequence[str] = (),
+    metrics: Sequence[str] = (),
+    objectives: Mapping[str, str] | None = None,
+) -> tuple[list[Chart], int]:
+    """Logs one scatter for each factor and metric, a dot a variant that is ok.
+
+    A dot selected in the viewer tells its variant and values.
+
+    Returns:
+        The charts, a factor a row, and the number of columns.
+
+    Raises:
+        StudyError: an unknown column, or no factor or metric that varies.
+    """
+    across = tuple(factors) or _most_telling(results)
+    up = tuple(metrics) or telling_metrics(results)[:METRICS]
+    if not across or not up:
+        raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
+    front = pareto_front(results, objectives) if objectives else np.zeros(0, dtype=np.intp)
+    played = np.flatnonzero(np.isin(results.variants, list(recorded)))
+    members = {  # each variant once, so that dots do not cover each other
+        "variants": np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played)),
+        "Pareto front": np.setdiff1d(front, played),
+        "recorded variants": played,
+    }
+    charts = []
+    for factor in across:
+        x = results.values(factor)
+        for metric in up:
+            y, unit = results.values(metric), results.unit(metric)
+            title = f"{metric} [{unit}]" if unit else metric
+            chart = Chart(stream, ("study", factor, title), around(x, factor), around(y[results.ok], ""), 1.1, few=True)
+            chart.frame()
+            for kind, rows in members.items():
+                rows = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
+                if len(rows):
+                    words = [
+                        f"variant {results.variants[r]}: {factor} = {x[r]:.6g}, {metric} = {y[r]:.6g} {unit}".rstrip()
+                        for r in rows
+                    ]
+                    chart.dots(kind, x[rows], y[rows], words, *KINDS[kind])
+            charts.append(chart)
+    return charts, len(up) if len(across) > 1 else math.ceil(math.sqrt(len(up)))
+
+
+def _most_telling(results: Results) -> tuple[str, ...]:
+    """The numeric factors that explain most of any telling metric, in the study's order."""
+    from warpchain.study.analysis import main_effects
+
+    numeric = results.independent_factors()
+    weights = dict.fromkeys(numeric, 0.0)
+    for metric in telling_metrics(results)[:METRICS]:
+        for effect in main_effects(results, metric, numeric):
+            weights[effect.factor] = max(weights[effect.factor], effect.explained)
+    best = sorted(numeric, key=lambda name: -weights[name])[:INPUTS]
+    return tuple(name for name in numeric if name in best)

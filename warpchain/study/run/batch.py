@@ -1,0 +1,233 @@
+"""Variants of a study, simulated together: a drive out of each row, one call of `simulate`, what becomes of each.
+
+A row that gives no drive, and a drive that cannot be assembled or stepped, fails alone, with its reason.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from warpchain.assembly import assemble
+from warpchain.assembly.timestep import resolve_step
+from warpchain.drive import Drive
+from warpchain.engine.simulation import MEMORY
+from warpchain.errors import DriveError, SimulationError, StudyError, WarpchainError
+from warpchain.results.run import RunInfo, Trajectory
+from warpchain.study.run.adjust import adjusted
+from warpchain.study.spec import Study
+
+Report = Callable[[float], None]
+"""Called with the part of the shard's work that is done, 0 to 1."""
+
+
+@dataclass
+class Variant:
+    """A row on its way: what it is made of, and what becomes of it."""
+
+    row: dict[str, Any]
+    drive: Drive | None = None
+    reason: str | None = None
+    adjusted: dict[str, Any] = field(default_factory=dict)
+    metrics: dict[str, Any] | None = None
+    recorded: bool = False
+    trajectory: Trajectory | None = None
+    info: RunInfo | None = None
+    archive: tuple[str, int] | None = None
+
+    def fail(self, error: WarpchainError) -> None:
+        """Makes it infeasible."""
+        lines = re.sub(r"^variant \d+: ", "", str(error)).splitlines()
+        self.drive, self.reason = None, "; ".join(lines)
+
+    @property
+    def status(self) -> str:
+        """ "ok", "diverged" or "infeasible"."""
+        if self.metrics is None:
+            return "infeasible"
+        return "diverged" if self.metrics["diverged"] else "ok"
+
+    def told(self) -> str | None:
+        """Why it is not ok."""
+        if self.status == "diverged":
+            assert self.metrics is not None  # its status
+            time = self.metrics["diverged_time"]
+            return f"diverged at {time:.4g} s: take a smaller step (run.step) or a higher impact_speed_floor"
+        return self.reason
+
+
+def simulate_variants(
+    study: Study, base: Drive, variants: Sequence[Variant], archive: Path, options: Mapping[str, Any], report: Report
+) -> None:
+    """Makes the variants' drives, simulates them, and archives those to be recorded.
+
+    Recorded variants are simulated with the others and held until the end, if they find room in half of the memory;
+    else in a call of their own, which writes while it runs.
+
+    Args:
+        study: what to do.
+        base: the base drive.
+        variants: the rows; they are filled.
+        archive: file of the recorded variants.
+        options: `memory` and `workers` of `simulate`.
+        report: called as the work goes on.
+
+    Raises:
+        SimulationError: a refusal that meets every variant.
+        ArchiveError: the archive cannot be written.
+        KeyboardInterrupt: the user stopped it.
+    """
+    for variant in variants:
+        _build(study, base, variant)
+    if _held(study, variants, options.get("memory", MEMORY)):
+        _simulate(study, variants, None, options, report)
+        _archive(variants, archive)
+        return
+    streamed = [variant for variant in variants if variant.recorded]
+    plain = [variant for variant in variants if not variant.recorded]
+    share = len(plain) / len(variants)
+    _simulate(study, plain, None, options, lambda part: report(share * part))
+    _simulate(study, streamed, archive, options, lambda part: report(share + (1.0 - share) * part))
+
+
+def _build(study: Study, base: Drive, variant: Variant) -> None:
+    """Makes a row's drive."""
+    if variant.reason is not None:
+        return
+    values = {path: variant.row[factor.name] for factor in study.factors for _, path in factor.targets()}
+    try:
+        drive = base.with_values(values)
+        if study.adjust is not None:
+            drive, variant.adjusted = adjusted(drive, study.adjust, variant.row)
+        variant.drive = drive
+    except (DriveError, StudyError) as error:
+        variant.fail(error)
+
+
+def _simulate(
+    study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: Report
+) -> None:
+    """Simulates the variants that have a drive; those that are refused fail alone.
+
+    A drive that cannot be assembled or stepped ends the whole call, so then each is looked at. What else is refused is
+    halved until it is known which variants are to blame; a refusal that meets every variant is the study's own.
+    """
+    feasible = [variant for variant in variants if variant.drive is not None]
+    refused = _attempt(study, feasible, archive, options, report)
+    if isinstance(refused, DriveError):
+        for variant in feasible:
+            _try_alone(study, variant)
+        feasible = [variant for variant in feasible if variant.drive is not None]
+        refused = _attempt(study, feasible, archive, options, report)
+    if refused is None:
+        return
+    if archive is not None:
+        raise refused
+    blamed: list[tuple[Variant, WarpchainError]] = []
+    groups = [(feasible, refused)]
+    while groups:
+        group, error = groups.pop()
+        if len(group) == 1:
+            blamed.append((group[0], error))
+            continue
+        for half in (group[: len(group) // 2], group[len(group) // 2 :]):
+            again = _attempt(study, half, None, options, report)
+            if again is not None:
+                groups.append((half, again))
+    if len(blamed) == len(feasible) and isinstance(refused, SimulationError):
+        raise refused
+    for variant, error in blamed:
+        variant.fail(error)
+
+
+def _try_alone(study: Study, variant: Variant) -> None:
+    """Finds out whether a drive can be assembled and stepped."""
+    assert variant.drive is not None  # as chosen
+    try:
+        resolve_step(variant.drive, study.run.step)
+        assemble(variant.drive)
+    except DriveError as error:
+        variant.fail(error)
+
+
+def _attempt(
+    study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: Report
+) -> WarpchainError | None:
+    """Simulates variants in one call; returns a refusal of a drive, of the settings or of the machine's memory."""
+    from warpchain.engine.simulation import simulate
+    from warpchain.results.run import Record
+
+    def tell(phase: str, done: float, total: float) -> None:
+        if phase == "simulating":
+            report(done / total)
+
+    if not variants:
+        return None
+    recorded = [i for i, variant in enumerate(variants) if variant.recorded]
+    try:
+        run = simulate(
+            [variant.drive for variant in variants if variant.drive is not None],
+            device=study.run.device,
+            precision=study.run.precision,
+            duration=study.run.duration,
+            step=study.run.step,
+            record=Record(recorded, study.record.rate, study.record.channels),
+            window=study.run.window,
+            progress=tell,
+            archive=archive,
+            overwrite=True,
+            **options,
+        )
+    except (DriveError, SimulationError) as error:
+        return error
+    if run.info.ended != "complete":
+        if archive is not None:
+            archive.unlink(missing_ok=True)
+        raise KeyboardInterrupt
+    for i, (variant, row) in enumerate(zip(variants, run.metrics.to_pylist(), strict=True)):
+        variant.metrics = {name: value for name, value in row.items() if value is not None}
+        if archive is not None:
+            variant.archive = (archive.name, i)
+        elif variant.recorded:
+            variant.trajectory, variant.info = run[i], run.info
+    return None
+
+
+def _held(study: Study, variants: Sequence[Variant], memory: int) -> bool:
+    """Whether the trajectories of the recorded variants find room in half of the memory."""
+    from warpchain.engine.recorder import frame_width
+    from warpchain.engine.simulation import schedules_of
+    from warpchain.results.run import Record
+
+    record, size = Record(rate=study.record.rate), 0
+    for variant in variants:
+        if variant.recorded and variant.drive is not None:
+            try:
+                (schedule,) = schedules_of(
+                    [variant.drive], study.run.duration, study.run.step, record, study.run.window
+                )
+            except (DriveError, SimulationError):
+                continue  # it is told when it is simulated
+            size += 8 * schedule.frames * frame_width(variant.drive)
+    return 2 * size <= memory
+
+
+def _archive(variants: Sequence[Variant], path: Path) -> None:
+    """Writes the trajectories that are held, as an archive of their variants alone."""
+    from warpchain.archive import write_archive
+    from warpchain.results.metrics import table_of
+    from warpchain.results.run import Run
+
+    held = [variant for variant in variants if variant.trajectory is not None]
+    if not held:
+        return
+    drives = tuple(variant.drive for variant in held if variant.drive is not None)
+    metrics = table_of([variant.metrics or {} for variant in held])
+    trajectories = {i: v.trajectory for i, v in enumerate(held) if v.trajectory is not None}
+    assert held[0].info is not None  # comes with the trajectory
+    write_archive(Run(drives, metrics, trajectories, held[0].info), path, overwrite=True)
+    for i, variant in enumerate(held):
+        variant.archive, variant.trajectory = (path.name, i), None

@@ -1,0 +1,103 @@
+"""Before a study runs: its file is read and held against its drive, its rows are made and cut into shards."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from warpchain.assembly.timestep import resolve_step
+from warpchain.drive import Drive, load_drive
+from warpchain.drive.examples import drive_path
+from warpchain.engine.simulation import available_cores
+from warpchain.errors import DriveError, StudyError
+from warpchain.study.design import make_design
+from warpchain.study.run.folder import Folder, make_folder
+from warpchain.study.spec import Study, check_drive, load_study
+
+SHARD_SECONDS = 30.0
+"""Work that a shard should hold, so that little is lost when a run is killed."""
+CORE_RATE, GPU_RATE = 1e8, 2e10
+"""Roller-steps a second to size shards by."""
+FEWEST, GPU_FEWEST = 8, 4224
+"""Variants that a core, and a GPU, should have at once."""
+ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
+"""Memory that a roller and a variant take while a shard is simulated, roughly; so that their frames, too, find room."""
+
+
+def prepare(
+    source: str | os.PathLike[str], out: str | os.PathLike[str], parts: int, workers: int | None, memory: int
+) -> Folder:
+    """Reads and checks a study, and makes or opens its folder; see `run_study`."""
+    study = load_study(source)
+    word = study.study.drive
+    beside = Path(source).parent / word
+    try:
+        drive = load_drive(beside if beside.exists() or beside.suffix == ".toml" else drive_path(word))
+    except DriveError as error:
+        raise StudyError("\n".join(f'{source}: study.drive = "{word}": {line}' for line in error.errors)) from None
+    check_drive(study, drive, str(source))
+    design = make_design(study, Path(source))
+    _check_names(study, drive, design.num_rows, source)
+    size = study.run.shard or shard_size(study, drive, design.num_rows, parts, workers or available_cores(), memory)
+    return make_folder(Path(out), study, drive, design, size)
+
+
+def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
+    """Rows of a shard: about half a minute's work of the device, enough to fill it, within the memory.
+
+    Args:
+        parts: the fewest shards wanted.
+        cores: CPU threads of a shard.
+        memory: budget of a shard [bytes].
+    """
+    links = drive.chain.links
+    fits = memory // (ROLLER_BYTES * links + VARIANT_BYTES)
+    try:
+        step = resolve_step(drive, study.run.step)
+    except DriveError:
+        step = 1e-5
+    gpus = _gpus(study.run.device)
+    rate, fewest = (GPU_RATE * gpus, GPU_FEWEST * gpus) if gpus else (CORE_RATE * cores, FEWEST * cores)
+    work = links * (study.run.duration or drive.run.duration) / step
+    wanted = max(int(SHARD_SECONDS * rate / work), fewest)
+    return max(1, min(wanted, fits, -(-rows // parts)))
+
+
+def _gpus(device: str | None) -> int:
+    """Number of GPUs that a device stands for: all there are for None and "cuda"."""
+    if device in (None, "cuda"):
+        import warp as wp
+
+        return int(wp.get_cuda_device_count())
+    return int(str(device).startswith("cuda:"))
+
+
+def _check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLike[str]) -> None:
+    """Checks what a study says of metrics and variants.
+
+    Raises:
+        StudyError: one line for each error.
+    """
+    from warpchain.engine.sums import metric_names
+
+    names, lines = metric_names(drive), []
+    for i, pattern in enumerate(study.metrics.keep):
+        if not any(fnmatchcase(name, pattern) for name in names):
+            lines.append(f'metrics.keep.{i} = "{pattern}": no such metric; there are {_some(names)}')
+    worst = study.record.worst
+    if worst is not None and worst.metric not in names:
+        lines.append(f'record.worst.metric = "{worst.metric}": no such metric; there are {_some(names)}')
+    for factor in study.factors:
+        if factor.name in names:
+            lines.append(f'factors.{factor.name}.name = "{factor.name}": must not be the name of a metric')
+    for variant in study.record.variants:
+        if variant >= rows:
+            lines.append(f"record.variants = {variant}: must be below the number of rows, {rows}")
+    if lines:
+        raise StudyError("\n".join(f"{source}: {line}" for line in lines))
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")

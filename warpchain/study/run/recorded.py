@@ -1,0 +1,92 @@
+"""The variants of a study that were recorded: their trajectories, and the objectives that take one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from warpchain.errors import StudyError
+from warpchain.results.fatigue import Woehler
+from warpchain.results.run import Trajectory
+from warpchain.study.results import Results
+
+SHOWN = 4
+"""Most recorded variants that are taken when not told."""
+
+
+def places(results: Results) -> dict[int, tuple[str, int]]:
+    """Archive (file in the study's folder) and number in it of each recorded variant.
+
+    Raises:
+        StudyError: the table has no columns that tell.
+    """
+    names = results.table.column_names
+    if "archive" not in names or "archive_variant" not in names:
+        raise StudyError("the study recorded no variant: its table has no column 'archive'")
+    archives, numbers = (results.table[name].to_pylist() for name in ("archive", "archive_variant"))
+    rows = zip(results.variants.tolist(), archives, numbers, strict=True)
+    return {variant: (archive, int(number)) for variant, archive, number in rows if archive is not None}
+
+
+def recorded_variants(
+    results: Results, folder: str | Path, variants: Sequence[int] | None = None
+) -> dict[int, Trajectory]:
+    """Trajectories by variant of a study.
+
+    Args:
+        results: the study's results.
+        folder: the study's.
+        variants: which; None takes the first `SHOWN` that were recorded.
+
+    Raises:
+        StudyError: a variant that was not recorded.
+        ArchiveError: an archive that cannot be read.
+    """
+    from warpchain.archive import read_archive
+
+    held = places(results)
+    chosen = list(held)[:SHOWN] if variants is None else list(variants)
+    for variant in chosen:
+        if variant not in held:
+            known = ", ".join(map(str, list(held)[:20])) or "none"
+            raise StudyError(f"variant {variant} was not recorded (recorded: {known})")
+    archives = {name: read_archive(Path(folder) / name) for name in {held[v][0] for v in chosen}}
+    return {variant: archives[held[variant][0]][held[variant][1]] for variant in chosen}
+
+
+def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woehler | None = None) -> Results:
+    """The results with the objectives of `results.objectives` as further metrics; null where nothing was recorded.
+
+    A study that records every variant (`record.every = 1`) has them for all.
+
+    Args:
+        results: the study's results, with the window of its metrics in `window_start` and `window_end`.
+        folder: the study's.
+        woehler: Woehler curve of a link; None leaves fatigue out.
+
+    Raises:
+        StudyError: nothing was recorded.
+        ArchiveError: an archive that cannot be read.
+        SimulationError: a recording with fewer than three frames in the window.
+    """
+    import pyarrow as pa
+
+    from warpchain.results.metrics import unit_of
+    from warpchain.results.objectives import from_trajectory
+
+    starts, ends = results.values("window_start"), results.values("window_end")
+    found: dict[int, dict[str, float]] = {}
+    held = places(results)
+    for row, variant in enumerate(results.variants.tolist()):
+        if variant in held and results.ok[row]:
+            (trajectory,) = recorded_variants(results, folder, [variant]).values()
+            found[row] = from_trajectory(trajectory, float(starts[row]), float(ends[row]), woehler)
+    names = list(dict.fromkeys(name for values in found.values() for name in values))
+    table = results.table.drop_columns([name for name in names if name in results.table.column_names])
+    for name in names:
+        column = pa.array([found.get(row, {}).get(name) for row in range(table.num_rows)], pa.float64())
+        table = table.append_column(
+            pa.field(name, pa.float64(), metadata={"role": "metric", "unit": unit_of(name)}), column
+        )
+    return replace(results, table=table, metrics=tuple(dict.fromkeys((*results.metrics, *names))))

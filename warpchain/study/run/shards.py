@@ -1,0 +1,127 @@
+"""One shard of a study: its rows become drives, the drives are simulated together, inputs and metrics become a table.
+
+What a variant computes does not depend on the others (`warpchain.simulate`), so neither the cut into shards nor a
+restart changes a bit of the results. A row that gives no drive, or a drive that cannot be assembled or stepped, is a
+row with a reason.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpchain.study.run.batch import Report, Variant, simulate_variants
+from warpchain.study.run.folder import WORST, Folder, open_folder
+from warpchain.study.spec import Study
+from warpchain.study.tables import write_table
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+BOOKKEEPING = ("diverged_time", "window_start", "window_end")
+"""Columns of `simulate` that come along with the metrics and are none."""
+
+
+def run_shard(
+    folder: str | Path, shard: int, options: Mapping[str, Any] | None = None, report: Report | None = None
+) -> int:
+    """Simulates one shard and writes its results; does nothing if they are there.
+
+    Args:
+        folder: the study's folder, on a disk that the caller shares.
+        shard: its number.
+        options: `memory` and `workers` of `simulate`.
+        report: called as the work goes on.
+
+    Returns:
+        The number of its rows.
+
+    Raises:
+        WarpchainError: what no single variant is to blame for, such as an unknown device or a full disk.
+        KeyboardInterrupt: the user stopped it; nothing is written.
+    """
+    opened = open_folder(Path(folder))
+    if not opened.done(shard):
+        first = shard * opened.shard
+        rows = opened.design().slice(first, opened.size(shard))
+        recorded = opened.recorded()
+        chosen = {i for i in range(rows.num_rows) if first + i in recorded}
+        _write(opened, shard, rows, chosen, options or {}, report or (lambda part: None))
+    return opened.size(shard)
+
+
+def run_worst(
+    folder: Path, variants: Sequence[int], options: Mapping[str, Any] | None = None, report: Report | None = None
+) -> None:
+    """Simulates variants a second time to record them; see `run_shard`."""
+    import pyarrow as pa
+
+    opened = open_folder(folder)
+    rows = opened.design().take(pa.array(variants, pa.int64()))
+    _write(opened, WORST, rows, set(range(len(variants))), options or {}, report or (lambda part: None))
+
+
+def _write(
+    folder: Folder, shard: int | str, rows: pa.Table, recorded: set[int], options: Mapping[str, Any], report: Report
+) -> None:
+    """Simulates rows; the archive lands first, then the table, which says that the shard is done."""
+    study = folder.study
+    found = enumerate(rows.to_pylist())
+    variants = [Variant(row, reason=row["reason"], recorded=i in recorded) for i, row in found]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # thousands of offset links need no line each
+        simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
+    write_table(folder.table_path(shard), results_table(study, rows, variants))
+
+
+def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:
+    """Inputs and metrics of variants: a row a variant, fields marked role = "factor" and "metric", with their units."""
+    import pyarrow as pa
+
+    from warpchain.results.metrics import table_of
+
+    extra: dict[str, tuple[Any, list[Any], str]] = {
+        "status": (pa.string(), [variant.status for variant in variants], ""),
+        "reason": (pa.string(), [variant.told() for variant in variants], ""),
+    }
+    if study.adjust is not None and study.adjust.links is not None:
+        links = [variant.adjusted.get("adjusted_links") for variant in variants]
+        extra["adjusted_links"] = (pa.int64(), links, "")
+    if study.adjust is not None and study.adjust.sprocket is not None:
+        travel = [variant.adjusted.get("adjusted_travel") for variant in variants]
+        extra["adjusted_travel"] = (pa.float64(), travel, "m")
+    record = study.record
+    if record.variants or record.every or record.worst:
+        archives = [variant.archive or (None, None) for variant in variants]
+        extra["archive"] = (pa.string(), [name and f"shards/{name}" for name, _ in archives], "")
+        extra["archive_variant"] = (pa.int64(), [number for _, number in archives], "")
+    columns = [rows[name].combine_chunks() for name in rows.column_names if name not in ("status", "reason")]
+    fields = [field for field in rows.schema if field.name not in ("status", "reason")]
+    for name, (kind, values, unit) in extra.items():
+        columns.append(pa.array(values, kind))
+        fields.append(pa.field(name, kind, metadata={"unit": unit} if unit else None))
+    metrics = table_of(_kept(study, variants))
+    for field_, column in zip(metrics.schema, metrics.columns, strict=True):
+        if field_.name != "variant":
+            role = {} if field_.name in BOOKKEEPING else {"role": "metric"}
+            columns.append(column.combine_chunks())
+            fields.append(field_.with_metadata({**role, "unit": field_.metadata[b"unit"]}))
+    return pa.Table.from_arrays(columns, schema=pa.schema(fields))
+
+
+def _kept(study: Study, variants: Sequence[Variant]) -> list[dict[str, Any]]:
+    """The metrics that the study keeps, of each variant."""
+    patterns = kept_patterns(study)
+    names = dict.fromkeys(name for variant in variants for name in variant.metrics or ())
+    dropped = {"variant", "diverged"}
+    kept = {name for name in names if name not in dropped and any(fnmatchcase(name, p) for p in patterns)}
+    return [{n: value for n, value in (variant.metrics or {}).items() if n in kept} for variant in variants]
+
+
+def kept_patterns(study: Study) -> tuple[str, ...]:
+    """The patterns of the metrics that are kept: those asked for, and the one that tells the worst."""
+    worst = study.record.worst
+    return study.metrics.keep if worst is None else (*study.metrics.keep, worst.metric)

@@ -1,0 +1,17 @@
+"""The study file as data."""
+
+from warpchain.study.spec.spec import (
+    Study,
+    check_drive,
+    dumps_study,
+    load_study,
+    loads_study,
+)
+
+__all__ = [
+    "Study",
+    "check_drive",
+    "dumps_study",
+    "load_study",
+    "loads_study",
+]

@@ -1,0 +1,1 @@
+"""Pictures of runs: playback in Rerun, figures as files."""

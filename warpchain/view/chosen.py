@@ -1,0 +1,163 @@
+"""Recorded variants as pictures need them: found in runs and archives, their channels checked, labeled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import SimulationError
+from warpchain.results.run import Run, Trajectory
+
+NEEDED = (
+    "position",
+    "tension",
+    "sprocket_force",
+    "guide_force",
+    "sprocket_angle",
+    "sprocket_center",
+)
+"""Channels that pictures of the drive are drawn from."""
+
+Source = Run | str | Path
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recorded variant to be drawn.
+
+    Attributes:
+        run: the run that it is of.
+        index: its number in the run.
+        trajectory: its motion.
+        label: what it is called beside others.
+    """
+
+    run: Run
+    index: int
+    trajectory: Trajectory
+    label: str
+
+
+def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED) -> Recorded:
+    """One recorded variant, the first one if not told.
+
+    Raises:
+        ArchiveError: an archive that cannot be read.
+        SimulationError: nothing recorded, a variant that was not, a channel that is missing, or fewer than two frames.
+    """
+    from warpchain.archive import read_archive
+
+    run = source if isinstance(source, Run) else read_archive(source)
+    held = list(run)
+    if not held:
+        raise SimulationError("no variant was recorded: nothing to draw")
+    index = held[0] if variant is None else variant
+    trajectory = run[index]
+    missing = [name for name in needed if getattr(trajectory, name) is None]
+    if missing:
+        raise SimulationError(f"variant {index} was recorded without {', '.join(missing)}, which this needs")
+    if len(trajectory.time) < 2:
+        raise SimulationError(f"variant {index} has {len(trajectory.time)} frames, at least 2 are needed")
+    return Recorded(run, index, trajectory, f"variant {index}")
+
+
+def part_of(trajectory: Trajectory, frames: slice | NDArray[np.intp]) -> Trajectory:
+    """The trajectory at some of its frames."""
+    held = {name: values[frames] for name, values in trajectory.channels().items()}
+    return Trajectory(trajectory.drive, trajectory.time[frames], **held)
+
+
+def to_compare(
+    source: Source,
+    variant: int | None,
+    others: Sequence[str | int | Run | Path],
+    needed: Sequence[str] = NEEDED,
+) -> list[Recorded]:
+    """The variants to be compared, each once, with labels that tell them apart.
+
+    Args:
+        source: a run, or an archive's path.
+        variant: the first of them, of `source`; None is the first recorded.
+        others: each a variant's number in `source`, another run or archive (its first recorded variant), or
+            "ARCHIVE:NUMBER".
+
+    Raises:
+        ArchiveError, SimulationError: as `recorded`.
+    """
+    first = recorded(source, variant, needed)
+    home = "" if isinstance(source, Run) else Path(source).stem
+    found = [(home, first)]
+    runs: dict[str, Run] = {}
+    for other in others:
+        name, number = _address(other)
+        where: Source = first.run if name is None else name
+        if isinstance(where, str):
+            from warpchain.archive import read_archive
+
+            if where not in runs:
+                runs[where] = read_archive(where)
+            found.append((Path(where).stem, recorded(runs[where], number, needed)))
+        else:
+            found.append((home if name is None else "", recorded(where, number, needed)))
+    single: dict[tuple[int, int], tuple[str, Recorded]] = {}
+    for stem, one in found:
+        single.setdefault((id(one.run), one.index), (stem, one))
+    several = len({id(one.run) for _, one in single.values()}) > 1
+    stems = [stem for stem, _ in single.values()]
+    shown: list[Recorded] = []
+    for k, (stem, one) in enumerate(single.values()):
+        label = one.label
+        if several:
+            origin = stem or f"run {k + 1}"
+            label = f"{origin} {one.index}" if stems.count(stem) > 1 or len(one.run) > 1 else origin
+        if label in {other.label for other in shown}:
+            label = f"{label} ({k + 1})"
+        shown.append(Recorded(one.run, one.index, one.trajectory, label))
+    return shown
+
+
+def _address(word: str | int | Run | Path) -> tuple[Run | str | None, int | None]:
+    """Where a compared variant is: (None: the same run, or a run or path), and its number."""
+    if isinstance(word, int):
+        return None, word
+    if isinstance(word, Run):
+        return word, None
+    text = str(word)
+    if text.isdecimal() and not Path(text).exists():
+        return None, int(text)
+    path, mark, number = text.rpartition(":")
+    if mark and number.isdecimal() and not Path(text).exists():
+        return path, int(number)
+    return text, None
+
+
+def varied_inputs(run: Run) -> dict[str, np.ndarray]:
+    """Numbers of the drive that differ between the variants of a run: (V,) values by key path, NaN where absent."""
+    flat = [_numbers(drive.model_dump()) for drive in run.drives]
+    names: dict[str, None] = {}
+    for values in flat:
+        names |= dict.fromkeys(values)
+    columns = {name: np.array([values.get(name, np.nan) for values in flat]) for name in names}
+    return {name: column for name, column in columns.items() if len(np.unique(column)) > 1}
+
+
+def _numbers(node: object, path: str = "") -> dict[str, float]:
+    """The numbers in nested tables and lists, by key path; elements of a list by their name, where they have one."""
+    if isinstance(node, bool) or node is None or isinstance(node, str):
+        return {}
+    if isinstance(node, (int, float)):
+        return {path: float(node)}
+    if isinstance(node, dict):
+        parts = [(str(key), value) for key, value in node.items()]
+    elif isinstance(node, (list, tuple)):
+        parts = [(str(v.get("name", k)) if isinstance(v, dict) else str(k), v) for k, v in enumerate(node)]
+    else:
+        return {}
+    found: dict[str, float] = {}
+    for key, value in parts:
+        found |= _numbers(value, f"{path}.{key}" if path else key)
+    return found

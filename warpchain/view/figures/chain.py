@@ -1,0 +1,125 @@
+"""Figures of the whole chain: tension of all links over time, order spectra, contact force against the angle."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from warpchain.results.run import Trajectory
+from warpchain.results.signals import (
+    contact_angles,
+    order_spectrum,
+    peak_frames,
+    peaks_over_time,
+    strand_tension,
+    transmission_error,
+)
+from warpchain.view.figures.style import LINES, arrowed, panels, tension_colors
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ROWS = 1200
+"""Spells of time that the waterfall is drawn in."""
+BIN = 1.0
+"""Width of the bins of contact angles [degrees]."""
+DOTS = 20_000
+"""Most dots of one sprocket."""
+
+
+def waterfall_figure(trajectory: Trajectory) -> Figure:
+    """Tension of every link over time, time running down: each row the largest tension of its spell."""
+    assert trajectory.tension is not None
+    figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory.drive)
+    _, rows = peaks_over_time(trajectory.tension, ROWS)
+    top = 1e-3 * max(float(np.nanpercentile(trajectory.tension, 99.9)), 1.0)
+    extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
+    image = axis.imshow(
+        1e-3 * rows, aspect="auto", extent=extent, cmap=tension_colors(), vmin=0.0, vmax=top, interpolation="nearest"
+    )
+    axis.grid(False)
+    axis.set_xlabel("link number")
+    axis.set_ylabel("time [s]")
+    figure.colorbar(image, ax=axis, label="link tension, largest of each spell [kN]", extend="both")
+    return figure
+
+
+def spectrum_figure(trajectory: Trajectory, passings: int = 4) -> Figure | None:
+    """Order spectra of strand tensions and transmission errors, tooth-passing orders marked; None where none can be."""
+    drive = trajectory.drive
+    driver = drive.sprockets[drive.driver]
+    tensions = [(arrowed(name), strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
+    errors = [
+        (sprocket.name, 1e3 * transmission_error(trajectory, s))
+        for s, sprocket in enumerate(drive.sprockets)
+        if s != drive.driver
+    ]
+    groups = []
+    for label, signals in (("tension at mid-strand [N]", tensions), ("transmission error [mrad]", errors)):
+        found = [(name, order_spectrum(trajectory, values)) for name, values in signals]
+        drawn = [(name, spectrum) for name, spectrum in found if spectrum is not None]
+        if drawn:
+            groups.append((label, drawn))
+    if not groups:
+        return None
+    title = "Order spectra, latter half of the run"
+    figure, axes = panels(len(groups), 3.4 * len(groups) + 0.9, title, drive)
+    last = (passings + 0.5) * driver.teeth
+    for axis, (label, drawn) in zip(axes, groups, strict=True):
+        peak = 0.0
+        for k, (name, (orders, amplitude)) in enumerate(drawn):
+            part = slice(1, int(np.searchsorted(orders, last)) + 1)
+            x, y = orders[part], amplitude[part]
+            kept = peak_frames(y, 2000)
+            axis.semilogy(x[kept], y[kept], lw=0.8, color=LINES[k % len(LINES)], label=name)
+            peak = max(peak, float(y.max()))
+        for k in range(1, passings + 1):
+            mark = f"tooth passing, multiples of {driver.teeth}" if k == 1 else None
+            axis.axvline(k * driver.teeth, color="black", lw=0.8, ls=":", label=mark)
+        if peak > 0.0:
+            axis.set_ylim(1e-4 * peak, 2.0 * peak)
+        axis.set_xlim(0.0, last)
+        axis.set_ylabel(f"amplitude of\n{label}")
+        axis.legend(loc="upper right", fontsize=8)
+    axes[-1].set_xlabel(f"order [multiples of the revolutions of {driver.name}]")
+    return figure
+
+
+def angle_figure(trajectory: Trajectory) -> Figure:
+    """Contact force on the rollers against the angle since they reached each sprocket, latter half of the run."""
+    drive = trajectory.drive
+    count = len(drive.sprockets)
+    title = "Contact force against angle on the sprocket, latter half of the run"
+    figure, axes = panels(count, 2.5 * count + 0.9, title, drive, share=False)
+    for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
+        found = contact_angles(trajectory, s)
+        angle, force = np.degrees(found.angle), 1e-3 * found.force
+        thin = slice(None, None, max(len(angle) // DOTS, 1))
+        axis.plot(
+            angle[thin],
+            force[thin],
+            ".",
+            ms=1.5,
+            color="0.7",
+            rasterized=True,
+            label="rollers at single frames, thinned out",
+        )
+        low, high = -1.5 * np.degrees(found.pitch), np.degrees(found.wrap + 1.5 * found.pitch)
+        edges = np.arange(low, high + BIN, BIN)
+        at = np.digitize(angle, edges) - 1
+        centers = 0.5 * (edges[:-1] + edges[1:])
+        top = 0.0
+        for label, share, color in (("median", 0.5, "tab:blue"), ("99 % below", 0.99, "tab:red")):
+            held = [np.quantile(force[at == k], share) if (at == k).any() else np.nan for k in range(len(centers))]
+            axis.plot(centers, held, lw=1.2, color=color, label=label)
+            top = max(top, float(np.nanmax(held)) if len(angle) else 0.0)
+        for edge, name in ((0.0, "chain reaches the sprocket"), (np.degrees(found.wrap), "chain leaves it")):
+            axis.axvline(edge, color="black", lw=0.8, ls="--" if edge == 0.0 else ":", label=name)
+        axis.set_xlim(low, high)
+        axis.set_ylim(0.0, 1.05 * top or 1.0)
+        axis.set_ylabel("contact force [kN]")
+        axis.set_title(f"{sprocket.name}, {sprocket.teeth} teeth", loc="left", fontsize=10)
+    axes[0].legend(loc="upper right", fontsize=8, ncols=2)
+    axes[-1].set_xlabel("angle since the roller reached the sprocket, in the direction of travel [degrees]")
+    return figure

@@ -1,0 +1,106 @@
+"""How figures look and are written: size, titles with what was run, colors, peaks kept in long curves."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.archive.schema import tension_color
+from warpchain.drive import Drive
+from warpchain.errors import ArchiveError, SimulationError
+from warpchain.results.signals import peak_frames
+
+if TYPE_CHECKING:
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+
+KINDS = ("png", "svg")
+PARTS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
+"""Colors of sprockets, where they are told apart."""
+LINES = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
+POINTS = 4000
+"""Spells that a curve is thinned out to, smallest and largest values kept."""
+
+
+def arrowed(name: str) -> str:
+    """A strand's name with a proper arrow."""
+    return name.replace("->", " \N{RIGHTWARDS ARROW} ")
+
+
+def about(drive: Drive) -> str:
+    """A line on what was run."""
+    travel = drive.sprockets[drive.driver].prescribed
+    assert travel is not None
+    return (
+        f"{drive.chain.links} links of {1e3 * drive.chain.pitch:g} mm, "
+        f"{drive.sprockets[drive.driver].name} at {travel.top_speed * 30.0 / np.pi:.4g} rpm"
+    )
+
+
+def panels(rows: int, height: float, title: str, drive: Drive | None, share: bool = True) -> tuple[Figure, list[Any]]:
+    """A figure of panels below each other with a common horizontal axis.
+
+    Args:
+        height: of the figure [in].
+        drive: what was run, for the line below the title.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, height), layout="constrained")
+    axes = figure.subplots(rows, 1, sharex=share, squeeze=False)[:, 0]
+    figure.suptitle(title if drive is None else f"{title}\n{about(drive)}", fontsize=12)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    return figure, list(axes)
+
+
+def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **look: Any) -> None:
+    """Draws a curve; of a long one the smallest and largest values of `POINTS` spells."""
+    kept = peak_frames(y, POINTS)
+    axis.plot(x[kept], y[kept], **{"lw": 0.8, **look})
+
+
+def tension_colors() -> ListedColormap:
+    """The color scale of link tension, as archives and playback have it."""
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(tension_color(np.linspace(0.0, 1.0, 256), 1.0) / 255.0)
+
+
+def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str | Sequence[str]) -> list[Path]:
+    """Writes figures under their names, each under a temporary name first.
+
+    Args:
+        kinds: "png", "svg", or both; text in SVG stays text.
+
+    Raises:
+        ArchiveError: a folder that cannot be written.
+        SimulationError: another kind.
+    """
+    import matplotlib
+
+    wanted: Iterable[str] = [kinds] if isinstance(kinds, str) else kinds
+    for kind in wanted:
+        if kind not in KINDS:
+            raise SimulationError(f"format {kind!r}: allowed are {', '.join(KINDS)}")
+    target, paths = Path(folder), []
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        for name, figure in figures.items():
+            for kind in wanted:
+                path, partial = target / f"{name}.{kind}", target / f".{name}.{os.getpid()}.{kind}"
+                try:
+                    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+                        figure.savefig(partial, dpi=130, metadata={"Date": None} if kind == "svg" else None)
+                    partial.replace(path)
+                finally:
+                    partial.unlink(missing_ok=True)
+                paths.append(path)
+    except OSError as error:
+        raise ArchiveError(f"{target}: cannot be written ({error.strerror})") from None
+    return paths

@@ -1,0 +1,98 @@
+"""Figures of a run as files: one variant's after the paper and beyond, and sweeps over speed of several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from warpchain.errors import SimulationError
+from warpchain.results.run import Run, Trajectory
+from warpchain.view.chosen import recorded
+from warpchain.view.figures.chain import angle_figure, spectrum_figure, waterfall_figure
+from warpchain.view.figures.paper import (
+    contact_figure,
+    displacement_figure,
+    drive_figure,
+    guide_figure,
+    telling_roller,
+    tension_figure,
+)
+from warpchain.view.figures.style import save_figures
+from warpchain.view.figures.sweep import SIGNALS, campbell_figure, sweeps
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIGURES: dict[str, Callable[[Trajectory, int], Figure | None]] = {
+    "drive": lambda t, _: drive_figure(t),
+    "strand-displacement": lambda t, _: displacement_figure(t),
+    "link-tension": tension_figure,
+    "contact-forces": contact_figure,
+    "guide-force": lambda t, _: guide_figure(t) if t.drive.guides else None,
+    "tension-waterfall": lambda t, _: waterfall_figure(t),
+    "order-spectrum": lambda t, _: spectrum_figure(t),
+    "contact-angle": lambda t, _: angle_figure(t),
+}
+"""Figures of a variant by name; None where there is nothing to draw: no guide-bar, or too short a run for orders."""
+
+RESONANCES = 8.0
+"""Multiple of the highest first transverse frequency up to which resonances are shown."""
+
+
+def plot_figures(
+    source: Run | str | Path,
+    folder: str | Path,
+    variant: int | None = None,
+    kind: str | Sequence[str] = "png",
+    only: Sequence[str] = (),
+    roller: int | None = None,
+) -> list[Path]:
+    """Draws the figures of one variant.
+
+    Args:
+        source: a run, or an archive's path.
+        folder: where they go; made if need be.
+        variant: which variant; None is the first recorded.
+        kind: file ending, "png" or "svg", or both.
+        only: names of `FIGURES` to draw; () is all.
+        roller: whose contact forces and link's tension are drawn; None takes the one that guide-bars press hardest, or
+            else sprockets.
+
+    Returns:
+        The files.
+
+    Raises:
+        ArchiveError: an archive that cannot be read, or a folder that cannot be written.
+        SimulationError: a variant or channel that was not recorded, an unknown figure, format or roller.
+    """
+    for name in only:
+        if name not in FIGURES:
+            raise SimulationError(f"figure {name!r}: allowed are {', '.join(FIGURES)}")
+    trajectory = recorded(source, variant).trajectory
+    if roller is None:
+        roller = telling_roller(trajectory)
+    if not 0 <= roller < trajectory.drive.chain.links:
+        raise SimulationError(f"roller {roller}: allowed are 0 to {trajectory.drive.chain.links - 1}")
+    drawn = {name: FIGURES[name](trajectory, roller) for name in only or FIGURES}
+    return save_figures({name: figure for name, figure in drawn.items() if figure is not None}, folder, kind)
+
+
+def plot_sweep(
+    sources: Sequence[Run | str | Path], folder: str | Path, kind: str | Sequence[str] = "png"
+) -> list[Path]:
+    """Draws Campbell diagrams over all recorded variants of runs or archives: strand displacement, once more up to
+    `RESONANCES` times the first transverse frequency, and strand tension.
+
+    Raises:
+        ArchiveError: an archive that cannot be read, or a folder that cannot be written.
+        SimulationError: fewer than two speeds, drives of unlike topology, or a channel that was not recorded.
+    """
+    figures = {}
+    for signal in SIGNALS:
+        found = sweeps(sources, signal)
+        figures[f"campbell-{signal}"] = campbell_figure(found)
+        natural = max(float(sweep.natural.max()) for sweep in found if sweep.natural is not None)
+        if signal == "displacement" and natural > 0.0:
+            figures["campbell-resonance"] = campbell_figure(found, RESONANCES * natural)
+    return save_figures(figures, folder, kind)

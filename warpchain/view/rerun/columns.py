@@ -1,0 +1,114 @@
+"""Rerun columns from numpy arrays without a loop over frames: Arrow arrays of the component's own layout.
+
+Rerun's archetypes build the same arrays through conversions of every element; these take a numpy array as it lies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.archive.schema import tension_color
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import rerun as rr
+
+TIMELINE = "sim_time"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One component's values at every time of `send_columns`."""
+
+    descriptor: Any
+    array: pa.Array
+
+    def component_descriptor(self) -> Any:
+        """The component that this is, as Rerun asks for it."""
+        return self.descriptor
+
+    def as_arrow_array(self) -> pa.Array:
+        """A list of the component's elements for every time, as Rerun asks for it."""
+        return self.array
+
+
+def flipped(points: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Points (..., 2) [m] with y turned around for Rerun's 2D views, whose y points down."""
+    out = np.empty(points.shape, dtype=np.float32)
+    out[..., 0] = points[..., 0]
+    np.negative(points[..., 1], out=out[..., 1], casting="same_kind")
+    return out
+
+
+def rows(elements: pa.Array, lengths: int | NDArray[np.intp], count: int | None = None) -> pa.Array:
+    """Elements as lists, one for each of `count` times: of one length, or of a length each."""
+    import pyarrow as pa
+
+    if isinstance(lengths, int):
+        assert count is not None
+        offsets = np.arange(count + 1, dtype=np.int32) * lengths
+    else:
+        offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    return pa.ListArray.from_arrays(pa.array(offsets, pa.int32()), elements)
+
+
+def vectors(values: NDArray[np.float32]) -> pa.Array:
+    """(..., D) floats as an Arrow array of vectors of D."""
+    import pyarrow as pa
+
+    kind = pa.list_(pa.field("item", pa.float32(), nullable=False), values.shape[-1])
+    return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values, np.float32).ravel()), type=kind)
+
+
+def strips(points: NDArray[np.float32]) -> pa.Array:
+    """(..., P, 2) points as an Arrow array of line strips of P points."""
+    import pyarrow as pa
+
+    inner = vectors(points)
+    count, length = points.size // (2 * points.shape[-2]), points.shape[-2]
+    kind = pa.list_(pa.field("item", inner.type, nullable=False))
+    offsets = pa.array(np.arange(count + 1, dtype=np.int32) * length, pa.int32())
+    return pa.ListArray.from_arrays(offsets, inner, type=kind)
+
+
+@lru_cache(maxsize=1)
+def _scale() -> NDArray[np.uint32]:
+    """The tension's color scale in 256 steps, as Rerun packs colors."""
+    colors = tension_color(np.arange(256.0), 255.0).astype(np.uint32)
+    return (colors << np.array([24, 16, 8, 0], dtype=np.uint32)).sum(axis=-1, dtype=np.uint32)
+
+
+def tension_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
+    """Tensions [N] as steps 0 to 255 of the color scale that ends at `top` [N]; not finite: 0."""
+    share = np.asarray(tension, dtype=np.float32) * np.float32(255.0 / top)
+    share += np.float32(0.5)
+    np.clip(share, 0.0, 255.0, out=share)
+    return np.nan_to_num(share, copy=False).astype(np.uint8)
+
+
+def packed_colors(steps: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    """Colors of steps of the scale, as Rerun packs them."""
+    return _scale()[steps]
+
+
+def send(
+    stream: rr.RecordingStream, path: str, time: NDArray[np.floating], columns: Sequence[Column | rr.ComponentColumn]
+) -> None:
+    """Sends columns at simulated times [s]."""
+    import rerun as rr
+
+    held: Any = list(columns)
+    stream.send_columns(path, [rr.TimeColumn(TIMELINE, duration=np.asarray(time, dtype=float))], held, strict=True)
+
+
+def entity(*parts: str) -> str:
+    """An entity's path; names may hold blanks."""
+    import rerun as rr
+
+    return rr.new_entity_path(list(parts))

@@ -1,0 +1,103 @@
+"""The ensemble for Rerun: scatters of the inputs that vary against metrics, one dot a variant."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive import Drive
+from warpchain.results.metrics import unit_of
+from warpchain.results.run import Run
+from warpchain.view.chosen import varied_inputs
+from warpchain.view.rerun.chart import Chart, around
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+INPUTS, METRICS = 3, 4
+"""Most inputs and metrics that scatters are drawn for."""
+SHOWN, RECORDED, OTHERS = (240, 90, 60), (90, 170, 240), (140, 140, 140)
+
+Values = dict[str, NDArray[np.float64]]
+
+
+def telling_metrics(drive: Drive) -> list[str]:
+    """Metrics worth a look first, most important first."""
+    loaded = [s.name for s in drive.sprockets if s.load is not None]
+    return [
+        "tension_max",
+        *(f"{name}.force_max" for name in loaded[:1]),
+        f"{drive.strand_names[0]}.displacement_rms",
+        *(f"{name}.speed_std" for name in loaded[:1]),
+        "tension_mean",
+        "tension_std",
+        *(f"{guide.name}.force_max" for guide in drive.guides),
+    ]
+
+
+def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -> tuple[list[Chart], int]:
+    """Logs the scatters of a run whose variants differ.
+
+    Args:
+        shown: variants that the recording plays; their dots stand out.
+
+    Returns:
+        The charts, row by row, an input each; and the number of columns: metrics. None and 0 where nothing varies.
+    """
+    inputs = varied_inputs(run)
+    metrics = _varied_metrics(run)
+    if not inputs or not metrics:
+        return [], 0
+    chosen = _most_telling(inputs, metrics)
+    recorded = set(run)
+    everything = set(range(len(run.drives)))
+    kinds = [
+        ("other variants", OTHERS, everything - recorded, 2.5),
+        ("recorded variants", RECORDED, recorded - set(shown), 3.5),
+        ("shown variants", SHOWN, set(shown), 5.0),
+    ]
+    charts = []
+    for name in chosen:
+        for metric, y in metrics.items():
+            x, unit = inputs[name], unit_of(metric)
+            chart = Chart(
+                stream, ("ensemble", name, f"{metric} [{unit}]"), around(x, name), around(y, ""), 1.1, few=True
+            )
+            chart.frame()
+            for kind, color, members, size in kinds:
+                rows = np.array(sorted(v for v in members if np.isfinite(x[v]) and np.isfinite(y[v])), dtype=int)
+                if len(rows):
+                    words = [f"variant {v}: {name} = {x[v]:.6g}, {metric} = {y[v]:.6g} {unit}" for v in rows]
+                    chart.dots(kind, x[rows], y[rows], words, color, size)
+            charts.append(chart)
+    return charts, len(metrics)
+
+
+def _varied_metrics(run: Run) -> Values:
+    found: Values = {}
+    for name in telling_metrics(run.drives[0]):
+        if name in run.metrics.column_names and len(found) < METRICS:
+            values: Any = run.metrics[name].to_numpy(zero_copy_only=False)
+            values = np.asarray(values, dtype=float)
+            finite = values[np.isfinite(values)]
+            if len(finite) > 1 and np.ptp(finite) > 0.0:
+                found[name] = values
+    return found
+
+
+def _most_telling(inputs: Values, metrics: Values) -> list[str]:
+    """The inputs that correlate most with any metric, in the drive's order."""
+
+    def weight(values: NDArray[np.float64]) -> float:
+        best = 0.0
+        for other in metrics.values():
+            both = np.isfinite(values) & np.isfinite(other)
+            if both.sum() > 2 and np.ptp(values[both]) > 0.0 and np.ptp(other[both]) > 0.0:
+                best = max(best, abs(float(np.corrcoef(values[both], other[both])[0, 1])))
+        return best
+
+    ranked = sorted(inputs, key=lambda name: -weight(inputs[name]))[:INPUTS]
+    return [name for name in inputs if name in ranked]

@@ -1,0 +1,173 @@
+"""What runs over time, and what time is made of, for Rerun: curves, tension along the chain as an image, spectra."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.results.run import Trajectory
+from warpchain.results.scene import passing_link
+from warpchain.results.signals import (
+    order_spectrum,
+    peak_frames,
+    peaks_over_time,
+    speed_ratio,
+    strand_tension,
+    transmission_error,
+)
+from warpchain.view.rerun.chart import WIDE, Axis, Chart
+from warpchain.view.rerun.columns import Column, entity, packed_colors, rows, send, tension_steps
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+Color = tuple[int, int, int]
+
+GROUPS = {
+    "tension": "link tension [N]",
+    "strand tension": "tension at the middle of each strand [N]",
+    "contact": "largest contact force [N]",
+    "moment": "moment of the contact forces [N m]",
+    "ratio": "speed ratio over that of the teeth [1]",
+    "error": "transmission error [mrad]",
+    "speed": "sprocket speed [rad/s]",
+    "displacement": "strand displacement at mid-span [mm]",
+}
+"""Groups of curves, each a view, with their titles."""
+TOOTH_PASSINGS = 4
+"""Spectra reach half an order beyond this multiple of the tooth-passing order."""
+FLOOR = 1e-4
+"""Lower end of a spectrum's axis, as a part of its peak."""
+WIDEST = 4096
+"""Most columns of an image: a texture's least guaranteed limit is 8192."""
+LINES = 4000
+"""Most lines of a spectrum that are drawn."""
+
+
+def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
+    """Group, name and values (F,) of every curve that the recorded channels allow."""
+    assert trajectory.tension is not None
+    assert trajectory.sprocket_force is not None
+    assert trajectory.guide_force is not None
+    drive = trajectory.drive
+    yield "tension", "largest", trajectory.tension.max(axis=1)
+    yield "tension", "mean", trajectory.tension.mean(axis=1)
+    yield "tension", "smallest", trajectory.tension.min(axis=1)
+    yield "contact", "of sprockets", trajectory.sprocket_force.max(axis=1)
+    if drive.guides:
+        yield "contact", "of guide-bars", trajectory.guide_force.max(axis=1)
+    for k, name in enumerate(drive.strand_names):
+        passing = passing_link(trajectory, k)
+        yield "strand tension", name, strand_tension(trajectory, k, passing)
+        yield "displacement", name, 1e3 * passing.displacement
+    for s, sprocket in enumerate(drive.sprockets):
+        if trajectory.sprocket_moment is not None:
+            yield "moment", sprocket.name, trajectory.sprocket_moment[:, s]
+        if trajectory.sprocket_speed is not None:
+            yield "speed", sprocket.name, trajectory.sprocket_speed[:, s]
+        if s != drive.driver:
+            yield "error", sprocket.name, 1e3 * transmission_error(trajectory, s)
+            if trajectory.sprocket_speed is not None:
+                yield "ratio", sprocket.name, speed_ratio(trajectory, s)
+
+
+def log_curves(
+    stream: rr.RecordingStream, root: str, trajectory: Trajectory, budget: int, colors: Sequence[Color], own: bool
+) -> None:
+    """Logs every curve with no more than two points a frame of the budget, peaks kept (`peak_frames`).
+
+    Args:
+        colors: of the curves of each group, in order.
+        own: whether the colors are this variant's own among others, whose curves are then named after it.
+    """
+    import pyarrow as pa
+    import rerun as rr
+
+    count: dict[str, int] = {}
+    for group, name, values in curves(trajectory):
+        path = entity(root, "curves", group, name)
+        k = count[group] = count.get(group, -1) + 1
+        look = rr.SeriesLines(
+            names=[f"{root}: {name}" if own else name],
+            colors=[colors[k % len(colors)]],
+            aggregation_policy=rr.components.AggregationPolicy.MinMax,
+        )
+        stream.log(path, look, static=True)
+        frames = peak_frames(values, budget)
+        scalars = pa.array(np.asarray(values, dtype=np.float64)[frames])
+        column = Column(rr.Scalars.descriptor_scalars(), rows(scalars, 1, len(frames)))
+        send(stream, path, trajectory.time[frames], [column])
+
+
+def log_tension_image(
+    stream: rr.RecordingStream, root: str, trajectory: Trajectory, shown: Trajectory, budget: int, top: float
+) -> Chart:
+    """Logs the tension along the chain over time: link index upward, time to the right, a cursor at the time shown.
+
+    Each column is the largest tension of each link over its spell, so that no peak is lost.
+    """
+    assert trajectory.tension is not None
+    _, peaks = peaks_over_time(trajectory.tension, min(budget, WIDEST))
+    packed = packed_colors(tension_steps(np.ascontiguousarray(peaks.T[::-1]), top))
+    pixels = np.ascontiguousarray(packed.astype(">u4").view(np.uint8).reshape(*packed.shape, 4)[..., :3])
+    axes = Axis("time [s]", 0.0, float(trajectory.time[-1])), Axis("link", 0.0, float(trajectory.drive.chain.links))
+    chart = Chart(stream, (root, "tension image"), *axes, width=WIDE)
+    chart.image("image", pixels)
+    chart.frame(grid=False)
+    chart.cursor("cursor", shown.time)
+    return chart
+
+
+class Spectrum(NamedTuple):
+    """A line of a spectrum chart."""
+
+    name: str
+    color: Color
+    orders: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+
+
+def spectra(trajectory: Trajectory, colors: Sequence[Color]) -> dict[str, list[Spectrum]]:
+    """Order spectra of strand tensions and transmission errors by the title of their chart; {} where none can be."""
+    drive = trajectory.drive
+    signals: list[tuple[str, str, Any]] = [
+        ("tension at mid-strand [N]", name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)
+    ]
+    signals += [
+        ("transmission error [mrad]", sprocket.name, 1e3 * transmission_error(trajectory, s))
+        for s, sprocket in enumerate(drive.sprockets)
+        if s != drive.driver
+    ]
+    last = (TOOTH_PASSINGS + 0.5) * drive.sprockets[drive.driver].teeth
+    found: dict[str, list[Spectrum]] = {}
+    for title, name, values in signals:
+        spectrum = order_spectrum(trajectory, values)
+        if spectrum is not None:
+            orders, amplitude = (part[1 : int(np.searchsorted(spectrum[0], last)) + 1] for part in spectrum)
+            kept = peak_frames(amplitude, LINES // 2)
+            lines = found.setdefault(title, [])
+            lines.append(Spectrum(name, colors[len(lines) % len(colors)], orders[kept], amplitude[kept]))
+    return found
+
+
+def log_spectra(stream: rr.RecordingStream, found: dict[str, list[Spectrum]], teeth: Sequence[int]) -> list[Chart]:
+    """Logs one chart for each title, its lines over each other, with the tooth-passing orders of the drivers marked."""
+    charts = []
+    for title, lines in found.items():
+        peak = max(float(line.amplitude.max()) for line in lines)
+        if peak <= 0.0:
+            continue
+        x = Axis("order of the driver's revolution", 0.0, max(float(line.orders[-1]) for line in lines))
+        y = Axis(f"amplitude of {title}", FLOOR * peak, 2.0 * peak, True)
+        chart = Chart(stream, ("spectrum", title), x, y, WIDE, beside=0.6)
+        chart.frame()
+        passing = [k * z for z in sorted(set(teeth)) for k in range(1, TOOTH_PASSINGS + 1) if k * z <= x.high]
+        chart.verticals("tooth passing", passing, [f"tooth passing {order}" for order in passing], (120, 120, 60))
+        for k, line in enumerate(lines):
+            chart.line(line.name, line.orders, line.amplitude, line.color)
+            chart.key(k, line.name, line.color)
+        charts.append(chart)
+    return charts
