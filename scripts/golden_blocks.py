@@ -10,17 +10,19 @@ import warp as wp
 from golden_drives import MOUNTS, PROFILES, TABLES, WORN, example, pair
 
 from warpchain import Drive
-from warpchain.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.block_shape import BlockShape, block_shape, room_for
-from warpchain.ensemble import Packed, Schedule, pack
-from warpchain.kernels.block import block_kernel
-from warpchain.kernels.block_observe import collect
-from warpchain.kernels.block_relax import block_relax_kernel
-from warpchain.kernels.exchange import room
-from warpchain.kernels.relax import Settling
-from warpchain.recorder import frame_width
-from warpchain.settling import elastic
-from warpchain.timestep import step_limit
+from warpchain.assembly.timestep import step_limit
+from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.block_shape import BlockShape, block_shape, room_for
+from warpchain.engine.pack import pack
+from warpchain.engine.packed import Packed
+from warpchain.engine.recorder import frame_width
+from warpchain.engine.settling import elastic
+from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_observe import collect
+from warpchain.kernels.gpu.block_relax import block_relax_kernel
+from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.relaxation import Settling
+from warpchain.results.schedule import Schedule
 
 
 @contextlib.contextmanager

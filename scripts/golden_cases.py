@@ -15,12 +15,13 @@ from mcap.reader import make_reader
 from pyarrow import parquet
 
 import warpchain
-from warpchain import ArchiveOptions, Record, Run, fatigue, objectives, scene, signals
-from warpchain.check import derive
+from warpchain import ArchiveOptions, Record, Run
+from warpchain.assembly.fit import fit_links, fit_position
+from warpchain.assembly.summary import derive
+from warpchain.assembly.timestep import automatic_step, step_limit
 from warpchain.cli import main as command_line
-from warpchain.examples import example_names
-from warpchain.fit import fit_links, fit_position
-from warpchain.timestep import automatic_step, step_limit
+from warpchain.drive.examples import example_names
+from warpchain.results import fatigue, objectives, scene, signals
 
 VOLATILE = ("created", "wall_time", "set", "version", "versions")
 """Values of an archive's metadata that are not what the project computes."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import warpchain
 from warpchain import Drive, Run
-from warpchain.examples import drive_path
+from warpchain.drive.examples import drive_path
 
 PAIR = """
 [chain]
