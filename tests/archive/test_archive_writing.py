@@ -23,7 +23,7 @@ def run():
 
 @pytest.fixture
 def small_chunks(monkeypatch):
-    monkeypatch.setattr("warpchain.archive.CHUNK", 2**16)
+    monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**16)
 
 
 def test_results_are_handed_on_in_order_whatever_the_work_takes():
