@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.body import bodies, body_accelerations, heading_of, load_at, own_motion
+from ..physics.body import bodies, body_accelerations, heading_of, load_at, load_at_speed, own_motion
 from ..physics.mount import body_energy, holding_force, prescribing_power
 from ..rows import accessors
 from ..structs import Drive, types
@@ -85,7 +85,9 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
         sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
         load_part = wp.float64(0.0)
         if motion.prescribed == 0:
-            load_part = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
+            before = state.sprockets[i].speed
+            load_part = load_at(time, body.angle, before, motion, ensemble.harmonics, ensemble.tables)
+            load_part = load_at_speed(time, load_part, before, body.speed, motion)
         sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, contacts.moment, load_part, weight)
 
     @wp.func

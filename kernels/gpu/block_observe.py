@@ -9,8 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.body import body_accelerations, heading_of, load_at
-from ..physics.motion import ramp
+from ..physics.body import body_accelerations, heading_of, load_at_speed
 from ..physics.mount import body_energy, holding_force, prescribing_power
 from ..rows import accessors
 from ..structs import Drive, SprocketState, types
@@ -181,16 +180,10 @@ def block_observing(
             load = wp.float64(0.0)
         else:
             # the load of the step, but at the speed of its instant
-            speed = body.speed
-            damped = motion.load[1] * (speed - half_behind) + motion.load[2] * (
-                speed * wp.abs(speed) - half_behind * wp.abs(half_behind)
-            )
-            load = load - damped * ramp(time, motion.load_ramp_time)
+            load = load_at_speed(time, load, half_behind, body.speed, motion)
             energy = wp.float64(0.5) * body.speed * body.speed / motion.inverse_inertia
         if wp.static(moving):
             if shared.mounts[s].active != 0:
-                if motion.prescribed == 0:
-                    load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
                 energy = observe_mount(ensemble, shared, s, time, body, on, weight)
         if flags & ENDS != 0:
             at = ensemble.drives[variant].first_sprocket + s

@@ -141,25 +141,29 @@ def block_sprockets(
         body.angle = wheel.angle
         body.center = wheel.center
         body.speed = wheel.exact_speed
+        angle = wheel.angle
         if shared.motions[s].prescribed == 1:
             at = course_of(s, step + 1)
-            turned = shared.course[at] - wheel.angle
+            angle = shared.course[at]
             wheel.exact_speed = shared.course[at + 1]
-            wheel.speed = turned * reciprocal(h)
+            wheel.speed = (angle - wheel.angle) * reciprocal(h)
         else:
-            gain = h * ((contacts.moment + wheel.load) * shared.motions[s].inverse_inertia)
+            faster = (contacts.moment + wheel.load) * shared.motions[s].inverse_inertia
+            kick = h
+            lag = wp.float64(0.5) * h
             if step == 0:
-                wheel.speed = wheel.speed - wp.float64(0.5) * gain
-            body.speed = wheel.speed + wp.float64(0.5) * gain
-            wheel.speed = wheel.speed + gain
-            turned = h * wheel.speed
+                kick = wp.float64(0.5) * h
+                lag = wp.float64(0.0)
+            body.speed = wheel.speed + lag * faster
+            wheel.speed = wheel.speed + kick * faster
+            angle = wheel.angle + h * wheel.speed
         if going:
-            heading = rotated(vec2d(wheel.cosine, wheel.sine), turned)
+            heading = rotated(vec2d(wheel.cosine, wheel.sine), angle - wheel.angle)
             shared.wheels[s].cosine = heading[0]
             shared.wheels[s].sine = heading[1]
             shared.wheels[s].speed = wheel.speed
             shared.wheels[s].exact_speed = wheel.exact_speed
-            shared.wheels[s].angle = wheel.angle + turned
+            shared.wheels[s].angle = angle
         return body
 
     @wp.func
@@ -188,7 +192,7 @@ def block_sprockets(
         body.center = wheel.center
         body.velocity = wheel.velocity
         heading = vec2d(wheel.cosine, wheel.sine)
-        now = body_at(time, back, body, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
+        now = body_at(time, back, body, heading, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
         if going:
             body = leapfrog_body(
                 time, kick, h, body, heading, contacts, motion, mount, ensemble.harmonics, ensemble.tables

@@ -9,10 +9,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..root import reciprocal
 from ..structs import CenterStages, Drive, Motion, Mount, SprocketState, types, vec2d, vec3d
 from ..sum_structs import Totals
 from ..trigonometry import sine_cosine
-from .motion import load_moment, prescribed_acceleration, prescribed_motion, ramped
+from .motion import load_moment, prescribed_acceleration, prescribed_motion, ramp, ramped
 from .mount import PRESCRIBED, accelerations, prescribed_center
 from .table import table_at
 
@@ -54,6 +55,13 @@ def load_at(
 
 
 @wp.func
+def load_at_speed(time: wp.float64, load: wp.float64, before: wp.float64, speed: wp.float64, motion: Motion):
+    """The load moment [N m] at another angular velocity than `before`, where it is `load`."""
+    change = motion.load[1] * (speed - before) + motion.load[2] * (speed * wp.abs(speed) - before * wp.abs(before))
+    return load - change * ramp(time, motion.load_ramp_time)
+
+
+@wp.func
 def angular_acceleration(
     time: wp.float64, body: SprocketState, moment: wp.float64, motion: Motion, harmonics: Harmonics, tables: Tables
 ):
@@ -78,8 +86,8 @@ def own_motion(
         angle, driven = prescribed_at(time, motion, harmonics, tables)
         return driven, wp.float64(0.0)
     load = load_at(time, body.angle, body.speed, motion, harmonics, tables)
-    speed = body.speed + back * (moment + load) * motion.inverse_inertia
-    return speed, load_at(time, body.angle, speed, motion, harmonics, tables)
+    speed = body.speed + back * ((moment + load) * motion.inverse_inertia)
+    return speed, load_at_speed(time, load, body.speed, speed, motion)
 
 
 @wp.func
@@ -128,11 +136,11 @@ def leapfrog_turn(
     """A sprocket that only turns a step `h` after `time`; `kick` is h, or h / 2 from the initial state."""
     if motion.prescribed == 1:
         angle, speed = prescribed_at(time + h, motion, harmonics, tables)
-        body.speed = (angle - body.angle) / h
+        body.speed = (angle - body.angle) * reciprocal(h)
         body.angle = angle
     else:
         load = load_at(time, body.angle, body.speed, motion, harmonics, tables)
-        body.speed = body.speed + kick * (moment + load) * motion.inverse_inertia
+        body.speed = body.speed + kick * ((moment + load) * motion.inverse_inertia)
         body.angle = body.angle + h * body.speed
     return body
 
@@ -154,14 +162,14 @@ def leapfrog_body(
     rates = body_accelerations(time, body, heading, contacts, motion, mount, harmonics, tables)
     if motion.prescribed == 1:
         angle, speed = prescribed_at(time + h, motion, harmonics, tables)
-        body.speed = (angle - body.angle) / h
+        body.speed = (angle - body.angle) * reciprocal(h)
         body.angle = angle
     else:
         body.speed = body.speed + kick * rates[2]
         body.angle = body.angle + h * body.speed
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(time + h, mount)
-        body.velocity = (center - body.center) / h
+        body.velocity = (center - body.center) * reciprocal(h)
         body.center = center
     else:
         body.velocity = body.velocity + kick * vec2d(rates[0], rates[1])
@@ -246,6 +254,7 @@ def body_at(
     time: wp.float64,
     back: wp.float64,
     body: SprocketState,
+    heading: vec2d,
     contacts: Totals,
     motion: Motion,
     mount: Mount,
@@ -253,7 +262,7 @@ def body_at(
     tables: Tables,
 ):
     """A sprocket on an active mount with its speed and velocity at `time`, `back` after the instant of its own."""
-    rates = body_accelerations(time, body, heading_of(body), contacts, motion, mount, harmonics, tables)
+    rates = body_accelerations(time, body, heading, contacts, motion, mount, harmonics, tables)
     body.speed = body.speed + back * rates[2]
     if motion.prescribed == 1:
         angle, speed = prescribed_at(time, motion, harmonics, tables)
@@ -353,6 +362,7 @@ def bodies(Real: type) -> SimpleNamespace:
             time,
             back,
             state.sprockets[i],
+            heading_of(state.sprockets[i]),
             contacts,
             ensemble.motions[i],
             ensemble.mounts[i],
