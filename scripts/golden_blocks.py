@@ -56,7 +56,9 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
         inputs = [ensemble, state, sums, tallies, frames, order, 301 if measuring else 100, 0]
         wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
         wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
-    held = {name: getattr(state, name) for name in ("rollers", "sprockets", "seat", "progress")}
+    held = {name: getattr(state, name) for name in ("rollers", "seat", "progress")}
+    bodies = state.sprockets.numpy()
+    held["sprockets"] = {name: np.array(bodies[name]) for name in ("angle", "speed", "center", "velocity")}
     names = ("chain", "strand", "sprocket", "mount", "contact")
     return held | {"frames": frames, "sums": {name: getattr(sums, name) for name in names}}
 

@@ -197,6 +197,9 @@ def block_sprockets(
             body = leapfrog_body(
                 time, kick, h, body, heading, contacts, motion, mount, ensemble.harmonics, ensemble.tables
             )
+            if motion.prescribed == 1:
+                body.angle = shared.course[course_of(s, step + 1)]
+                body.speed = (body.angle - wheel.angle) * reciprocal(h)
             heading = rotated(heading, body.angle - wheel.angle)
             wheel.cosine = heading[0]
             wheel.sine = heading[1]
