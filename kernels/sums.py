@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .root import reciprocal
-from .structs import Mount, SprocketState, Strand, vec2d
+from .structs import BodyState, Mount, Strand
 from .sum_structs import ContactSums, MountSums, SprocketSums, StrandSums, Totals
 
 STRAND_LOOK_EVERY = wp.constant(16)
@@ -51,7 +51,7 @@ def add_sprocket(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load
 
 
 @wp.func
-def add_mount(sums: MountSums, body: SprocketState, mount: Mount, held: vec2d, power: wp.float64, weight: wp.float64):
+def add_mount(sums: MountSums, body: BodyState, mount: Mount, held: wp.vec2d, power: wp.float64, weight: wp.float64):
     """One moving sprocket's displacement, the force `held` on its center, its damper's and its prescription's power."""
     apart = body.center - mount.home
     sums.travel = sums.travel + weight * apart

@@ -197,7 +197,7 @@ def test_a_small_drive_against_dop853(integrator, order):
         packed.lengths[:] = 0.999 * PITCH
         engine, _ = run(packed)
         apart = np.abs(state(engine)[:2].T.ravel() - exact[: 2 * n]).max()
-        turned = abs(engine.state.sprockets.numpy()[0]["angle"] - exact[4 * n])
+        turned = abs(engine.state.bodies.numpy()[0]["angle"] - exact[4 * n])
         errors.append(max(apart, turned))
     observed = np.log2(errors[0] / errors[1]), np.log2(errors[1] / errors[2])
     assert np.allclose(observed, order, atol=0.4), (errors, observed)
