@@ -118,6 +118,23 @@ class Bucket:
         return len(self.variants)
 
 
+def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
+    """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
+    return block_shape(bucket.shape.slots, True) if name == "relax" else bucket.shape
+
+
+def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
+    """Values, integers and doubles that blocks too large for shared memory keep in global memory."""
+    needs = np.zeros(3, dtype=int)
+    for b in buckets:
+        kernels = (("advance", b.moving, False), ("measure", b.moving, True), ("relax", False, False))
+        for name, moving, measuring in kernels:
+            shape = kernel_shape(name, b)
+            of = room(real, shape.threads, shape.slots, b.sprockets, b.guides, moving, measuring)
+            needs = np.maximum(needs, b.count * np.array([of.values, of.integers, of.doubles]))
+    return int(needs[0]), int(needs[1]), int(needs[2])
+
+
 class GpuEngine:
     """Steps an ensemble on one GPU.
 
@@ -137,7 +154,7 @@ class GpuEngine:
             with wp.ScopedStream(self.stream):
                 self.buckets = self._bucketed()
                 self.ensemble = upload_ensemble(packed, device)
-                self.state = upload_state(packed, device, self._large())
+                self.state = upload_state(packed, device, rows_apart(packed.real, self.buckets))
                 self.gpu_sums = empty_sums(packed, device)
                 self.tallies = empty_tallies(packed, device)
             wp.synchronize_stream(self.stream)
@@ -145,17 +162,6 @@ class GpuEngine:
         self._settling: Any = None
         self._kernels: dict[Any, Any] = {}
         self._settling_now: NDArray[Any] = np.zeros(0)
-
-    def _large(self) -> tuple[int, int, int]:
-        """Values, integers and doubles that blocks too large for shared memory keep in global memory."""
-        needs = np.zeros(3, dtype=int)
-        for b in self.buckets:
-            kernels = (("advance", b.moving, False), ("measure", b.moving, True), ("relax", False, False))
-            for name, moving, measuring in kernels:
-                shape = self._shape(name, b)
-                of = room(self.packed.real, shape.threads, shape.slots, b.sprockets, b.guides, moving, measuring)
-                needs = np.maximum(needs, b.count * np.array([of.values, of.integers, of.doubles]))
-        return int(needs[0]), int(needs[1]), int(needs[2])
 
     def _bucketed(self) -> list[Bucket]:
         """The variants by kernel, the longest first."""
@@ -179,7 +185,7 @@ class GpuEngine:
 
         "advance" takes no metrics, "measure" does, "relax" settles.
         """
-        shape = self._shape(name, bucket)
+        shape = kernel_shape(name, bucket)
         form = (self.packed.real, shape.threads, shape.per, bucket.sprockets, bucket.guides)
         kind = (name, form, bucket.moving, bucket.rk4)
         each = 2**31 if name == "relax" else -(-bucket.count // int(wp.get_device(self.device).sm_count))
@@ -204,10 +210,6 @@ class GpuEngine:
         bare = block if until >= block else int(until) // int(DIVERGENCE_CHECK) * int(DIVERGENCE_CHECK)
         phases = [("advance", bare, 0), ("measure", block - bare, bare)]
         return [phase for phase in phases if phase[1] > 0]
-
-    def _shape(self, name: str, bucket: Bucket) -> BlockShape:
-        """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
-        return block_shape(bucket.shape.slots, True) if name == "relax" else bucket.shape
 
     def _launch(self, kernel: Any, shape: BlockShape, bucket: Bucket, inputs: Sequence[Any]) -> None:
         wp.launch(
@@ -274,7 +276,7 @@ class GpuEngine:
             with _told(self.device, self.packed):
                 for bucket, kernel in zip(self.buckets, kernels, strict=True):
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, block]
-                    self._launch(kernel, self._shape("relax", bucket), bucket, inputs)
+                    self._launch(kernel, kernel_shape("relax", bucket), bucket, inputs)
                 self._settling_now = self._read(self._settling)
 
         return [self._pool.submit(work)]
