@@ -10,7 +10,7 @@ import warp as wp
 from golden_drives import MOUNTS, PROFILES, TABLES, WORN, example, pair
 
 from warpchain import Drive
-from warpchain.assembly.timestep import step_limit
+from warpchain.assembly.timestep import resolve_step, step_limit
 from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.pack import pack
@@ -54,7 +54,9 @@ def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
 def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool = True) -> dict[str, Any]:
     """300 steps on blocks of fibers: state, sums and frames."""
     shape = block_shape(int(room_for(np.array([drive.chain.links for drive in drives])).max()), many)
-    packed = pack(drives, [Schedule(drive.run.step, 300, 111, 290, 20) for drive in drives]).at_precision(precision)
+    packed = pack(drives, [Schedule(resolve_step(drive), 300, 111, 290, 20) for drive in drives]).at_precision(
+        precision
+    )
     widths = [frame_width(drive) * 16 for drive in drives]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
     kind, blocks = kind_of(packed, shape, measuring), len(drives)
@@ -65,7 +67,7 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
         sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
         frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
         kernel = block_kernel(kind, 4)
-        order = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
+        order: wp.array = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
         inputs = [ensemble, state, sums, tallies, frames, order, 301 if measuring else 100, 0]
         wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
         wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
@@ -102,7 +104,7 @@ def rk4(_: Path) -> dict[str, Any]:
 def settle(_: Path) -> dict[str, Any]:
     """Settling, by both shapes of blocks."""
     drive = pair()
-    still = elastic(pack([drive], [Schedule(drive.run.step, 10, 0, 10, 0)]))
+    still = elastic(pack([drive], [Schedule(resolve_step(drive), 10, 0, 10, 0)]))
     return {f"{shape.threads}": settled(still, drive, shape) for shape in (BlockShape(64, 1), BlockShape(32, 2))}
 
 
@@ -111,7 +113,7 @@ def settled(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
     start = np.zeros(1, dtype=Settling.numpy_dtype())
     start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 4000
     with fibers():
-        settling = wp.array(start, dtype=Settling, device="cpu")
+        settling: wp.array = wp.array(start, dtype=Settling, device="cpu")
         state, order = upload_state(still, "cpu", (0, 0, 0)), wp.zeros(1, dtype=wp.int32, device="cpu")
         kernel = block_relax_kernel(BlockKind(wp.float64, shape.threads, shape.per, 2, 0), 4)
         inputs = [upload_ensemble(still, "cpu"), state, empty_tallies(still, "cpu"), settling, order, 4000]

@@ -5,12 +5,12 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from drives import two_sprockets
 from rerun_check import rerun_accepts
+from waiting import wait_for
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
@@ -148,9 +148,7 @@ def test_a_killed_process_leaves_what_it_had_written(tmp_path, options):
     path = tmp_path / "killed.mcap"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     process = subprocess.Popen([sys.executable, "-c", WRITE, str(path), repr(options)], env=environment)
-    deadline = time.monotonic() + 60
-    while sum(file.stat().st_size for file in tmp_path.iterdir()) < 2_000_000 and time.monotonic() < deadline:
-        time.sleep(0.02)
+    wait_for(lambda: sum(file.stat().st_size for file in tmp_path.iterdir()) > 2_000_000)
     process.send_signal(signal.SIGKILL)
     process.wait()
     left = [file.name for file in tmp_path.iterdir()]
