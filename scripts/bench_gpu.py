@@ -14,7 +14,6 @@ import shutil
 import subprocess
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,22 +39,7 @@ DRIVES = {
 
 def repeated(one: Packed, variants: int) -> Packed:
     """`one` packed variant `variants` times over, without assembling each."""
-    rows = "drives chains lengths sprockets motions mounts guides rollers bodies strands seat"
-    arrays = {name: getattr(one, name) for name in rows.split()}
-    arrays = {name: values[np.tile(np.arange(len(values)), variants)] for name, values in arrays.items()}
-    many = replace(one, assemblies=one.assemblies * variants, **arrays)
-    row = one.drives[0]
-    n, s, g = int(row["rollers"]), int(row["sprockets"]), int(row["guides"])
-    widths = {
-        "first_roller": n,
-        "first_sprocket": s,
-        "first_guide": g,
-        "first_contact": n * (s + g),
-        "first_tally": n * (s + 1),
-    }
-    for field, width in widths.items():
-        many.drives[field] = np.arange(variants) * width
-    return many
+    return one.taken([0] * variants)
 
 
 def bare(drive: Drive, variants: int, precision: str, steps: int, metrics: bool) -> tuple[float, float, float]:

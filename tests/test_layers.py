@@ -29,6 +29,7 @@ LEVELS = (
 KERNEL_LEVELS = (
     ("root", "trigonometry", "sum_structs"),
     ("structs", "rows"),
+    ("integrate",),
     ("physics",),
     ("sums", "relaxation"),
     ("cpu", "gpu"),

@@ -182,17 +182,19 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
                 p = place(w, i) - body.center
                 seat = tracked_seat(p, memory.seat[at], body.cosine, body.sine, sprocket, seats)
                 penetration, normal, relative = in_teeth(p, v, omega, seat, sprocket)
-                f, size, first, dissipated, energy = respond(penetration, normal, relative, before, sprocket.law)
                 memory.seat[at] = seat.number
-                if memory.stage == 0:
-                    store(memory.impact_speed, at, first)
-                if first != Real(0.0):
+                kept = Real(0.0)
+                if penetration > Real(0.0):
+                    f, size, first, dissipated, energy = respond(penetration, normal, relative, before, sprocket.law)
+                    kept = first
                     add_force(w, i, SPROCKET_FORCE, f, size)
                     totals.moment += wp.float64(reaction(r, f))
                     push -= f
                     totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
                     if before == Real(0.0):
                         totals.impacts += 1
+                if memory.stage == 0:
+                    store(memory.impact_speed, at, kept)
             else:
                 if memory.seat[at] >= 0:
                     memory.seat[at] = -1
@@ -219,16 +221,18 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
                 arm = place(w, i) - body.center
                 surface = surface_velocity(body, arm)
                 penetration, normal, relative = on_guide(p, v, vec2(Real(surface[0]), Real(surface[1])), bar)
-                f, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
-                if memory.stage == 0:
-                    store(memory.impact_speed, at, first)
-                if first != Real(0.0):
+                kept = Real(0.0)
+                if penetration > Real(0.0):
+                    f, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
+                    kept = first
                     add_force(w, i, GUIDE_FORCE, f, size)
                     totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), f))
                     push -= f
                     totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
                     if before == Real(0.0):
                         totals.impacts += 1
+                if memory.stage == 0:
+                    store(memory.impact_speed, at, kept)
             else:
                 if memory.stage == 0:
                     store(memory.impact_speed, at, Real(0.0))

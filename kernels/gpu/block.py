@@ -52,6 +52,7 @@ def block_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         mine.memory = drive.first_contact
         mine.thread = i
         mine.sprocket = forces.sprocket_of(i)
+        mine.h = drive.step
         return mine
 
     @wp.func
@@ -94,21 +95,21 @@ def block_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         wrench = wrench_on(shared, mine.thread)
         if mine.sprocket >= 0:
             before = shared.poses[mine.sprocket]
-            body = bodies.advance(ensemble, state, shared, mine, now, wrench, ensemble.drives[mine.variant].step)
+            body = bodies.advance(ensemble, state, shared, mine, now, wrench)
             if wp.static(measuring) and now.measured != 0:
                 observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
             looks.see_sprocket(ensemble, state, frames, mine, now, since, body, wrench)
 
     @wp.func
-    def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, step_time: wp.float64):
+    def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
         """The thread's rollers a step on, or a stage."""
         if wp.static(rk4):
             j = int(mine.thread)
             while j < mine.rollers and now.going != 0:
-                stage_roller(state, shared, mine, now, j, step_time)
+                stage_roller(state, shared, mine, now, j)
                 j = j + wp.static(threads)
         elif now.going != 0:
-            h = Real(step_time)
+            h = Real(mine.h)
             for k in range(wp.static(per)):
                 j = k * wp.static(threads) + mine.thread
                 v = velocity(shared.rows, j) + h * acceleration(shared, j)
@@ -168,7 +169,6 @@ def block_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         number = wp.tid() // wp.static(threads)
         i = wp.tid() % wp.static(threads)
         mine = begin(ensemble, order[number], i)
-        step_time = ensemble.drives[mine.variant].step
         shared = shared_arrays(state, number)
         lengths = view(ensemble.lengths, mine.first, mine.rollers)
         row.fetch(state, shared, mine)
@@ -193,12 +193,12 @@ def block_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
             if mine.sprocket >= 0 and now.stage == 0:
-                bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * step_time)
+                bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
             barrier()
             if now.flags != 0:
                 looks.see_rollers(ensemble, state, tallies, shared, frames, mine, now, since)
             advance_sprocket(ensemble, state, tallies, shared, frames, mine, now, since)
-            advance_rollers(state, shared, mine, now, step_time)
+            advance_rollers(state, shared, mine, now)
             now = next_stage(now)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)

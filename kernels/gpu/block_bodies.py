@@ -153,8 +153,10 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.poses[s].exact_speed = pose.exact_speed
 
     @wp.func
-    def leapfrog(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, now: Now, wrench: Wrench, h: wp.float64):
-        """Takes body s one step on if the run goes on; returns it with its rates at the step's instant."""
+    def leapfrog(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, wrench: Wrench):
+        """Takes the thread's body one step on if the run goes on; returns it with its rates at the step's instant."""
+        s = mine.sprocket
+        h = mine.h
         pose = shared.poses[s]
         motion = shared.motions[s]
         mount = Mount()
@@ -166,11 +168,9 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         rates = body_rates(time, body, heading, wrench, pose.load, motion, mount, ensemble.curves)
         looked_at = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
         if now.going != 0:
-            ahead = wp.float64(0.0)
-            if motion.prescribed == 1:
-                at = course_of(s, now.step + 1)
-                ahead = shared.course[at]
-                pose.exact_speed = shared.course[at + 1]
+            at = course_of(s, now.step + 1)  # which stands for nothing where the angle is free
+            ahead = shared.course[at]
+            pose.exact_speed = shared.course[at + 1]
             body = leapfrog_body(time, leapfrog_kick(now.step, h), h, body, rates, ahead, motion, mount)
             heading = rotated(heading, body.angle - pose.angle)
             pose.cosine = heading[0]
@@ -190,10 +190,10 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         mine: Mine,
         now: Now,
         wrench: Wrench,
-        h: wp.float64,
     ):
         """Takes the thread's body to where the next stage looks at it, if the run goes on; returns it as it was."""
         s = mine.sprocket
+        h = mine.h
         body = state_of(shared.poses[s])
         if now.going != 0:
             b = ensemble.drives[mine.variant].first_body + s
@@ -218,13 +218,12 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         mine: Mine,
         now: Now,
         wrench: Wrench,
-        h: wp.float64,
     ):
         """Takes the thread's body on by a step, or a stage of rk4; returns it with its rates at the step's instant."""
         if wp.static(rk4):
-            return runge_kutta(ensemble, state, shared, mine, now, wrench, h)
+            return runge_kutta(ensemble, state, shared, mine, now, wrench)
         else:
-            return leapfrog(ensemble, shared, mine.sprocket, now, wrench, h)
+            return leapfrog(ensemble, shared, mine, now, wrench)
 
     return BodyFunctions(
         center_outside=center_outside,

@@ -46,17 +46,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     load_part, store_part = accessors(wp.float64).load, accessors(wp.float64).store
     SPROCKETS = wp.constant((1 << sprockets) - 1)
 
-    @wp.struct
-    class Touch:
-        """A roller at a partner."""
-
-        memory: wp.int32  # of the contact
-        roller: wp.int32  # among all
-        before: Real  # v0 until now, 0 where it was open [m/s]
-        penetration: Real  # [m]
-        normal: vec2
-        relative: vec2  # velocity of the partner's point less the roller's [m/s]
-
     @wp.func
     def near(shared: kinds.Shared, j: int, n: int):
         """The partners that roller j may touch, as bits: sprockets whose band it is in, guide-bars it is on."""
@@ -92,37 +81,29 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             state.impact_speed[at] = Real(0.0)
 
     @wp.func
-    def answer(state: kinds.State, tallies: Tallies, now: Now, touch: Touch, law: kinds.ContactLaw):
-        """Force of a contact on the roller (vector) and its magnitude [N].
+    def keep(
+        state: kinds.State, tallies: Tallies, now: Now, at: int, before: Real, first: Real, size: Real, power: Real
+    ):
+        """Keeps what a closed contact whose memory is at `at` goes on with, and in the window adds it to its sums.
 
-        Its memory, in the window its sums, and what frames and the energy balance want are brought up to date. v0 is
-        kept at a step's start only (rk4 has three more stages).
+        v0 is kept at a step's start only (rk4 has three more stages).
         """
-        force = vec2(Real(0.0), Real(0.0))
-        size = Real(0.0)
-        at = touch.memory
-        if touch.penetration > Real(0.0):
-            pushing, pressing, first, dissipated, energy = respond(
-                touch.penetration, touch.normal, touch.relative, touch.before, law
-            )
-            if touch.before == Real(0.0) and now.stage == 0:
-                store(state.impact_speed, at, first)
-            if now.measured != 0:
-                sums = tallies.contact
-                sums[at].impulse = sums[at].impulse + wp.float64(now.weight * pressing)
-                sums[at].dissipated = sums[at].dissipated + wp.float64(now.weight * dissipated)
-                if wp.float64(pressing) > sums[at].force_max:
-                    sums[at].force_max = wp.float64(pressing)
-                if touch.before == Real(0.0):
-                    sums[at].impacts = sums[at].impacts + 1
-            if now.flags & EXTRA != 0:
-                state.extra[touch.roller].energy = state.extra[touch.roller].energy + energy
-            force = pushing
-            size = pressing
-        else:
-            if touch.before != Real(0.0) and now.stage == 0:
-                store(state.impact_speed, at, Real(0.0))
-        return force, size
+        if before == Real(0.0) and now.stage == 0:
+            store(state.impact_speed, at, first)
+        if now.measured != 0:
+            sums = tallies.contact
+            sums[at].impulse = sums[at].impulse + wp.float64(now.weight * size)
+            sums[at].dissipated = sums[at].dissipated + wp.float64(now.weight * power)
+            if wp.float64(size) > sums[at].force_max:
+                sums[at].force_max = wp.float64(size)
+            if before == Real(0.0):
+                sums[at].impacts = sums[at].impacts + 1
+
+    @wp.func
+    def open(state: kinds.State, now: Now, at: int, before: Real):
+        """A contact that is open keeps nothing."""
+        if before != Real(0.0) and now.stage == 0:
+            store(state.impact_speed, at, Real(0.0))
 
     @wp.func
     def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
@@ -149,50 +130,50 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """Adds the force of the teeth of sprocket s to roller j's, and its reaction to the sprocket if it is heeded."""
         teeth = shared.teeth[s]
         pose = shared.poses[s]
-        touch = Touch()
-        touch.memory = mine.memory + j + s * mine.rollers
-        touch.roller = mine.first + j
-        kept = load_whole(state.seat, touch.memory)
-        touch.before = load(state.impact_speed, touch.memory)
+        at = mine.memory + j + s * mine.rollers
+        kept = load_whole(state.seat, at)
+        before = load(state.impact_speed, at)
         p = place(shared.rows, j, pose.center)
         seat = tracked_seat(p, kept, pose.cosine, pose.sine, teeth, ensemble.seats)
         if seat.number != kept:
-            store_whole(state.seat, touch.memory, seat.number)
+            store_whole(state.seat, at, seat.number)
         v = velocity(shared.rows, j)
         if wp.static(moving):
             v = vec2(v[0] - Real(pose.velocity[0]), v[1] - Real(pose.velocity[1]))
         penetration, normal, relative = in_teeth(p, v, Real(pose.speed), seat, teeth)
-        touch.penetration = penetration
-        touch.normal = normal
-        touch.relative = relative
-        force, size = answer(state, tallies, now, touch, teeth.law)
-        if now.flags & EXTRA != 0:
-            state.extra[touch.roller].sprocket_force = state.extra[touch.roller].sprocket_force + size
-        if size != Real(0.0):
+        if penetration > Real(0.0):
+            force, size, first, dissipated, energy = respond(penetration, normal, relative, before, teeth.law)
+            if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
+                extra = mine.first + j
+                state.extra[extra].energy = state.extra[extra].energy + energy
+                state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
+            keep(state, tallies, now, at, before, first, size, dissipated)
             set_force(shared, j, force_on(shared, j) + force)
-        if size != Real(0.0) and (now.heeded >> s) & 1 != 0:
-            arm = vec2(Real(p[0]), Real(p[1]))
-            add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
+            if (now.heeded >> s) & 1 != 0:
+                arm = vec2(Real(p[0]), Real(p[1]))
+                add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
+        else:
+            open(state, now, at, before)
 
     @wp.func
     def at_guide(state: kinds.State, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now, j: int, g: int):
         """Adds the force of guide-bar g, which stands on the ground, to roller j's."""
         bar = shared.bars[g]
-        touch = Touch()
-        touch.memory = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
-        touch.roller = mine.first + j
-        touch.before = load(state.impact_speed, touch.memory)
+        at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
+        before = load(state.impact_speed, at)
         still = vec2(Real(0.0), Real(0.0))
         p = place(shared.rows, j, bar.start)
         penetration, normal, relative = on_guide(p, velocity(shared.rows, j), still, bar)
-        touch.penetration = penetration
-        touch.normal = normal
-        touch.relative = relative
-        force, size = answer(state, tallies, now, touch, bar.law)
-        if now.flags & EXTRA != 0:
-            state.extra[touch.roller].guide_force = state.extra[touch.roller].guide_force + size
-        if size != Real(0.0):
+        if penetration > Real(0.0):
+            force, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
+            if now.flags & EXTRA != 0:
+                extra = mine.first + j
+                state.extra[extra].energy = state.extra[extra].energy + energy
+                state.extra[extra].guide_force = state.extra[extra].guide_force + size
+            keep(state, tallies, now, at, before, first, size, dissipated)
             set_force(shared, j, force_on(shared, j) + force)
+        else:
+            open(state, now, at, before)
 
     @wp.func
     def slot(mask: int):

@@ -45,6 +45,7 @@ class Mine:
     memory: wp.int32  # first of its contact memories
     thread: wp.int32  # of the block
     sprocket: wp.int32  # that the thread moves, negative for most
+    h: wp.float64  # time step [s]
 
 
 @cache

@@ -27,9 +27,9 @@ def block_rk4(kind: BlockKind) -> wp.Function:
     compensated = Real == wp.float32
 
     @wp.func
-    def stage_roller(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, j: int, h: wp.float64):
+    def stage_roller(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, j: int):
         """Roller j, evaluated, to where the next stage looks at it; the fourth ends the step."""
-        stage = rk4_stage(now.stage, wp.float64(0.0), h)
+        stage = rk4_stage(now.stage, wp.float64(0.0), mine.h)
         weight = Real(stage.weight)
         reach = Real(stage.reach)
         n = mine.rollers

@@ -64,8 +64,7 @@ def body_rates(
     zero = wp.float64(0.0)
     rates = wp.vec3d(zero, zero, zero)
     if mount.active == 0:
-        if motion.prescribed == 0:
-            rates[2] = (wrench.moment + load) * motion.inverse_inertia
+        rates[2] = (wrench.moment + load) * motion.inverse_inertia  # whose inverse is zero where the angle is led
     else:
         turning = wp.vec3d(zero, zero, load)
         if motion.prescribed == 1:
@@ -88,12 +87,10 @@ def leapfrog_body(
     mount: Mount,
 ):
     """A body a step `h` after `time`; `kick` as `leapfrog_kick`, `ahead` the angle then where it is prescribed."""
-    if motion.prescribed == 1:
-        body.speed = (ahead - body.angle) * reciprocal(h)
-        body.angle = ahead
-    else:
-        body.speed = body.speed + kick * rates[2]
-        body.angle = body.angle + h * body.speed
+    led = motion.prescribed == 1
+    speed = wp.where(led, (ahead - body.angle) * reciprocal(h), body.speed + kick * rates[2])
+    body.angle = wp.where(led, ahead, body.angle + h * speed)
+    body.speed = speed
     if mount.moves == PRESCRIBED:
         center, velocity, growth = prescribed_center(time + h, mount)
         body.velocity = (center - body.center) * reciprocal(h)

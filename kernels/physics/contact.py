@@ -25,10 +25,10 @@ load_direction = accessors(wp.vec2d).load
 
 @wp.func
 def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law: Any):
-    """What a contact answers, eq. (15)-(19); all zero where it is open.
+    """What a closed contact answers, eq. (15)-(19); where `penetration` is not positive there is none to ask.
 
     Args:
-        penetration: pen [m], contact where positive.
+        penetration: pen > 0 [m].
         normal: unit vector towards the roller.
         relative: velocity of the partner's material point less the roller's [m/s], positive along the normal while the
             penetration grows.
@@ -38,20 +38,14 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
     Returns:
         Force on the roller (vector) and its magnitude [N], v0 [m/s], dissipated power [W], elastic energy [J].
     """
-    zero = type(penetration)(0.0)
-    size = zero
-    first = zero
-    dissipated = zero
-    energy = zero
-    if penetration > zero:
-        speed = wp.dot(relative, normal)
-        first = impact_speed
-        if first == zero:
-            first = wp.max(speed, law.speed_floor)
-        elastic = elastic_force(penetration, law.stiffness, law.exponent)
-        size = contact_force(elastic, speed, first, law)
-        dissipated = (size - elastic) * speed
-        energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
+    speed = wp.dot(relative, normal)
+    first = impact_speed
+    if first == type(penetration)(0.0):
+        first = wp.max(speed, law.speed_floor)
+    elastic = elastic_force(penetration, law.stiffness, law.exponent)
+    size = contact_force(elastic, speed, first, law)
+    dissipated = (size - elastic) * speed
+    energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
     return size * normal, size, first, dissipated, energy
 
 
