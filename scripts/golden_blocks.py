@@ -15,13 +15,13 @@ from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, 
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
-from warpchain.engine.recorder import frame_width
 from warpchain.engine.settling import elastic
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.relaxation import Settling
+from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
 

@@ -16,9 +16,9 @@ from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, _cuts, chosen_devices
 from warpchain.engine.gpu import Bucket, GpuEngine, launch_steps, refusal
 from warpchain.engine.pack import pack
-from warpchain.engine.recorder import frame_width
 from warpchain.errors import SimulationError
 from warpchain.kernels.gpu.exchange import room
+from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
 STEPS = 200
