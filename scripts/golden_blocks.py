@@ -21,7 +21,7 @@ from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.relaxation import Settling
-from warpchain.results.channels import frame_width
+from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.schedule import Schedule
 
 
@@ -51,7 +51,7 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
         sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
         frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
         of_rk4 = bool(packed.drives["integrator"].any())
-        kernel = block_kernel(packed.real, shape.threads, shape.per, *counts, 4, moving, measuring, of_rk4)
+        kernel = block_kernel(packed.real, shape.threads, shape.per, *counts, 4, moving, measuring, of_rk4, frame=FRAME)
         order = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
         inputs = [ensemble, state, sums, tallies, frames, order, 301 if measuring else 100, 0]
         wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")

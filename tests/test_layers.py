@@ -30,7 +30,7 @@ KERNEL_LEVELS = (
     ("root", "trigonometry", "sum_structs"),
     ("structs", "rows"),
     ("physics",),
-    ("sums", "relaxation"),
+    ("sums", "relaxation", "frames"),
     ("cpu", "gpu"),
 )
 STUDY_LEVELS = (("tables",), ("results",), ("spec",), ("design",), ("run",), ("analysis",), ("report",))

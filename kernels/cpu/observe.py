@@ -2,9 +2,11 @@
 
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
+from ..frames import frame_writers
 from ..physics.body import bodies, body_accelerations, heading_of, load_at, own_motion
 from ..physics.mount import body_energy, holding_force, prescribing_power
 from ..rows import accessors
@@ -16,17 +18,20 @@ from .tallies import tallies
 
 
 @cache
-def observing(Real: type, capacity: int) -> SimpleNamespace:
-    """The functions that look at one variant, for rows of `capacity` values of type `Real`."""
+def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
+    """The functions that look at one variant, for rows of `capacity` values of type `Real`; `frame` as in `frames`."""
     kinds = types(Real)
+    vec2 = kinds.vec2
     tally = tallies(Real, capacity)
     follow = following(Real).follow
     load = accessors(Real).load
     acceleration = passes(Real, capacity).acceleration
     true_body = bodies(Real).true_body
-    at = rows(capacity)
-    X, Y, VX, VY = at.x, at.y, at.vx, at.vy
-    TENSION, SPROCKET_FORCE, GUIDE_FORCE = at.tension, at.sprocket_force, at.guide_force
+    row = rows(capacity)
+    X, Y, VX, VY = row.x, row.y, row.vx, row.vy
+    TENSION, RATE, SPROCKET_FORCE, GUIDE_FORCE = row.tension, row.rate, row.sprocket_force, row.guide_force
+    write = frame_writers(Real, frame)
+    write_roller, write_sprocket, width = write.write_roller, write.write_sprocket, write.width
 
     @wp.func
     def energy_of(
@@ -135,6 +140,16 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
 
     @wp.func
+    def seen(w: wp.array(dtype=Real), i: int):
+        """What a frame wants of roller i beside its motion."""
+        of = kinds.Extra()
+        of.tension = load(w, TENSION + i)
+        of.rate = load(w, RATE + i)
+        of.sprocket_force = load(w, SPROCKET_FORCE + i)
+        of.guide_force = load(w, GUIDE_FORCE + i)
+        return of
+
+    @wp.func
     def sample(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -146,19 +161,15 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
         time: wp.float64,
         back: wp.float64,
     ):
-        """Writes one frame: rows x, y, vx, vy, tension, sprocket force, guide force; then 5 values a sprocket."""
+        """Writes the frame that begins at `first`; the velocities are those of a time `back` before it [s]."""
         n = drive.rollers
+        at = int(first)
         inverse_mass = chain.inverse_mass
         for i in range(n):
             a = acceleration(w, i, inverse_mass, chain.gravity)
-            at_roller = int(first) + i
-            frames[at_roller] = load(w, X + i)
-            frames[at_roller + n] = load(w, Y + i)
-            frames[at_roller + 2 * n] = load(w, VX + i) + Real(back) * a[0]
-            frames[at_roller + 3 * n] = load(w, VY + i) + Real(back) * a[1]
-            frames[at_roller + 4 * n] = load(w, TENSION + i)
-            frames[at_roller + 5 * n] = load(w, SPROCKET_FORCE + i)
-            frames[at_roller + 6 * n] = load(w, GUIDE_FORCE + i)
+            position = vec2(load(w, X + i), load(w, Y + i))
+            velocity = vec2(load(w, VX + i) + Real(back) * a[0], load(w, VY + i) + Real(back) * a[1])
+            write_roller(frames, at, n, i, position, velocity, seen(w, i))
         for s in range(drive.sprockets):
             body = state.sprockets[drive.first_sprocket + s]
             moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
@@ -166,11 +177,7 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
             if ensemble.mounts[drive.first_sprocket + s].active == 1:
                 speed = true_body(ensemble, state, drive, s, time, back).speed
-            at_sprocket = int(first) + 7 * n + 5 * s
-            frames[at_sprocket] = Real(body.angle)
-            frames[at_sprocket + 1] = Real(speed)
-            frames[at_sprocket + 2] = Real(moment)
-            frames[at_sprocket + 3] = Real(body.center[0])
-            frames[at_sprocket + 4] = Real(body.center[1])
+            body.speed = speed
+            write_sprocket(frames, at, n, s, body, moment)
 
     return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

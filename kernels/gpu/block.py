@@ -7,9 +7,11 @@ of rollers a thread, and of sprockets and guide-bars.
 """
 
 from functools import cache
+from typing import Any
 
 import warp as wp
 
+from ..frames import frame_writers
 from ..rows import accessors
 from ..structs import SprocketState, types, vec2d
 from ..sum_structs import Sums, Tallies
@@ -34,13 +36,15 @@ def block_kernel(
     moving: bool = False,
     measuring: bool = True,
     rk4: bool = False,
+    *,
+    frame: Any,
 ) -> wp.Kernel:
     """The kernel for drives of up to `threads * per` rollers and of these numbers of sprockets and guide-bars.
 
     Launch it with `dim` = variants * threads and `block_dim` = threads. `blocks` is how many blocks the compiler is to
     make room for on a multiprocessor; it bounds the registers of a thread. `moving` is for drives whose
     sprockets' centers may move or that have balance wheels. Without `measuring` the kernel takes no metrics. `rk4` is
-    for the classical Runge-Kutta scheme instead of leapfrog.
+    for the classical Runge-Kutta scheme instead of leapfrog. Frames lie as `frame` says (`frames.frame_writers`).
     """
     kinds = types(Real)
     vec2 = kinds.vec2
@@ -48,7 +52,7 @@ def block_kernel(
     whole_numbers = wp.types.vector(per, wp.int32)
     row = block_rows(Real, threads, per, sprockets, guides, moving, measuring)
     part = block_forces(Real, threads, per, sprockets, guides, moving, measuring)
-    frame_at = block_events(Real, sprockets).frame_at
+    frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
     look = block_observing(Real, threads, per, sprockets, guides, moving, measuring)
     wheels = block_sprockets(Real, threads, per, sprockets, guides, moving, measuring)
     barrier, shared_arrays, view = row.talk.barrier, row.talk.shared_arrays, row.talk.view
@@ -57,7 +61,7 @@ def block_kernel(
     near, leave, contacts, contacts_on = part.near, part.leave, part.contacts, part.contacts_on
     set_velocity, move, fetch, put_back, place = row.set_velocity, row.move, row.fetch, row.put_back, row.place
     SPROCKETS = part.SPROCKETS
-    sprocket_of, load = part.sprocket_of, accessors(Real).load
+    sprocket_of, load, X, Y = part.sprocket_of, accessors(Real).load, row.X, row.Y
     center_outside, set_heading = wheels.center_outside, wheels.set_heading
     start_sprocket, end_sprocket, foresee = wheels.start_sprocket, wheels.end_sprocket, wheels.foresee
     plan, turn, turn_and_move = wheels.plan, wheels.turn, wheels.turn_and_move
@@ -86,6 +90,11 @@ def block_kernel(
         p = place(shared.rows, j, vec2d(wp.float64(0.0), wp.float64(0.0)))
         inside = p[0] > drive.low[0] and p[0] < drive.high[0] and p[1] > drive.low[1] and p[1] < drive.high[1]
         return int(j < drive.rollers and not inside)
+
+    @wp.func
+    def position(shared: kinds.Shared, j: int):
+        """Position of roller j [m]."""
+        return vec2(load(shared.rows, X + j), load(shared.rows, Y + j))
 
     @wp.func
     def partners_of(shared: kinds.Shared, j: int, n: int, held: int, stage: int):
@@ -286,7 +295,7 @@ def block_kernel(
                         extra = state.extra[first + j]
                         if now.flags & FRAME != 0:
                             at = frame_at(ensemble, state, variant, since, now.step)
-                            look.write_roller(frames, at, n, shared, j, v, extra)
+                            write.write_roller(frames, at, n, j, position(shared, j), v, extra)
                         if wp.static(measuring) and now.flags & ENDS != 0:
                             energy = look.roller_energy(ensemble, shared, variant, j, v, extra)
                             tally = tallies.roller[first + j]
@@ -331,7 +340,7 @@ def block_kernel(
                     )
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, variant, since, now.step)
-                    look.write_sprocket(frames, at + 7 * n + 5 * s, body, on.moment)
+                    write.write_sprocket(frames, at, n, s, body, on.moment)
             if wp.static(rk4):
                 j = int(i)
                 while j < n and now.going != 0:

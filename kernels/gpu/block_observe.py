@@ -1,4 +1,4 @@
-"""What a block's threads take from an evaluated step: sums of the window, the energy balance, and frames.
+"""What a block's threads take from an evaluated step: sums of the window, and the energy balance.
 
 A thread adds up its own links' tension over `STRAND_LOOK_EVERY` steps, then adds that to the tally of the strand that
 the link is on; one thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
@@ -196,28 +196,6 @@ def block_observing(
             at = ensemble.drives[variant].first_sprocket + s
             tallies.sprocket[at] = with_energy(tallies.sprocket[at], flags & START, energy)
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, on.moment, load, weight)
-
-    @wp.func
-    def write_roller(
-        frames: wp.array(dtype=Real), at: int, n: int, shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra
-    ):
-        """Roller j in a frame whose first value is at `at`, laid out as by `observe.sample`."""
-        frames[at + j] = load(shared.rows, X + j)
-        frames[at + n + j] = load(shared.rows, Y + j)
-        frames[at + 2 * n + j] = v[0]
-        frames[at + 3 * n + j] = v[1]
-        frames[at + 4 * n + j] = extra.tension
-        frames[at + 5 * n + j] = extra.sprocket_force
-        frames[at + 6 * n + j] = extra.guide_force
-
-    @wp.func
-    def write_sprocket(frames: wp.array(dtype=Real), at: int, body: SprocketState, moment: wp.float64):
-        """One sprocket's part of a frame."""
-        frames[at] = Real(body.angle)
-        frames[at + 1] = Real(body.speed)
-        frames[at + 2] = Real(moment)
-        frames[at + 3] = Real(body.center[0])
-        frames[at + 4] = Real(body.center[1])
 
     return SimpleNamespace(
         **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},

@@ -20,7 +20,7 @@ from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.relaxation import Settling
-from warpchain.results.channels import frame_width
+from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.schedule import Schedule
 
 FOREVER = 10**8
@@ -126,6 +126,7 @@ def run_blocks(packed, shape, blocks, order, frames):
         bool(packed.mounts["active"].any()),
         True,
         bool(packed.drives["integrator"].any()),
+        frame=FRAME,
     )
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
@@ -213,7 +214,7 @@ def test_metrics_from_the_first_step(fibers, drives):
     "form", [(640, 1, 3, 1, 1, True, True), (768, 1, 2, 0, 1, False, False), (192, 1, 31, 0, 4, False, True)]
 )
 def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form):
-    kernel = block_kernel(wp.float64, *form)  # ptxas refuses what asks for more than 48 KiB
+    kernel = block_kernel(wp.float64, *form, frame=FRAME)  # ptxas refuses what asks for more than 48 KiB
     wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
 
@@ -235,10 +236,10 @@ def test_where_launches_end_does_not_matter(fibers, drives):
 @pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
 def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch):
     for kernel in (
-        block_kernel(real, 128, 1, 2, 1, 4),
-        block_kernel(real, 32, 4, 2, 1, 16),
-        block_kernel(real, 128, 1, 2, 1, 4, True),
-        block_kernel(real, 128, 1, 2, 1, 4, False, True, True),
+        block_kernel(real, 128, 1, 2, 1, 4, frame=FRAME),
+        block_kernel(real, 32, 4, 2, 1, 16, frame=FRAME),
+        block_kernel(real, 128, 1, 2, 1, 4, True, frame=FRAME),
+        block_kernel(real, 128, 1, 2, 1, 4, False, True, True, frame=FRAME),
         block_relax_kernel(real, 128, 1, 2, 1, 4),
     ):
         wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(tmp_path))

@@ -26,6 +26,7 @@ from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.structs import DIVERGENCE_CHECK
+from warpchain.results.channels import FRAME
 
 MOST_LINKS = 16 * THREADS[-1]
 """Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
@@ -188,7 +189,7 @@ class GpuEngine:
             if name == "relax":
                 kernel = block_relax_kernel(*form, blocks)
             else:
-                kernel = block_kernel(*form, blocks, bucket.moving, name == "measure", bucket.rk4)
+                kernel = block_kernel(*form, blocks, bucket.moving, name == "measure", bucket.rk4, frame=FRAME)
             wp.load_module(kernel.module, device=self.device, block_dim=shape.threads)
             self._kernels[kind] = kernel
         return self._kernels[kind]
