@@ -12,7 +12,7 @@ from ..physics.mount import body_energy, holding_force, prescribing_power
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums
-from ..sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_mount, add_sprocket, following
+from ..sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_energy, add_mount, add_sprocket, following
 from .rollers import passes, rows
 from .tallies import tallies
 
@@ -113,13 +113,14 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
             weight = wp.float64(0.5) * weight
         chain_sums = tally.add_links(w, n, chain, sums.chain[variant], weight)
         if step == drive.window_start:
-            chain_sums.energy_start = mechanical_energy(ensemble, state, drive, chain, w, time, back)
+            chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, w, time, back))
         if step == drive.window_end:
-            chain_sums.energy_end = mechanical_energy(ensemble, state, drive, chain, w, time, back)
+            chain_sums = add_energy(chain_sums, False, mechanical_energy(ensemble, state, drive, chain, w, time, back))
         sums.chain[variant] = chain_sums
         for p in range(drive.sprockets + drive.guides):
             i = drive.first_sprocket + drive.first_guide + p
-            sums.contact[i] = add_contact(sums.contact[i], state.totals[i], weight)
+            of = state.totals[i]
+            sums.contact[i] = add_contact(sums.contact[i], of.force, of.force_max, of.dissipated, of.impacts, weight)
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
             if ensemble.mounts[i].active == 1:

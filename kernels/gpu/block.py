@@ -15,7 +15,7 @@ from ..frames import frame_writers
 from ..rows import accessors
 from ..structs import SprocketState, types, vec2d
 from ..sum_structs import Sums, Tallies
-from ..sums import STRAND_LOOK_EVERY
+from ..sums import STRAND_LOOK_EVERY, add_energy
 from .block_events import CHECK, END, ENDS, FRAME, LAST, START, block_events, flags_of, next_event
 from .block_forces import block_forces
 from .block_observe import block_observing
@@ -299,7 +299,7 @@ def block_kernel(
                         if wp.static(measuring) and now.flags & ENDS != 0:
                             energy = look.roller_energy(ensemble, shared, variant, j, v, extra)
                             tally = tallies.roller[first + j]
-                            tallies.roller[first + j] = look.with_energy(tally, now.flags & START, energy)
+                            tallies.roller[first + j] = add_energy(tally, now.flags & START != 0, energy)
                     j = j + wp.static(threads)
             # sprockets, while the other threads move their rollers
             on = contacts_on(shared, i)

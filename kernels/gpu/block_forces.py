@@ -13,6 +13,7 @@ from ..physics.tooth import nearest_seat, seat_step, wrapped_seat
 from ..rows import accessors
 from ..structs import types, vec2d
 from ..sum_structs import Tallies, Totals
+from ..sums import add_contact
 from .block_rows import block_rows
 from .exchange import group, lanes, lowest_bit
 
@@ -106,14 +107,9 @@ def block_forces(
             if before == Real(0.0) and stage == 0:
                 store(state.impact_speed, memory, first)
             if measured != 0:
-                sums = tallies.contact
-                dissipated = weight * ((size - elastic) * speed)
-                sums[memory].impulse = sums[memory].impulse + wp.float64(weight * size)
-                sums[memory].dissipated = sums[memory].dissipated + wp.float64(dissipated)
-                if wp.float64(size) > sums[memory].force_max:
-                    sums[memory].force_max = wp.float64(size)
-                if before == Real(0.0):
-                    sums[memory].impacts = sums[memory].impacts + 1
+                begun = wp.where(before == Real(0.0), 1, 0)
+                sums = tallies.contact[memory]
+                tallies.contact[memory] = add_contact(sums, size, size, (size - elastic) * speed, begun, weight)
             if extra != 0:
                 energy = elastic_energy(elastic, penetration, law)
                 state.extra[roller].energy = state.extra[roller].energy + energy

@@ -14,8 +14,19 @@ from ..physics.motion import ramp
 from ..physics.mount import body_energy, holding_force, prescribing_power
 from ..rows import accessors
 from ..structs import Drive, SprocketState, types
-from ..sum_structs import ContactSums, RollerTally, StrandSums, Sums, Tallies, Totals
-from ..sums import add_displacement, add_mount, add_sprocket, displacement, following
+from ..sum_structs import ContactSums, LinkTally, Sums, Tallies, Totals
+from ..sums import (
+    add_displacement,
+    add_energy,
+    add_mount,
+    add_sprocket,
+    displacement,
+    following,
+    merge_contact,
+    merge_roller,
+    merge_tension,
+    unseen,
+)
 from .block_events import ENDS, START
 from .block_rows import block_rows
 
@@ -79,17 +90,16 @@ def block_observing(
         """Adds what has been seen of link j at `samples` steps to its tally of the strand it is on."""
         drive = ensemble.drives[variant]
         at = drive.first_tally + category_of(shared, j, n) * n + j
-        lowest = wp.float64(load(shared.seen, LOWEST + j))
-        highest = wp.float64(load(shared.seen, HIGHEST + j))
+        seen = LinkTally()
+        seen.tension_min = wp.float64(load(shared.seen, LOWEST + j))
+        seen.tension_max = wp.float64(load(shared.seen, HIGHEST + j))
+        seen.tension = wp.float64(load(shared.seen, TENSION + j))
+        seen.tension_square = wp.float64(load(shared.seen, SQUARE + j))
         tally = tallies.link[at]
         if tally.samples == wp.int64(0):
-            tally.tension_min = lowest
-            tally.tension_max = highest
+            tally = unseen()
+        tally = merge_tension(tally, seen)
         tally.samples = tally.samples + wp.int64(samples)
-        tally.tension_min = wp.min(tally.tension_min, lowest)
-        tally.tension_max = wp.max(tally.tension_max, highest)
-        tally.tension = tally.tension + wp.float64(load(shared.seen, TENSION + j))
-        tally.tension_square = tally.tension_square + wp.float64(load(shared.seen, SQUARE + j))
         tallies.link[at] = tally
         roller = tallies.roller[drive.first_roller + j]
         power = wp.float64(ensemble.chains[variant].damping) * wp.float64(load(shared.seen, RATE + j))
@@ -126,15 +136,6 @@ def block_observing(
         moving_part = wp.float64(0.5) * mass * wp.float64(wp.dot(v, v))
         elastic = wp.float64(0.5) * spring * spring / wp.float64(chain.stiffness)
         return moving_part + elastic - mass * lift + wp.float64(extra.energy)
-
-    @wp.func
-    def with_energy(tally: RollerTally, start: int, energy: wp.float64):
-        """The tally with more energy at the window's start if `start`, else at its end."""
-        if start != 0:
-            tally.energy_start = tally.energy_start + energy
-        else:
-            tally.energy_end = tally.energy_end + energy
-        return tally
 
     @wp.func
     def observe_mount(
@@ -194,7 +195,7 @@ def block_observing(
                 energy = observe_mount(ensemble, shared, s, time, body, on, weight)
         if flags & ENDS != 0:
             at = ensemble.drives[variant].first_sprocket + s
-            tallies.sprocket[at] = with_energy(tallies.sprocket[at], flags & START, energy)
+            tallies.sprocket[at] = add_energy(tallies.sprocket[at], flags & START != 0, energy)
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, on.moment, load, weight)
 
     return SimpleNamespace(
@@ -211,50 +212,29 @@ def collect(drives: wp.array(dtype=Drive), tallies: Tallies, sums: Sums):
     chain = sums.chain[variant]
     samples = wp.int64(0)
     for c in range(drive.sprockets + 1):
-        strand = StrandSums()
-        strand.tension_min = wp.float64(1.0e308)
-        strand.tension_max = wp.float64(-1.0e308)
+        strand = unseen()
         for i in range(n):
             tally = tallies.link[drive.first_tally + c * n + i]
             if tally.samples > wp.int64(0):
-                strand.links = strand.links + tally.samples
-                strand.tension_min = wp.min(strand.tension_min, tally.tension_min)
-                strand.tension_max = wp.max(strand.tension_max, tally.tension_max)
-                strand.tension = strand.tension + tally.tension
-                strand.tension_square = strand.tension_square + tally.tension_square
-        chain.tension_min = wp.min(chain.tension_min, strand.tension_min)
-        chain.tension_max = wp.max(chain.tension_max, strand.tension_max)
-        chain.tension = chain.tension + strand.tension
-        chain.tension_square = chain.tension_square + strand.tension_square
-        samples = samples + strand.links
+                strand = merge_tension(strand, tally)
+                strand.samples = strand.samples + tally.samples
+        chain = merge_tension(chain, strand)
+        samples = samples + strand.samples
         if c < drive.sprockets:
-            mine = sums.strand[drive.first_sprocket + c]
-            mine.links = strand.links
-            mine.tension_min = strand.tension_min
-            mine.tension_max = strand.tension_max
-            mine.tension = strand.tension
-            mine.tension_square = strand.tension_square
+            mine = merge_tension(sums.strand[drive.first_sprocket + c], strand)
+            mine.links = mine.links + strand.samples
             sums.strand[drive.first_sprocket + c] = mine
     chain.samples = samples / wp.int64(n)
     for i in range(n):
-        roller = tallies.roller[drive.first_roller + i]
-        chain.dissipated = chain.dissipated + roller.dissipated
-        chain.energy_start = chain.energy_start + roller.energy_start
-        chain.energy_end = chain.energy_end + roller.energy_end
+        chain = merge_roller(chain, tallies.roller[drive.first_roller + i])
     for s in range(drive.sprockets):
-        sprocket = tallies.sprocket[drive.first_sprocket + s]
-        chain.energy_start = chain.energy_start + sprocket.energy_start
-        chain.energy_end = chain.energy_end + sprocket.energy_end
+        chain = merge_roller(chain, tallies.sprocket[drive.first_sprocket + s])
     sums.chain[variant] = chain
     memory = drive.first_contact
     for p in range(drive.sprockets + drive.guides):
         at = drive.first_sprocket + drive.first_guide + p
         total = ContactSums()
         for i in range(n):
-            contact = tallies.contact[memory + i]
-            total.force_max = wp.max(total.force_max, contact.force_max)
-            total.impacts = total.impacts + contact.impacts
-            total.impulse = total.impulse + contact.impulse
-            total.dissipated = total.dissipated + contact.dissipated
+            total = merge_contact(total, tallies.contact[memory + i])
         sums.contact[at] = total
         memory = memory + n
