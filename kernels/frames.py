@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from .structs import SprocketState, types
+from .structs import BodyState, types
 
 
 @cache
@@ -27,14 +27,14 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
         return wp.static(frame.roller_values) * n + wp.static(frame.sprocket_values) * sprockets
 
     @wp.func
-    def put_pair(frames: wp.array(dtype=Real), at: int, n: int, value: vec2):
+    def put_pair(frames: wp.array[Real], at: int, n: int, value: vec2):
         """A roller's vector: its first component at `at`, the second in the row of n values after that."""
         frames[at] = value[0]
         frames[at + n] = value[1]
 
     @wp.func
     def write_roller(
-        frames: wp.array(dtype=Real), at: int, n: int, i: int, position: vec2, velocity: vec2, seen: kinds.Extra
+        frames: wp.array[Real], at: int, n: int, i: int, position: vec2, velocity: vec2, seen: kinds.Extra
     ):
         """Roller i and the link after it, in a frame of n rollers whose first value is at `at`."""
         mine = at + i
@@ -45,7 +45,7 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
         frames[mine + wp.static(place("guide_force")) * n] = seen.guide_force
 
     @wp.func
-    def write_sprocket(frames: wp.array(dtype=Real), at: int, n: int, s: int, body: SprocketState, moment: wp.float64):
+    def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: BodyState, moment: wp.float64):
         """Sprocket s at the frame's instant and the contacts' moment on it [N m], in a frame of n rollers at `at`."""
         mine = at + width(n, s)
         frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)

@@ -7,6 +7,8 @@ fastest oscillations. The state is settled when no roller's net force exceeds a 
 (or of a roller's weight).
 """
 
+from typing import Any
+
 import warp as wp
 
 LOOK_EVERY = wp.constant(4)  # steps between two looks at the kinetic energy
@@ -23,3 +25,48 @@ class Settling:
     residual: wp.float64  # largest net force over the largest link force or weight
     energy: wp.float64  # kinetic energy at the last look [J]
     settled: wp.int32
+
+
+@wp.func
+def finite_size(acceleration: Any):
+    """Magnitude of an acceleration [m/s^2]; huge where it is not finite."""
+    size = wp.length(acceleration)
+    if not size < type(size)(1.0e30):
+        size = type(size)(1.0e30)
+    return size
+
+
+@wp.func
+def relative_residual(worst: wp.float64, tension: wp.float64, mass: wp.float64, gravity: wp.vec2d):
+    """Largest net force on a roller over the largest link force or a roller's weight.
+
+    Args:
+        worst: largest acceleration of a roller [m/s^2].
+        tension: largest link force, in size [N].
+        mass: of a roller [kg].
+        gravity: [m/s^2].
+    """
+    scale = wp.max(tension, mass * wp.length(gravity))
+    if scale == wp.float64(0.0):
+        return worst
+    return mass * worst / scale
+
+
+@wp.func
+def judged(now: Settling, energy: wp.float64, residual: wp.float64):
+    """The relaxation after a look at its kinetic energy [J] and residual, and whether it stops and restarts."""
+    restart = int(0)
+    now.residual = residual
+    if residual < now.tolerance:
+        now.settled = 1
+    if energy < now.energy:
+        restart = 1
+        energy = wp.float64(0.0)
+    now.energy = energy
+    return now, restart
+
+
+@wp.func
+def relaxation_kick(now: Settling, restart: int):
+    """Time over which velocities are accelerated [s]: half a step from rest."""
+    return wp.where(now.steps == 0 or restart == 1, wp.float64(0.5) * now.step, now.step)

@@ -5,7 +5,7 @@ All in float64 at every precision, in SI units.
 
 import warp as wp
 
-vec2d = wp.types.vector(2, wp.float64)
+vec2d = wp.vec2d
 
 
 @wp.struct

@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from .root import reciprocal
-from .structs import Mount, SprocketState, Strand, vec2d
+from .structs import BodyState, Mount, Strand
 from .sum_structs import ChainSums, ContactSums, LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
 
 STRAND_LOOK_EVERY = wp.constant(16)
@@ -116,7 +116,7 @@ def add_sprocket(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load
 
 
 @wp.func
-def add_mount(sums: MountSums, body: SprocketState, mount: Mount, held: vec2d, power: wp.float64, weight: wp.float64):
+def add_mount(sums: MountSums, body: BodyState, mount: Mount, held: wp.vec2d, power: wp.float64, weight: wp.float64):
     """One moving sprocket's displacement, the force `held` on its center, its damper's and its prescription's power."""
     apart = body.center - mount.home
     sums.travel = sums.travel + weight * apart

@@ -151,12 +151,17 @@ def void(_: object) -> None:
     """Nothing."""
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--variants", type=int, default=4)
+    made.add_argument("--rounds", type=int, default=10)
+    return made
+
+
 def main() -> None:
     """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--variants", type=int, default=4)
-    parser.add_argument("--rounds", type=int, default=10)
-    arguments = parser.parse_args()
+    arguments = parser().parse_args()
     variants, rounds = arguments.variants, arguments.rounds
     cores = sorted(os.sched_getaffinity(0))
     memory = Path("/dev/shm")
@@ -260,7 +265,7 @@ def scaling(run: Run, folder: Path, size: float, rounds: int, cores: list[int]) 
     }
     lines: dict[str, list[str]] = {name: [] for name in (*cases, "bare zstd, 2 threads")}
     for compression in COMPRESSIONS:
-        jobs = {}
+        jobs: dict[str, Callable[[], None]] = {}
         for name, (count, options) in cases.items():
             write = writer_of(run, folder / f"{name}.mcap".replace(" ", "-"), compression=compression, **options)
 

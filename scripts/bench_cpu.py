@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from warpchain import load_drive, loads_drive
+from warpchain import Drive, load_drive, loads_drive
 from warpchain.assembly.timestep import resolve_step
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
@@ -62,7 +62,7 @@ sample_rate = 5000.0
 """
 
 
-def schedule(drive, metrics: bool) -> Schedule:
+def schedule(drive: Drive, metrics: bool) -> Schedule:
     """A run without end, without frames; the window is either all of it or far away."""
     return Schedule(resolve_step(drive), FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0)
 
@@ -119,7 +119,7 @@ class Reference:
         return seconds, np.fromfile(self.folder / "out")
 
 
-def engine_rate(drive, variants: int, workers: int, steps: int, metrics: bool, precision: str) -> float:
+def engine_rate(drive: Drive, variants: int, workers: int, steps: int, metrics: bool, precision: str) -> float:
     """Roller-steps a second of the engine, compilation and start apart."""
     engine = CpuEngine(pack([drive] * variants, [schedule(drive, metrics)] * variants).at_precision(precision), workers)
     buffer = engine.frame_buffer(1)
@@ -133,7 +133,9 @@ def engine_rate(drive, variants: int, workers: int, steps: int, metrics: bool, p
     return variants * drive.chain.links * steps / seconds
 
 
-def compare(name: str, drive, reference: Reference | None, quick: Reference | None, steps: int, rounds: int) -> None:
+def compare(
+    name: str, drive: Drive, reference: Reference | None, quick: Reference | None, steps: int, rounds: int
+) -> None:
     """Prints one drive's lines; `quick` is the reference without errno, which lets the compiler vectorize roots."""
     n = drive.chain.links
     packed = pack([drive], [schedule(drive, False)])
@@ -165,7 +167,7 @@ def compare(name: str, drive, reference: Reference | None, quick: Reference | No
         check(drive, reference)
 
 
-def check(drive, reference: Reference, steps: int = 2000) -> None:
+def check(drive: Drive, reference: Reference, steps: int = 2000) -> None:
     """Prints how far engine and reference are apart after the same steps: they do the same work."""
     packed = pack([drive], [schedule(drive, False)])
     engine = CpuEngine(packed, 1)
@@ -177,12 +179,17 @@ def check(drive, reference: Reference, steps: int = 2000) -> None:
     print(f"  largest difference in position after {steps} steps: {apart[: 2 * n].max():.1e} m")
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--steps", type=int, default=40_000, help="steps of each timed run (default 40000)")
+    made.add_argument("--rounds", type=int, default=5, help="rounds, of which the best counts (default 5)")
+    return made
+
+
 def main() -> int:
     """Runs all cases."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=40_000, help="steps of each timed run (default 40000)")
-    parser.add_argument("--rounds", type=int, default=5, help="rounds, of which the best counts (default 5)")
-    arguments = parser.parse_args()
+    arguments = parser().parse_args()
     wp.config.log_level = wp.LOG_ERROR
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}")

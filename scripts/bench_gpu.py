@@ -16,15 +16,18 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import warp as wp
 from bench_cpu import FOREVER, HERE, TWO_SPROCKETS, reference_input
 
-from warpchain import Record, load_drive, loads_drive, simulate
+from warpchain import Drive, Record, load_drive, loads_drive, simulate
+from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
 from warpchain.engine.gpu import GpuEngine
 from warpchain.engine.pack import pack
+from warpchain.engine.packed import Packed
 from warpchain.results.schedule import Schedule
 
 DEVICE = "cuda:0"
@@ -35,7 +38,7 @@ DRIVES = {
 }
 
 
-def repeated(one, variants: int):
+def repeated(one: Packed, variants: int) -> Packed:
     """`one` packed variant `variants` times over, without assembling each."""
     rows = "drives chains lengths sprockets motions mounts guides rollers bodies strands seat"
     arrays = {name: getattr(one, name) for name in rows.split()}
@@ -55,9 +58,9 @@ def repeated(one, variants: int):
     return many
 
 
-def bare(drive, variants: int, precision: str, steps: int, metrics: bool) -> tuple[float, float, float]:
+def bare(drive: Drive, variants: int, precision: str, steps: int, metrics: bool) -> tuple[float, float, float]:
     """Seconds of `steps` steps of the engine, of its first launch, and GiB that the ensemble takes."""
-    schedule = Schedule(drive.run.step, FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0)
+    schedule = Schedule(resolve_step(drive), FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0)
     packed = repeated(pack([drive], [schedule]).at_precision(precision), variants)
     free = wp.get_device(DEVICE).free_memory
     engine = GpuEngine(packed, DEVICE)
@@ -78,7 +81,7 @@ def bare(drive, variants: int, precision: str, steps: int, metrics: bool) -> tup
     return best, first, taken
 
 
-def reference(drive, steps: int, folder: Path) -> dict[tuple[str, int], float]:
+def reference(drive: Drive, steps: int, folder: Path) -> dict[tuple[str, int], float]:
     """Seconds of the CUDA program by precision and variants; empty without nvcc."""
     if shutil.which("nvcc") is None:
         print("  no nvcc here: the CUDA reference is left out")
@@ -87,7 +90,7 @@ def reference(drive, steps: int, folder: Path) -> dict[tuple[str, int], float]:
     if not program.exists():
         source = str(HERE / "chain_reference.cu")
         subprocess.run(["nvcc", "-O3", "-arch=native", "-o", str(program), source], check=True)
-    packed = pack([drive], [Schedule(drive.run.step, FOREVER, FOREVER - 1, FOREVER, 0)])
+    packed = pack([drive], [Schedule(resolve_step(drive), FOREVER, FOREVER - 1, FOREVER, 0)])
     (folder / "in").write_bytes(reference_input(packed))
     command = [str(program), str(folder / "in"), str(folder / "out"), str(steps), *map(str, VARIANTS)]
     lines = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
@@ -95,9 +98,9 @@ def reference(drive, steps: int, folder: Path) -> dict[tuple[str, int], float]:
     return {("float64" if size == "8" else "float32", int(count)): float(seconds) for size, count, seconds in words}
 
 
-def difference(drive, steps: int, folder: Path) -> float:
+def difference(drive: Drive, steps: int, folder: Path) -> float:
     """Largest distance between the engine's rollers and the reference's after `steps` steps [m]."""
-    packed = pack([drive], [Schedule(drive.run.step, FOREVER, FOREVER - 1, FOREVER, 0)])
+    packed = pack([drive], [Schedule(resolve_step(drive), FOREVER, FOREVER - 1, FOREVER, 0)])
     (folder / "in").write_bytes(reference_input(packed))
     command = [str(folder / "chain_reference_gpu"), str(folder / "in"), str(folder / "out"), str(steps), "1"]
     subprocess.run(command, check=True, capture_output=True)
@@ -134,7 +137,7 @@ def table() -> None:
                 print(f"largest difference in position after 500 steps: {difference(drive, 500, folder):.1e} m")
 
 
-def timed(drives, **options) -> float:
+def timed(drives: list[Drive], **options: Any) -> float:
     """Seconds of a whole run, the better of two."""
     return min(simulate(drives, **options).info.wall_time for _ in range(2))
 
@@ -147,9 +150,9 @@ def recording() -> None:
     some = Record(variants=range(0, 2112, 132), rate=5000.0)
     print("\n2,112 variants of the marine drive, 2 s, no settling: seconds")
     for precision in ("float64", "float32"):
-        options = {"device": DEVICE, "precision": precision, "duration": 2.0}
+        options: dict[str, Any] = {"device": DEVICE, "precision": precision, "duration": 2.0}
         simulate(drives, record=none, **options | {"duration": 0.001})  # compiles
-        last = (2.0 - drive.run.step, 2.0)
+        last = (2.0 - resolve_step(drive), 2.0)
         nothing = timed(drives, record=none, window=last, **options)
         recorded = timed(drives, record=some, window=last, **options)
         metrics = timed(drives, record=none, window=(0.0, 2.0), **options)
@@ -177,7 +180,7 @@ def gpus() -> None:
     count = wp.get_cuda_device_count()
     drive = DRIVES["marine drive"].with_values({"run.settle": False})
     drives = [drive] * (16_896 * count)
-    options = {"duration": 0.2, "record": Record(variants="none")}
+    options: dict[str, Any] = {"duration": 0.2, "record": Record(variants="none")}
     simulate([drive] * count, device="cuda", **options)
     one = timed(drives, device=DEVICE, **options)
     every = timed(drives, device="cuda", **options)
@@ -206,20 +209,31 @@ def headline() -> None:
         )
 
 
+PARTS = {"table": table, "recording": recording, "rollers": rollers, "gpus": gpus, "headline": headline}
+
+
+def part(word: str) -> str:
+    """The name of a part."""
+    if word not in PARTS:
+        raise argparse.ArgumentTypeError(f"{word!r}: allowed are {', '.join(PARTS)}")
+    return word
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("parts", nargs="*", type=part, help=", ".join(PARTS))
+    return made
+
+
 def main() -> None:
     """Runs the parts that are named."""
-    parts = {"table": table, "recording": recording, "rollers": rollers, "gpus": gpus, "headline": headline}
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", help=", ".join(parts))
-    chosen = parser.parse_args().parts or list(parts)
-    for name in chosen:
-        if name not in parts:
-            parser.error(f"{name!r}: allowed are {', '.join(parts)}")
+    chosen = parser().parse_args().parts or list(PARTS)
     wp.config.log_level = wp.LOG_ERROR
     wp.init()
     print(wp.get_device(DEVICE).name)
     for name in chosen:
-        parts[name]()
+        PARTS[name]()
 
 
 if __name__ == "__main__":

@@ -59,7 +59,8 @@ sample_rate = 2000.0
 
 def archetypes(stream: rr.RecordingStream, trajectory: Trajectory) -> None:
     """The chain's rollers and colors through Rerun's own conversions, in columns."""
-    frames, rollers = trajectory.tension.shape
+    assert trajectory.position is not None
+    frames, rollers = trajectory.position.shape[:2]
     colors = np.full((frames * rollers, 4), 255, dtype=np.uint8)
     points = flipped(trajectory.position).reshape(-1, 2)
     columns = rr.Points2D.columns(positions=points, colors=colors).partition([rollers] * frames)
@@ -68,17 +69,23 @@ def archetypes(stream: rr.RecordingStream, trajectory: Trajectory) -> None:
 
 def frame_by_frame(stream: rr.RecordingStream, trajectory: Trajectory) -> None:
     """The same, logged one frame after the other."""
+    assert trajectory.position is not None
     points, colors = flipped(trajectory.position), np.full((trajectory.drive.chain.links, 4), 255, dtype=np.uint8)
     for time_now, x in zip(trajectory.time.tolist(), points, strict=True):
         stream.set_time(TIMELINE, duration=time_now)
         stream.log("reference/loop", rr.Points2D(x, colors=colors))
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--rounds", type=int, default=7, help="rounds, of which the best counts (default 7)")
+    return made
+
+
 def main() -> None:
     """Times every part."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=7, help="rounds, of which the best counts (default 7)")
-    rounds = parser.parse_args().rounds
+    rounds = parser().parse_args().rounds
     drive = loads_drive(DRIVE)
     one = recorded(simulate(drive, record=Record()), None)
     trajectory, frames = one.trajectory, len(one.trajectory.time)

@@ -15,11 +15,12 @@ import statistics
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import warp as wp
 
-from warpchain import Record, load_drive, simulate
+from warpchain import Record, Run, load_drive, simulate
 from warpchain.drive.examples import drive_path
 from warpchain.study.run import run_study
 
@@ -69,7 +70,7 @@ def study_seconds(arguments: argparse.Namespace, count: int) -> tuple[float, flo
 
     inside = 0.0
 
-    def timed(*drives, **settings):
+    def timed(*drives: Any, **settings: Any) -> Run:
         nonlocal inside
         begun = time.perf_counter()
         run = simulate(*drives, **settings)
@@ -95,16 +96,22 @@ def bare_seconds(arguments: argparse.Namespace, drives: list) -> float:
     return time.perf_counter() - begun
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--count", type=int, default=1000, help="variants (default 1000)")
+    made.add_argument("--duration", type=float, default=0.005, help="simulated seconds (default 0.005)")
+    made.add_argument("--shards", type=int, default=2, help="number of shards (default 2)")
+    made.add_argument("--repeats", type=int, default=3, help="times that each is taken (default 3)")
+    made.add_argument("--precision", default="float64", choices=["float64", "float32"])
+    made.add_argument("--device", help="as in simulate; default the best there is")
+    made.add_argument("--adjust", action="store_true", help="also adjust the tightener to a preload")
+    return made
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=1000, help="variants (default 1000)")
-    parser.add_argument("--duration", type=float, default=0.005, help="simulated seconds (default 0.005)")
-    parser.add_argument("--shards", type=int, default=2, help="number of shards (default 2)")
-    parser.add_argument("--repeats", type=int, default=3, help="times that each is taken (default 3)")
-    parser.add_argument("--precision", default="float64", choices=["float64", "float32"])
-    parser.add_argument("--device", help="as in simulate; default the best there is")
-    parser.add_argument("--adjust", action="store_true", help="also adjust the tightener to a preload")
-    arguments = parser.parse_args()
+    """Times both and prints what a study costs."""
+    arguments = parser().parse_args()
 
     wp.config.log_level = wp.LOG_ERROR
     *_, rows = study_seconds(arguments, arguments.count)

@@ -8,12 +8,13 @@ The motion is chaotic: each profile runs ten times with loads a millionth apart,
 error that their scatter leaves.
 """
 
+import argparse
 import math
-import sys
+from pathlib import Path
 
 import numpy as np
 
-from warpchain import Record, loads_drive, simulate
+from warpchain import Drive, Record, Trajectory, loads_drive, simulate
 from warpchain.drive.stiffness import contact_rebound
 from warpchain.drive.teeth import half_gap_outline
 from warpchain.results.scene import nearest_sprocket, sprocket_normals
@@ -29,7 +30,7 @@ BEGIN = 0.2  # s: what comes before is the start
 COLORS = ("#4477aa", "#ee6677", "#228833")
 
 
-def drive(profile: str, **changes: float):
+def drive(profile: str, **changes: float) -> Drive:
     """The drive with one of the profiles; `changes` of the values in the text below."""
     values = {"speed": 60.0, "torque": 120.0, "viscous": 0.2, "damping": 60.0, "floor": 0.05, "e": 0.4} | changes
     return loads_drive(
@@ -70,24 +71,31 @@ def drive(profile: str, **changes: float):
     )
 
 
-def approach_speeds(trajectory, s: int) -> np.ndarray:
-    """Speed along the tooth's normal with which each roller that arrives on sprocket s first meets it [m/s]."""
+def approach_speeds(trajectory: Trajectory, s: int) -> np.ndarray:
+    """Speed along the tooth's normal with which each roller that arrives on sprocket s first meets it [m/s].
+
+    Normal and speed are those of the frame before.
+    """
+    assert trajectory.position is not None and trajectory.velocity is not None
+    assert trajectory.sprocket_center is not None and trajectory.sprocket_speed is not None
+    assert trajectory.sprocket_force is not None
     on = nearest_sprocket(trajectory) == s
-    normals = sprocket_normals(trajectory, s)
-    arm = trajectory.position - trajectory.sprocket_center[:, None, s]
-    omega = trajectory.sprocket_speed[:, s, None]
-    surface = np.stack([-omega * arm[..., 1], omega * arm[..., 0]], axis=-1)
-    closing = ((surface - trajectory.velocity) * normals).sum(axis=-1)
-    speeds = []
+    met = []
     for frame, roller in np.argwhere(~on[:-1] & on[1:]):
         touching = np.flatnonzero(trajectory.sprocket_force[frame + 1 :, roller] > 0.0)
         if trajectory.time[frame] > BEGIN and touching.size:
-            speeds.append(closing[frame + touching[0], roller])
-    return np.array(speeds)
+            met.append((frame + touching[0], roller))
+    frames, rollers = np.array(met, dtype=np.intp).reshape(-1, 2).T
+    arm = trajectory.position[frames, rollers] - trajectory.sprocket_center[frames, s]
+    surface = trajectory.sprocket_speed[frames, s, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+    normals = sprocket_normals(trajectory, frames, rollers)
+    return ((surface - trajectory.velocity[frames, rollers]) * normals).sum(axis=1)
 
 
-def around(trajectory, s: int) -> tuple[np.ndarray, np.ndarray]:
+def around(trajectory: Trajectory, s: int) -> tuple[np.ndarray, np.ndarray]:
     """Pitches travelled since a roller's arrival on sprocket s, and its mean contact force there [N]."""
+    assert trajectory.position is not None and trajectory.sprocket_center is not None
+    assert trajectory.sprocket_force is not None
     arm = trajectory.position - trajectory.sprocket_center[:, None, s]
     on = (nearest_sprocket(trajectory) == s) & (trajectory.time > BEGIN)[:, None]
     # the driven sprocket is wrapped from its lowest to its highest point
@@ -104,6 +112,7 @@ def seated(profile: str) -> tuple[np.ndarray, float]:
     slow = slow.with_values({"contact.sprocket.stiffness": 2e9, "run.step": 1.5e-6, "run.duration": 1.0})
     trajectory = simulate(slow, record=Record(rate=100.0))[0]
     phi = slow.tooth(0).pressure_angle(TEETH)
+    assert trajectory.sprocket_force is not None and trajectory.tension is not None
     force, tension = trajectory.sprocket_force[-1], trajectory.tension[-1]
     on = nearest_sprocket(trajectory)[-1] == 0
     loaded = np.flatnonzero(on & (force > 0.005 * force.max()))
@@ -114,8 +123,16 @@ def seated(profile: str) -> tuple[np.ndarray, float]:
     return values / values[0], math.sin(phi) / math.sin(phi + 2.0 * math.pi / TEETH)
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("picture", nargs="?", type=Path, help="where to save the figure; default: nowhere")
+    return made
+
+
 def main() -> None:
     """Prints the table and draws the figure."""
+    target = parser().parse_args().picture
     import matplotlib
 
     matplotlib.use("Agg")
@@ -178,8 +195,8 @@ def main() -> None:
     decay.set_ylim(5e-3, 1.5)
     for axes in (shape, force, approach, decay):
         axes.grid(alpha=0.3)
-    if len(sys.argv) > 1:
-        figure.savefig(sys.argv[1], dpi=110)
+    if target is not None:
+        figure.savefig(target, dpi=110)
 
 
 if __name__ == "__main__":

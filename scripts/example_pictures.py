@@ -5,7 +5,7 @@
 Prints a table of what each run came to, as docs/examples.md has it.
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -39,13 +39,21 @@ def table(name: str, run: Run) -> str:
     )
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("names", nargs="*", metavar="NAME", help="examples; default: all")
+    return made
+
+
 def main() -> None:
     """Runs the examples and draws them."""
+    names = parser().parse_args().names or example_names()
     channels = ("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center")
     head = "drive | links | simulated [s] | took [s] | slackest strand [N] | tightest strand [N] | least [N] | most [N]"
     print(f"| {head} |")
     print("|---|---|---|---|---|---|---|---|")
-    for name in sys.argv[1:] or example_names():
+    for name in names:
         run = simulate(load_drive(drive_path(name)), record=Record(channels=channels))
         picture(run).savefig(FOLDER / f"{name.replace('_', '-')}-drive.png", dpi=90)
         print(table(name, run))

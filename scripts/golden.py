@@ -131,7 +131,7 @@ def main(words: Sequence[str] | None = None) -> int:
             failed += bool(differs)
             line = differs or "same"
         else:
-            np.savez(path, **arrays)
+            np.savez(path, **dict[str, Any](arrays))
         print(f"{name:14s} {time.perf_counter() - begun:6.1f} s  {line}", flush=True)
     gone = sorted({path.stem for path in arguments.output.glob("*.npz")} - set(CASES)) if arguments.compare else []
     for name in gone:

@@ -10,13 +10,14 @@ import warp as wp
 from golden_drives import MOUNTS, PROFILES, TABLES, WORN, example, pair
 
 from warpchain import Drive
-from warpchain.assembly.timestep import step_limit
+from warpchain.assembly.timestep import resolve_step, step_limit
 from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.settling import elastic
 from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
@@ -36,27 +37,43 @@ def fibers() -> Iterator[None]:
         wp.config.enable_cpu_blocks = before
 
 
+def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
+    """The kind of the block kernel for an ensemble of like drives."""
+    return BlockKind(
+        packed.real,
+        shape.threads,
+        shape.per,
+        int(packed.drives["sprockets"][0]),
+        int(packed.drives["guides"][0]),
+        moving=bool(packed.mounts["active"].any()),
+        measuring=measuring,
+        rk4=bool(packed.drives["integrator"].any()),
+    )
+
+
 def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool = True) -> dict[str, Any]:
     """300 steps on blocks of fibers: state, sums and frames."""
     shape = block_shape(int(room_for(np.array([drive.chain.links for drive in drives])).max()), many)
-    packed = pack(drives, [Schedule(drive.run.step, 300, 111, 290, 20) for drive in drives]).at_precision(precision)
+    packed = pack(drives, [Schedule(resolve_step(drive), 300, 111, 290, 20) for drive in drives]).at_precision(
+        precision
+    )
     widths = [frame_width(drive) * 16 for drive in drives]
     packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
-    moving, blocks = bool(packed.mounts["active"].any()), len(drives)
-    counts = int(packed.drives["sprockets"][0]), int(packed.drives["guides"][0])
-    of = room(packed.real, shape.threads, shape.slots, *counts, moving, measuring)
+    kind, blocks = kind_of(packed, shape, measuring), len(drives)
+    of = room(kind)
     with fibers():
         large = blocks * of.values, blocks * of.integers, blocks * of.doubles
         ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large)
         sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
         frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
-        of_rk4 = bool(packed.drives["integrator"].any())
-        kernel = block_kernel(packed.real, shape.threads, shape.per, *counts, 4, moving, measuring, of_rk4, frame=FRAME)
-        order = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
+        kernel = block_kernel(kind, 4, FRAME)
+        order: wp.array = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
         inputs = [ensemble, state, sums, tallies, frames, order, 301 if measuring else 100, 0]
         wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
         wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
-    held = {name: getattr(state, name) for name in ("rollers", "sprockets", "seat", "progress")}
+    held = {name: getattr(state, name) for name in ("rollers", "seat", "progress")}
+    bodies = state.bodies.numpy()
+    held["sprockets"] = {name: np.array(bodies[name]) for name in ("angle", "speed", "center", "velocity")}
     names = ("chain", "strand", "sprocket", "mount", "contact")
     return held | {"frames": frames, "sums": {name: getattr(sums, name) for name in names}}
 
@@ -87,7 +104,7 @@ def rk4(_: Path) -> dict[str, Any]:
 def settle(_: Path) -> dict[str, Any]:
     """Settling, by both shapes of blocks."""
     drive = pair()
-    still = elastic(pack([drive], [Schedule(drive.run.step, 10, 0, 10, 0)]))
+    still = elastic(pack([drive], [Schedule(resolve_step(drive), 10, 0, 10, 0)]))
     return {f"{shape.threads}": settled(still, drive, shape) for shape in (BlockShape(64, 1), BlockShape(32, 2))}
 
 
@@ -96,9 +113,9 @@ def settled(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
     start = np.zeros(1, dtype=Settling.numpy_dtype())
     start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 4000
     with fibers():
-        settling = wp.array(start, dtype=Settling, device="cpu")
+        settling: wp.array = wp.array(start, dtype=Settling, device="cpu")
         state, order = upload_state(still, "cpu", (0, 0, 0)), wp.zeros(1, dtype=wp.int32, device="cpu")
-        kernel = block_relax_kernel(wp.float64, shape.threads, shape.per, 2, 0, 4)
+        kernel = block_relax_kernel(BlockKind(wp.float64, shape.threads, shape.per, 2, 0), 4)
         inputs = [upload_ensemble(still, "cpu"), state, empty_tallies(still, "cpu"), settling, order, 4000]
         wp.launch(kernel, dim=shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")
     return {"settling": settling, "rollers": state.rollers}

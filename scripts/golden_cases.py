@@ -5,6 +5,7 @@ import io
 import re
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import warpchain
 from warpchain import ArchiveOptions, Record, Run
 from warpchain.assembly.fit import fit_links, fit_position
 from warpchain.assembly.summary import derive
-from warpchain.assembly.timestep import automatic_step, step_limit
+from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.cli import main as command_line
 from warpchain.drive.examples import example_names
 from warpchain.results import fatigue, objectives, scene, signals
@@ -30,10 +31,10 @@ VOLATILE = ("created", "wall_time", "set", "version", "versions")
 # ------------------------------------------------------------------------------------------------ the CPU kernel
 
 
-def of_example(name: str) -> Run:
+def of_example(name: str, _: Path) -> Run:
     """2000 steps of an example, from its settled state."""
     drive = example(name)
-    length = 2000 * drive.run.step
+    length = 2000 * resolve_step(drive)
     return run(drive, duration=length, window=(0.25 * length, length), record=Record(rate=50.0 / length))
 
 
@@ -97,7 +98,7 @@ def setup(folder: Path) -> dict[str, Any]:
         found[name]["guides"] = [scene.guide_outline(drive, g) for g in range(len(drive.guides))]
         found[name]["file"] = warpchain.dumps_drive(drive)
     found["check"] = {name: shell("check", name) for name in example_names()}
-    fits = {"sag": {"sag": 0.01}, "preload": {"preload": 500.0}, "strain": {"strain": 1e-4}}
+    fits: dict[str, dict[str, Any]] = {"sag": {"sag": 0.01}, "preload": {"preload": 500.0}, "strain": {"strain": 1e-4}}
     found["fit"] = {n: warpchain.dumps_drive(fit_position(pair(), "driven", [1.0, 0.0], **w)) for n, w in fits.items()}
     found["fit"]["links"] = warpchain.dumps_drive(fit_links(pair({"chain.links": 70})))
     with contextlib.chdir(folder):
@@ -121,7 +122,7 @@ def readings(_: Path) -> dict[str, Any]:
     found["frequency"] = [signals.transverse_frequency(one, k) for k in strands]
     found["guide"] = signals.guide_forces(one)
     found["contact"] = [signals.contact_angles(one, s) for s in range(3)]
-    found["spectrum"] = signals.amplitude_spectrum(tension[:, 0], 5e-4)
+    found["spectrum"] = signals.amplitude_spectrum(tension[:, 0].astype(float), 5e-4)
     found["orders"] = signals.order_spectrum(one, found["strand"][0])
     found["peaks"] = [signals.peak_frames(tension[:, 0], 50), *signals.peaks_over_time(tension, 50)]
     found["passing"] = [scene.passing_link(one, k) for k in strands]
@@ -205,7 +206,7 @@ def shell(*words: str) -> str:
 
 CASES: dict[str, Callable[[Path], Any]] = {
     "setup": setup,
-    **{name: lambda _, name=name: of_example(name) for name in ("marine", "engine", "industrial", "motorcycle")},
+    **{name: partial(of_example, name) for name in ("marine", "engine", "industrial", "motorcycle")},
     "laws": laws,
     "guides": guides,
     "mounts": mounts,

@@ -8,7 +8,7 @@ load come on within 6 s, so that the strand's swing is not that of a sudden star
 with the drive file's own start). Shown and averaged are the 6 s from 8 s on.
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -50,8 +50,16 @@ def started_slowly(name: str) -> Drive:
     return load_drive(drive_path(name)).with_values({"run.duration": DURATION} | dict.fromkeys(ramps, RAMP))
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("picture", nargs="?", type=Path, default=Path("docs/images/guide-bar.png"))
+    return made
+
+
 def main() -> None:
     """Runs the drive twice, prints the numbers and draws the figure."""
+    picture = parser().parse_args().picture
     record = Record(channels=("position", "guide_force"), rate=1000.0)
     window = (START, DURATION)
     free = simulate(started_slowly("marine_no_guides"), record=record, window=window)
@@ -81,7 +89,6 @@ def main() -> None:
             f"{1e-3 * row[f'{name}.tension_max']:.1f} kN; largest guide force on a roller {1e-3 * force.max():.2f} kN"
         )
     axes[0].set_ylabel("displacement at mid-span [mm]\n(left of travel +)")
-    picture = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images/guide-bar.png")
     figure.savefig(picture, dpi=100)
     print(picture)
 

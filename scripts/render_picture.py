@@ -5,6 +5,7 @@
 Needs a Vulkan driver; in software, Debian's mesa-vulkan-drivers and libvulkan1. The web viewer needs chromium.
 """
 
+import argparse
 import base64
 import contextlib
 import fcntl
@@ -12,7 +13,6 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -139,6 +139,15 @@ def web_screenshot(url: str, picture: Path, shows: Callable[[Path], bool], patie
                 return
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("picture", nargs="?", type=Path, default=Path("docs/images/marine.png"))
+    made.add_argument("seconds", nargs="?", type=float, default=1.5, help="simulated time (default 1.5)")
+    made.add_argument("tab", nargs="?", help="tab of the viewer that is shown")
+    return made
+
+
 def main() -> None:
     """Runs the marine drive and takes its picture."""
     from PIL import Image
@@ -147,14 +156,13 @@ def main() -> None:
     from warpchain.drive.examples import drive_path
     from warpchain.view.rerun.playback import view
 
-    words = sys.argv[1:]
-    picture = Path(words[0] if words else "docs/images/marine.png")
-    seconds = float(words[1]) if len(words) > 1 else 1.5
+    words = parser().parse_args()
+    picture = words.picture
     picture.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "marine.rrd"
-        view(simulate(load_drive(drive_path("marine"))), save=recording, tab=words[2] if len(words) > 2 else None)
-        screenshot(recording, picture, seconds)
+        view(simulate(load_drive(drive_path("marine"))), save=recording, tab=words.tab)
+        screenshot(recording, picture, words.seconds)
     Image.open(picture).convert("RGB").quantize(160).save(picture, optimize=True)  # a third of the size
     print(picture)
 

@@ -3,17 +3,18 @@
 python scripts/seat_angle_study.py
 """
 
+import argparse
 import math
 import warnings
 
-from warpchain import Record, loads_drive, simulate
+from warpchain import Drive, Record, loads_drive, simulate
 from warpchain.drive.teeth import default_seat_angle, releasing_seat_angle
 
 PITCH = 0.05
 OFFSETS = (3.0, 0.0, -2.0, -5.0, -8.0)
 
 
-def drive(teeth: int, seat_angle: float):
+def drive(teeth: int, seat_angle: float) -> Drive:
     """Two equal sprockets 20 pitches apart, slow, without gravity: the tight strand should pull load / R."""
     return loads_drive(
         f"""
@@ -52,8 +53,15 @@ def drive(teeth: int, seat_angle: float):
     )
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    return made
+
+
 def main() -> None:
     """Prints one row a number of teeth and angle."""
+    parser().parse_args()
     warnings.simplefilter("ignore")
     cases = []
     for teeth in (9, 12, 16, 20, 25, 40):

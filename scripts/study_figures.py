@@ -6,7 +6,7 @@
 and the same for guide-indentation and pitch-elongation.
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -115,16 +115,24 @@ def pitch_elongation(results: Results) -> Figure:
     return figure
 
 
+FIGURES = {"guide-indentation": guide_indentation, "speed-sweep": speed_sweep, "pitch-elongation": pitch_elongation}
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("study", choices=FIGURES)
+    made.add_argument("table", type=Path, help="the study's results.parquet")
+    made.add_argument("picture", type=Path)
+    return made
+
+
 def main() -> None:
     """Draws the figure of one study."""
-    name, table, picture = sys.argv[1:4]
-    draw = {"guide-indentation": guide_indentation, "speed-sweep": speed_sweep, "pitch-elongation": pitch_elongation}[
-        name
-    ]
-    target = Path(picture)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    draw(read_results(table)).savefig(target, dpi=110)
-    print(target)
+    words = parser().parse_args()
+    words.picture.parent.mkdir(parents=True, exist_ok=True)
+    FIGURES[words.study](read_results(words.table)).savefig(words.picture, dpi=110)
+    print(words.picture)
 
 
 if __name__ == "__main__":

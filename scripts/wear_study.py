@@ -6,13 +6,15 @@ The driven sprocket moves out as the chain grows, as a tensioner would have it. 
 running, taken by the pitches since a roller came to the driver.
 """
 
+import argparse
 import math
-import sys
+from pathlib import Path
 
 import numpy as np
 from compare_profiles import BEGIN, COLORS, PITCH, PROFILES, TEETH, drive
+from matplotlib.axes import Axes
 
-from warpchain import Record, simulate
+from warpchain import Drive, Record, Trajectory, simulate
 from warpchain.results.scene import nearest_sprocket, tooth_outline
 
 ELONGATIONS = (0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03)
@@ -20,14 +22,15 @@ LINK = 40  # the one that is worn alone
 SHOWN = "iso606, maximum gap"
 
 
-def worn(profile: str, elongation: float):
+def worn(profile: str, elongation: float) -> Drive:
     """The drive with all links longer by `elongation`, its sprockets as far apart as keeps the chain taut."""
     span = 29.5 * PITCH * (1.0 + elongation) * (1.0 + 1e-4)
     return drive(profile).with_values({"chain.elongation": elongation, "sprockets.driven.center": [span, 0.0]})
 
 
-def radial_places(trajectory, rollers: slice = slice(None)) -> tuple[np.ndarray, np.ndarray]:
+def radial_places(trajectory: Trajectory, rollers: slice = slice(None)) -> tuple[np.ndarray, np.ndarray]:
     """Pitches since arrival on the driver, and there the rollers' mean radius over the pitch radius, less one."""
+    assert trajectory.position is not None and trajectory.sprocket_center is not None
     arm = trajectory.position - trajectory.sprocket_center[:, None, 0]
     on = (nearest_sprocket(trajectory) == 0) & (trajectory.time > BEGIN)[:, None]
     arm, on = arm[:, rollers], on[:, rollers]
@@ -40,8 +43,16 @@ def radial_places(trajectory, rollers: slice = slice(None)) -> tuple[np.ndarray,
     return 0.5 * (edges[:-1] + edges[1:]), total / np.maximum(count, 1)
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("picture", nargs="?", type=Path, help="where to save the figure; default: nowhere")
+    return made
+
+
 def main() -> None:
     """Prints the table and draws the figure."""
+    target = parser().parse_args().picture
     import matplotlib
 
     matplotlib.use("Agg")
@@ -86,12 +97,13 @@ def main() -> None:
     single.legend(fontsize=8)
     for axes in (place, climb, single):
         axes.grid(alpha=0.3)
-    if len(sys.argv) > 1:
-        figure.savefig(sys.argv[1], dpi=110)
+    if target is not None:
+        figure.savefig(target, dpi=110)
 
 
-def draw(axes, trajectory) -> None:
+def draw(axes: Axes, trajectory: Trajectory) -> None:
     """The driver with its chain at the end of the run."""
+    assert trajectory.position is not None and trajectory.sprocket_angle is not None
     outline = tooth_outline(trajectory.drive, 0)
     angle = trajectory.sprocket_angle[-1, 0]
     c, s = math.cos(angle), math.sin(angle)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from warpchain.kernels.physics.contact import penalty
+from warpchain.kernels.physics.contact import respond
 from warpchain.kernels.structs import types
 
 KINDS = types(wp.float64)
@@ -23,14 +23,15 @@ def bounce(
     impact_speed = speed
     dissipated = wp.float64(0.0)
     peak = wp.float64(0.0)
+    normal = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
     open = int(0)
     while open == 0:
         # midpoint rule (second order): half step, evaluate, full step
-        f0, m0, d0, e0 = penalty(penetration, v, impact_speed, law)
-        half_v = v - wp.float64(0.5) * h * f0 / mass
+        f0, s0, m0, d0, e0 = respond(penetration, normal, v * normal, impact_speed, law)
+        half_v = v - wp.float64(0.5) * h * s0 / mass
         half_pen = penetration + wp.float64(0.5) * h * v
-        f1, m1, d1, e1 = penalty(half_pen, half_v, impact_speed, law)
-        v = v - h * f1 / mass
+        f1, s1, m1, d1, e1 = respond(half_pen, normal, half_v * normal, impact_speed, law)
+        v = v - h * s1 / mass
         penetration = penetration + h * half_v
         dissipated = dissipated + h * d1
         peak = wp.max(peak, e1)

@@ -39,11 +39,11 @@ def chain(
         mounts=zeros(structs.Mount, wheels), guides=zeros(kinds.Guide),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
-        bodies=zeros(structs.SprocketState, wheels), strands=zeros(structs.Strand, wheels),
+        bodies=zeros(structs.BodyState, wheels), strands=zeros(structs.Strand, wheels),
         seat=np.full(max(n * wheels, 1), -1, dtype=np.int32), assemblies=(None,),
     )  # fmt: skip
     row = packed.drives[0]
-    row["rollers"], row["sprockets"], row["integrator"] = n, wheels, INTEGRATORS[integrator]
+    row["rollers"], row["sprockets"], row["bodies"], row["integrator"] = n, wheels, wheels, INTEGRATORS[integrator]
     row["step"], row["steps"], row["sample_every"] = step, steps, sample_every
     row["window_start"], row["window_end"] = window or (0, steps)
     row["low"], row["high"] = -1e3, 1e3

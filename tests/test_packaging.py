@@ -65,12 +65,13 @@ def installed_files(wheel):
 def test_wheels_hold_the_sources_and_nothing_else(wheels):
     sources = {
         f"warpchain/{path.relative_to(ROOT / 'warpchain')}": path.read_bytes()
-        for folder in ("", "kernels", "drives", "study", "study/examples")
-        for path in (ROOT / "warpchain" / folder).iterdir()
-        if path.suffix in (".py", ".toml")
+        for folder in (ROOT / "warpchain", ROOT / "warpchain" / "kernels")
+        for path in folder.rglob("*")
+        if path.suffix in (".py", ".toml", ".typed")
     }
-    assert "warpchain/kernels/serial.py" in sources
-    assert "warpchain/drives/marine.toml" in sources
+    assert "warpchain/kernels/cpu/serial.py" in sources
+    assert "warpchain/drive/examples/marine.toml" in sources
+    assert "warpchain/py.typed" in sources
     for wheel in wheels:
         assert installed_files(wheel) == sources
 
@@ -97,11 +98,7 @@ def test_link_to_the_kernels_is_relative():
 
 def imported_modules():
     """Top-level names of all that the package imports, at the top of files and inside functions."""
-    for path in [
-        *(ROOT / "warpchain").glob("*.py"),
-        *(ROOT / "warpchain/study").glob("*.py"),
-        *(ROOT / "kernels").glob("*.py"),
-    ]:
+    for path in [*(ROOT / "warpchain").rglob("*.py"), *(ROOT / "kernels").rglob("*.py")]:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 yield from (alias.name.split(".")[0] for alias in node.names)

@@ -7,13 +7,14 @@ from typing import Any
 import warp as wp
 
 from ..frames import frame_writers
-from ..physics.body import bodies, body_accelerations, heading_of, load_at, own_motion
-from ..physics.mount import body_energy, holding_force, prescribing_power
+from ..physics.body import body_energy, held_by
+from ..physics.motion import load_at, load_at_speed
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums
 from ..sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_energy, add_mount, add_sprocket, following
 from .rollers import passes, rows
+from .steps import moving
 from .tallies import tallies
 
 
@@ -26,20 +27,12 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
     follow = following(Real).follow
     load = accessors(Real).load
     acceleration = passes(Real, capacity).acceleration
-    true_body = bodies(Real).true_body
+    body_now = moving(Real).body_now
     row = rows(capacity)
     X, Y, VX, VY = row.x, row.y, row.vx, row.vy
     TENSION, RATE, SPROCKET_FORCE, GUIDE_FORCE = row.tension, row.rate, row.sprocket_force, row.guide_force
     write = frame_writers(Real, frame)
     write_roller, write_sprocket, width = write.write_roller, write.write_sprocket, write.width
-
-    @wp.func
-    def energy_of(
-        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int, time: wp.float64, back: wp.float64
-    ):
-        """Energy of sprocket `s` of the drive on its active mount [J]."""
-        moved = true_body(ensemble, state, drive, s, time, back)
-        return body_energy(moved, heading_of(moved), ensemble.mounts[drive.first_sprocket + s])
 
     @wp.func
     def mechanical_energy(
@@ -55,15 +48,9 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
         total = tally.roller_energy(w, drive.rollers, chain, Real(back))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
-        for s in range(drive.sprockets):
-            motion = ensemble.motions[drive.first_sprocket + s]
-            if ensemble.mounts[drive.first_sprocket + s].active == 1:
-                total += energy_of(ensemble, state, drive, s, time, back)
-            elif motion.prescribed == 0:
-                moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
-                body = state.sprockets[drive.first_sprocket + s]
-                speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
-                total += wp.float64(0.5) * speed * speed / motion.inverse_inertia
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            body = body_now(ensemble, state, b, time, back)
+            total += body_energy(body, ensemble.motions[b], ensemble.mounts[b])
         return total
 
     @wp.func
@@ -77,21 +64,20 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
         back: wp.float64,
         weight: wp.float64,
     ):
-        """Adds a sprocket on an active mount to the sums of the window."""
+        """Adds sprocket s, with its mount, to the sums of the window."""
         i = drive.first_sprocket + s
-        motion = ensemble.motions[i]
-        mount = ensemble.mounts[i]
-        body = true_body(ensemble, state, drive, s, time, back)
-        contacts = state.totals[drive.first_sprocket + drive.first_guide + s]
-        heading = heading_of(body)
-        rates = body_accelerations(time, body, heading, contacts, motion, mount, ensemble.harmonics, ensemble.tables)
-        held = holding_force(body, heading, contacts, rates, mount)
-        power = prescribing_power(body, heading, held, rates, motion.prescribed, mount)
-        sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
-        load_part = wp.float64(0.0)
-        if motion.prescribed == 0:
-            load_part = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
-        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, contacts.moment, load_part, weight)
+        b = drive.first_body + s
+        motion = ensemble.motions[b]
+        mount = ensemble.mounts[b]
+        wrench = state.wrenches[b]
+        body = body_now(ensemble, state, b, time, back)
+        before = state.bodies[b].speed
+        load_part = load_at(time, body.angle, before, motion, ensemble.curves)
+        load_part = load_at_speed(time, load_part, before, body.speed, motion)
+        if mount.active == 1:
+            held, power = held_by(time, body, wrench, load_part, motion, mount, ensemble.curves)
+            sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
+        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, weight)
 
     @wp.func
     def measure(
@@ -122,15 +108,7 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
             of = state.totals[i]
             sums.contact[i] = add_contact(sums.contact[i], of.force, of.force_max, of.dissipated, of.impacts, weight)
         for s in range(drive.sprockets):
-            i = drive.first_sprocket + s
-            if ensemble.mounts[i].active == 1:
-                add_body(ensemble, state, sums, drive, s, time, back, weight)
-            else:
-                motion = ensemble.motions[i]
-                moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
-                body = state.sprockets[i]
-                speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
-                sums.sprocket[i] = add_sprocket(sums.sprocket[i], speed, moment, load_part, weight)
+            add_body(ensemble, state, sums, drive, s, time, back, weight)
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
             strand = state.strands[i]
@@ -172,13 +150,8 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
             velocity = vec2(load(w, VX + i) + Real(back) * a[0], load(w, VY + i) + Real(back) * a[1])
             write_roller(frames, at, n, i, position, velocity, seen(w, i))
         for s in range(drive.sprockets):
-            body = state.sprockets[drive.first_sprocket + s]
-            moment = state.totals[drive.first_sprocket + drive.first_guide + s].moment
-            motion = ensemble.motions[drive.first_sprocket + s]
-            speed, load_part = own_motion(time, back, body, moment, motion, ensemble.harmonics, ensemble.tables)
-            if ensemble.mounts[drive.first_sprocket + s].active == 1:
-                speed = true_body(ensemble, state, drive, s, time, back).speed
-            body.speed = speed
-            write_sprocket(frames, at, n, s, body, moment)
+            b = drive.first_body + s
+            body = body_now(ensemble, state, b, time, back)
+            write_sprocket(frames, at, n, s, body, state.wrenches[b].moment)
 
     return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

@@ -11,11 +11,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.contact import guide_contact, sprocket_contact
+from ..physics.contact import in_teeth, on_guide, reaction, respond, surface_velocity, tracked_seat
 from ..physics.link import link_force
-from ..physics.tooth import nearest_seat
+from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
-from ..structs import SprocketState, types, vec2d
+from ..structs import Pose, types
 from ..sum_structs import Totals
 
 ROWS = (
@@ -63,9 +63,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
     )
 
     @wp.func
-    def fetch(
-        rollers: wp.array(dtype=Real), lengths: wp.array(dtype=Real), w: wp.array(dtype=Real), first: int, n: int
-    ):
+    def fetch(rollers: wp.array[Real], lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
         """The state's x, y, vx, vy and the links' lengths, of the variant whose rollers begin at `first`, into the
         scratch.
         """
@@ -76,25 +74,25 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
             w[LENGTH + i] = lengths[first + i]
 
     @wp.func
-    def put_back(rollers: wp.array(dtype=Real), w: wp.array(dtype=Real), first: int, n: int):
+    def put_back(rollers: wp.array[Real], w: wp.array[Real], first: int, n: int):
         """The scratch's x, y, vx, vy back into the state."""
         for row in range(STATE_ROWS):
             for i in range(n):
                 rollers[first + row * n + i] = w[row * wp.static(capacity) + i]
 
     @wp.func
-    def place(w: wp.array(dtype=Real), i: int):
+    def place(w: wp.array[Real], i: int):
         """Position of roller i in float64 [m]."""
         if wp.static(compensated):
-            return vec2d(
+            return wp.vec2d(
                 wp.float64(load(w, X + i)) + wp.float64(load(w, X_LOW + i)),
                 wp.float64(load(w, Y + i)) + wp.float64(load(w, Y_LOW + i)),
             )
         else:
-            return vec2d(wp.float64(load(w, X + i)), wp.float64(load(w, Y + i)))
+            return wp.vec2d(wp.float64(load(w, X + i)), wp.float64(load(w, Y + i)))
 
     @wp.func
-    def apart(w: wp.array(dtype=Real), i: int):
+    def apart(w: wp.array[Real], i: int):
         """Vector from roller i to roller i + 1 [m], exact at float32 too."""
         d = vec2(load(w, X + i + 1) - load(w, X + i), load(w, Y + i + 1) - load(w, Y + i))
         if wp.static(compensated):
@@ -102,25 +100,21 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
         return d
 
     @wp.func
-    def move(w: wp.array(dtype=Real), i: int, dx: Real, dy: Real):
-        """Roller i by (dx, dy) [m]; what float32 rounds off is kept in the low part (fast two-sum)."""
+    def move(w: wp.array[Real], i: int, dx: Real, dy: Real):
+        """Roller i by (dx, dy) [m]; what float32 rounds off is kept in the low part."""
         if wp.static(compensated):
-            x = load(w, X + i)
-            y = load(w, Y + i)
-            low_x = load(w, X_LOW + i) + dx
-            low_y = load(w, Y_LOW + i) + dy
-            new_x = x + low_x
-            new_y = y + low_y
-            store(w, X + i, new_x)
-            store(w, Y + i, new_y)
-            store(w, X_LOW + i, low_x - (new_x - x))
-            store(w, Y_LOW + i, low_y - (new_y - y))
+            x, x_low = two_sum(load(w, X + i), load(w, X_LOW + i), dx)
+            y, y_low = two_sum(load(w, Y + i), load(w, Y_LOW + i), dy)
+            store(w, X + i, x)
+            store(w, Y + i, y)
+            store(w, X_LOW + i, x_low)
+            store(w, Y_LOW + i, y_low)
         else:
             store(w, X + i, load(w, X + i) + dx)
             store(w, Y + i, load(w, Y + i) + dy)
 
     @wp.func
-    def link_pass(w: wp.array(dtype=Real), n: int, chain: kinds.Chain):
+    def link_pass(w: wp.array[Real], n: int, chain: kinds.Chain):
         """Tension and force of every link, eq. (2), (3), link i's at i + 1; contact forces start at zero."""
         store(w, X + n, load(w, X))
         store(w, Y + n, load(w, Y))
@@ -147,24 +141,31 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
         store(w, LINK_Y, load(w, LINK_Y + n))
 
     @wp.func
+    def add_response(totals: Totals, size: wp.float64, dissipated: wp.float64, energy: wp.float64):
+        """Adds one contact's answer to what its partner's contacts add up to."""
+        totals.force += size
+        totals.force_max = wp.max(totals.force_max, size)
+        totals.dissipated += dissipated
+        totals.energy += energy
+        return totals
+
+    @wp.func
+    def add_force(w: wp.array[Real], i: int, row: int, force: vec2, size: Real):
+        """Adds a contact's force to roller i, and its magnitude to a row of magnitudes."""
+        store(w, FX + i, load(w, FX + i) + force[0])
+        store(w, FY + i, load(w, FY + i) + force[1])
+        store(w, row + i, load(w, row + i) + size)
+
+    @wp.func
     def sprocket_pass(
-        w: wp.array(dtype=Real),
+        w: wp.array[Real],
         n: int,
         sprocket: kinds.Sprocket,
-        body: SprocketState,
-        cosine: wp.float64,
-        sine: wp.float64,
-        seats: wp.array(dtype=vec2d),
-        seat: wp.array(dtype=wp.int32),
-        impact_speed: wp.array(dtype=Real),
-        memory: int,
-        stage: int,
+        body: Pose,
+        seats: wp.array[wp.vec2d],
+        memory: kinds.Memory,
     ):
-        """Contacts of all rollers with one sprocket, eq. (5)-(17); returns their `Totals`.
-
-        This sprocket's rows in `seat` and `impact_speed` begin at `memory`; v0 is kept at `stage` 0 only, a step's
-        start (rk4 has three more).
-        """
+        """Contacts of all rollers with one sprocket, eq. (5)-(17); returns their `Totals`."""
         totals = Totals()
         center = vec2(Real(body.center[0]), Real(body.center[1]))
         center_velocity = vec2(Real(body.velocity[0]), Real(body.velocity[1]))
@@ -173,83 +174,79 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
         i = int(0)
         while i < n:
             r = vec2(load(w, X + i), load(w, Y + i)) - center
+            at = memory.first + i
             square = wp.dot(r, r)
             if square > sprocket.near_square and square < sprocket.far_square:
-                held = seat[memory + i]
-                if held < 0:
-                    held = nearest_seat(place(w, i) - body.center, cosine, sine, sprocket.teeth)
-                before = load(impact_speed, memory + i)
+                before = load(memory.impact_speed, at)
                 v = vec2(load(w, VX + i), load(w, VY + i)) - center_velocity
-                f, force, now, first, dissipated, energy = sprocket_contact(
-                    place(w, i) - body.center, v, omega, cosine, sine, held, before, sprocket, seats
-                )
-                seat[memory + i] = now
-                if stage == 0:
-                    store(impact_speed, memory + i, first)
+                p = place(w, i) - body.center
+                seat = tracked_seat(p, memory.seat[at], body.cosine, body.sine, sprocket, seats)
+                penetration, normal, relative = in_teeth(p, v, omega, seat, sprocket)
+                f, size, first, dissipated, energy = respond(penetration, normal, relative, before, sprocket.law)
+                memory.seat[at] = seat.number
+                if memory.stage == 0:
+                    store(memory.impact_speed, at, first)
                 if first != Real(0.0):
-                    store(w, FX + i, load(w, FX + i) + f[0])
-                    store(w, FY + i, load(w, FY + i) + f[1])
-                    store(w, SPROCKET_FORCE + i, load(w, SPROCKET_FORCE + i) + force)
-                    totals.moment += wp.float64(r[1] * f[0] - r[0] * f[1])
+                    add_force(w, i, SPROCKET_FORCE, f, size)
+                    totals.moment += wp.float64(reaction(r, f))
                     push -= f
-                    totals.force += wp.float64(force)
-                    totals.force_max = wp.max(totals.force_max, wp.float64(force))
-                    totals.dissipated += wp.float64(dissipated)
-                    totals.energy += wp.float64(energy)
+                    totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
                     if before == Real(0.0):
                         totals.impacts += 1
             else:
-                if seat[memory + i] >= 0:
-                    seat[memory + i] = -1
-                    store(impact_speed, memory + i, Real(0.0))
+                if memory.seat[at] >= 0:
+                    memory.seat[at] = -1
+                    store(memory.impact_speed, at, Real(0.0))
             i = i + 1
-        totals.push = vec2d(wp.float64(push[0]), wp.float64(push[1]))
+        totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
         return totals
 
     @wp.func
-    def guide_pass(
-        w: wp.array(dtype=Real), n: int, bar: kinds.Guide, impact_speed: wp.array(dtype=Real), memory: int, stage: int
-    ):
-        """Contacts of all rollers with one guide-bar, eq. (21)-(23); returns their `Totals`."""
+    def guide_pass(w: wp.array[Real], n: int, bar: kinds.Guide, body: Pose, memory: kinds.Memory):
+        """Contacts of all rollers with one guide-bar on a body, eq. (21)-(23); returns their `Totals`."""
         totals = Totals()
+        push = vec2(Real(0.0), Real(0.0))
         reach = wp.float64(bar.end_radius + bar.roller_radius)
         end = wp.float64(bar.length) + reach
         i = int(0)
         while i < n:
+            at = memory.first + i
             p = place(w, i) - bar.start
             along = wp.dot(p, bar.direction)
             if along > -reach and along < end:
-                before = load(impact_speed, memory + i)
+                before = load(memory.impact_speed, at)
                 v = vec2(load(w, VX + i), load(w, VY + i))
-                f, force, first, dissipated, energy = guide_contact(p, v, before, bar)
-                if stage == 0:
-                    store(impact_speed, memory + i, first)
+                arm = place(w, i) - body.center
+                surface = surface_velocity(body, arm)
+                penetration, normal, relative = on_guide(p, v, vec2(Real(surface[0]), Real(surface[1])), bar)
+                f, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
+                if memory.stage == 0:
+                    store(memory.impact_speed, at, first)
                 if first != Real(0.0):
-                    store(w, FX + i, load(w, FX + i) + f[0])
-                    store(w, FY + i, load(w, FY + i) + f[1])
-                    store(w, GUIDE_FORCE + i, load(w, GUIDE_FORCE + i) + force)
-                    totals.force += wp.float64(force)
-                    totals.force_max = wp.max(totals.force_max, wp.float64(force))
-                    totals.dissipated += wp.float64(dissipated)
-                    totals.energy += wp.float64(energy)
+                    add_force(w, i, GUIDE_FORCE, f, size)
+                    totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), f))
+                    push -= f
+                    totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
                     if before == Real(0.0):
                         totals.impacts += 1
             else:
-                if stage == 0:
-                    store(impact_speed, memory + i, Real(0.0))
+                if memory.stage == 0:
+                    store(memory.impact_speed, at, Real(0.0))
             i = i + 1
+        totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
         return totals
 
     @wp.func
-    def acceleration(w: wp.array(dtype=Real), i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration of roller i [m/s^2], eq. (1): its two links, its contacts and gravity."""
-        return vec2(
-            inverse_mass * (load(w, LINK_X + i + 1) - load(w, LINK_X + i) + load(w, FX + i)) + gravity[0],
-            inverse_mass * (load(w, LINK_Y + i + 1) - load(w, LINK_Y + i) + load(w, FY + i)) + gravity[1],
+    def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
+        """Acceleration of roller i [m/s^2]: its two links, its contacts and gravity."""
+        force = vec2(
+            load(w, LINK_X + i + 1) - load(w, LINK_X + i) + load(w, FX + i),
+            load(w, LINK_Y + i + 1) - load(w, LINK_Y + i) + load(w, FY + i),
         )
+        return roller_acceleration(force, inverse_mass, gravity)
 
     @wp.func
-    def kick_drift(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, kick: Real, h: Real):
+    def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):
         """v += kick a, then x += h v."""
         inverse_mass = chain.inverse_mass
         i = int(0)
@@ -263,7 +260,7 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
 
     @wp.func
-    def inside(w: wp.array(dtype=Real), n: int, low: vec2d, high: vec2d):
+    def inside(w: wp.array[Real], n: int, low: wp.vec2d, high: wp.vec2d):
         """1 while every roller is finite and within the box, else 0."""
         good = int(1)
         i = int(0)

@@ -9,13 +9,13 @@ from typing import Any
 
 import warp as wp
 
-from ..physics.body import bodies
+from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
 from ..rows import STATE_ROWS
 from ..structs import DIVERGENCE_CHECK, types
 from ..sum_structs import Sums
-from .integrate import stepping
 from .observe import observing
 from .rollers import RK4_ROWS, ROWS, passes
+from .steps import evaluating, moving, stepping
 
 SCRATCH_ROWS = len(ROWS) + len(RK4_ROWS)
 
@@ -30,15 +30,16 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
     part = passes(Real, capacity)
     do = stepping(Real, capacity)
     look = observing(Real, capacity, frame)
-    inside, centers_inside = part.inside, bodies(Real).centers_inside
+    evaluate = evaluating(Real, capacity).evaluate
+    inside, centers_inside = part.inside, moving(Real).centers_inside
 
     @wp.kernel(enable_backward=False, module="unique")
     def advance(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         sums: Sums,
-        frames: wp.array(dtype=Real),
-        w: wp.array(dtype=Real),
+        frames: wp.array[Real],
+        w: wp.array[Real],
         first: int,
         block: int,
     ):
@@ -54,22 +55,18 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         step = progress.step
         while step < end and progress.diverged == 0:
             time = wp.float64(step) * drive.step
-            back = wp.float64(0.0)
-            kick = drive.step
+            lag = wp.float64(0.0)
             if drive.integrator == 0:
-                if step == 0:
-                    kick = wp.float64(0.5) * drive.step
-                else:
-                    back = wp.float64(0.5) * drive.step
+                lag = leapfrog_lag(step, drive.step)
             stage = int(0)
             while stage < 4:
-                do.evaluate(ensemble, state, drive, chain, w, stage)
+                evaluate(ensemble, state, drive, chain, w, stage)
                 if stage == 0:
                     if step >= drive.window_start and step <= drive.window_end:
-                        look.measure(ensemble, state, sums, variant, drive, chain, w, step, back)
+                        look.measure(ensemble, state, sums, variant, drive, chain, w, step, lag)
                     if drive.sample_every > 0:
                         if step % drive.sample_every == 0:
-                            look.sample(ensemble, state, drive, chain, w, frames, at, time, back)
+                            look.sample(ensemble, state, drive, chain, w, frames, at, time, lag)
                             at = at + wp.int64(look.width(n, drive.sprockets))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
                         if inside(w, n, drive.low, drive.high) == 0 or centers_inside(state, drive) == 0:
@@ -77,10 +74,10 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                 if step == drive.steps or progress.diverged == 1:
                     stage = 4
                 elif drive.integrator == 0:
-                    do.leapfrog(ensemble, state, drive, chain, w, time, kick)
+                    do.leapfrog(ensemble, state, drive, chain, w, time, leapfrog_kick(step, drive.step))
                     stage = 4
                 else:
-                    do.rk4(ensemble, state, drive, chain, w, time, stage)
+                    do.rk4(ensemble, state, drive, chain, w, rk4_stage(stage, time, drive.step))
                     stage = stage + 1
             if progress.diverged == 0:
                 step = step + 1

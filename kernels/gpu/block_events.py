@@ -17,6 +17,7 @@ FRAME = wp.constant(4)
 START = wp.constant(8)  # of the window
 END = wp.constant(16)
 ENDS = wp.constant(24)
+EXTRA = wp.constant(28)  # what wants more of each roller than its motion: frames and the window's ends
 CHECK = wp.constant(32)  # whether the variant diverged
 
 

@@ -1,51 +1,62 @@
-"""The block kernels' contacts: who is near what, and the forces of teeth and guide-bars.
+"""The block kernels' contacts: who is near what, and the answers of teeth and guide-bars.
 
 A contact's memory (seat, v0) and its sums stay where the state and the tallies have them, which the cache holds.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.contact import closed_contact, elastic_energy, gap_approach, guide_approach, in_gap
-from ..physics.tooth import nearest_seat, seat_step, wrapped_seat
+from ..physics.contact import in_teeth, on_guide, reaction, respond, tracked_seat
 from ..rows import accessors
-from ..structs import types, vec2d
-from ..sum_structs import Tallies, Totals
+from ..structs import Drive, Wrench, types
+from ..sum_structs import Tallies
 from ..sums import add_contact
+from .block_events import EXTRA
+from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .exchange import group, lanes, lowest_bit
 
 
-@cache
-def block_forces(
-    Real: type, threads: int, per: int, sprockets: int, guides: int, moving: bool = False, measuring: bool = False
-) -> SimpleNamespace:
-    """The functions that evaluate one variant on a block of `threads` threads, thread i with the rollers
-    i, i + threads, ..., `per` of them at most.
+@dataclass(frozen=True)
+class ForceFunctions:
+    """What is done about contacts, as functions of kernels; `SPROCKETS` are those partners' bits."""
 
-    `moving` is for drives whose sprockets' centers may move or that have balance wheels.
-    """
-    kinds = types(Real)
+    SPROCKETS: int
+    near: wp.Function
+    leave: wp.Function
+    contacts: wp.Function
+    sprocket_of: wp.Function
+    wrench_on: wp.Function
+    share_geometry: wp.Function
+
+
+@cache
+def block_forces(kind: BlockKind) -> ForceFunctions:
+    """The functions that evaluate the contacts of one variant on a block."""
+    Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
+    moving = kind.moving
+    kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
-    slots = threads * per
-    row = block_rows(Real, threads, per, sprockets, guides, moving, measuring)
+    row = block_rows(kind)
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
     X, Y, group_sum = row.X, row.Y, row.talk.group_sum
     load, store = accessors(Real).load, accessors(Real).store
     load_whole, store_whole = accessors(wp.int32).load, accessors(wp.int32).store
-    load_direction = accessors(vec2d).load
     load_part, store_part = accessors(wp.float64).load, accessors(wp.float64).store
     SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.struct
-    class Gap:
-        """Where a roller is in its tooth gap."""
+    class Touch:
+        """A roller at a partner."""
 
-        e: vec2d  # outward direction of the seat
-        radial: wp.float64  # along it, from the sprocket's center [m]
-        lateral: wp.float64  # across it [m]
+        memory: wp.int32  # of the contact
+        roller: wp.int32  # among all
+        before: Real  # v0 until now, 0 where it was open [m/s]
+        penetration: Real  # [m]
+        normal: vec2
+        relative: vec2  # velocity of the partner's point less the roller's [m/s]
 
     @wp.func
     def near(shared: kinds.Shared, j: int, n: int):
@@ -82,139 +93,103 @@ def block_forces(
             state.impact_speed[at] = Real(0.0)
 
     @wp.func
-    def pressed(
-        state: kinds.State,
-        tallies: Tallies,
-        memory: int,
-        before: Real,
-        penetration: Real,
-        speed: Real,
-        law: kinds.ContactLaw,
-        roller: int,
-        stage: int,
-        measured: int,
-        weight: Real,
-        extra: int,
-    ):
-        """Force of a contact [N]; its memory, and if `measured` its sums, brought up to date; `before` is its v0.
+    def answer(state: kinds.State, tallies: Tallies, now: Now, touch: Touch, law: kinds.ContactLaw):
+        """Force of a contact on the roller (vector) and its magnitude [N].
 
-        v0 is kept at `stage` 0 only, a step's start (rk4 has three more). Its energy goes to what is kept of `roller`
-        if `extra`.
+        Its memory, in the window its sums, and what frames and the energy balance want are brought up to date. v0 is
+        kept at a step's start only (rk4 has three more stages).
         """
-        force = Real(0.0)
-        if penetration > Real(0.0):
-            size, first, elastic = closed_contact(penetration, speed, before, law)
-            if before == Real(0.0) and stage == 0:
-                store(state.impact_speed, memory, first)
-            if measured != 0:
-                begun = wp.where(before == Real(0.0), 1, 0)
-                sums = tallies.contact[memory]
-                tallies.contact[memory] = add_contact(sums, size, size, (size - elastic) * speed, begun, weight)
-            if extra != 0:
-                energy = elastic_energy(elastic, penetration, law)
-                state.extra[roller].energy = state.extra[roller].energy + energy
-            force = size
+        force = vec2(Real(0.0), Real(0.0))
+        size = Real(0.0)
+        at = touch.memory
+        if touch.penetration > Real(0.0):
+            pushing, pressing, first, dissipated, energy = respond(
+                touch.penetration, touch.normal, touch.relative, touch.before, law
+            )
+            if touch.before == Real(0.0) and now.stage == 0:
+                store(state.impact_speed, at, first)
+            if now.measured != 0:
+                begun = wp.where(touch.before == Real(0.0), 1, 0)
+                sums = tallies.contact[at]
+                tallies.contact[at] = add_contact(sums, pressing, pressing, dissipated, begun, now.weight)
+            if now.flags & EXTRA != 0:
+                state.extra[touch.roller].energy = state.extra[touch.roller].energy + energy
+            force = pushing
+            size = pressing
         else:
-            if before != Real(0.0) and stage == 0:
-                store(state.impact_speed, memory, Real(0.0))
-        return force
+            if touch.before != Real(0.0) and now.stage == 0:
+                store(state.impact_speed, at, Real(0.0))
+        return force, size
 
     @wp.func
-    def in_teeth(
+    def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
+        """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on sprocket s."""
+        at = s * wp.static(threads) + i
+        store_part(shared.parts, at, load_part(shared.parts, at) + moment)
+        if wp.static(moving):
+            x = at + wp.static(sprockets * threads)
+            store_part(shared.parts, x, load_part(shared.parts, x) - wp.float64(force[0]))
+            y = at + wp.static(2 * sprockets * threads)
+            store_part(shared.parts, y, load_part(shared.parts, y) - wp.float64(force[1]))
+
+    @wp.func
+    def at_sprocket(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         tallies: Tallies,
         shared: kinds.Shared,
-        memory: int,
-        roller: int,
+        mine: Mine,
+        now: Now,
         j: int,
         s: int,
-        i: int,
-        heeded: int,
-        stage: int,
-        measured: int,
-        weight: Real,
-        extra: int,
     ):
-        """Adds the force of the teeth of sprocket s to roller j's.
-
-        Its moment goes to the thread's part if sprocket s is `heeded` (bits).
-        """
+        """Adds the force of the teeth of sprocket s to roller j's, and its reaction to the sprocket if it is heeded."""
         teeth = shared.teeth[s]
-        wheel = shared.wheels[s]
-        kept = load_whole(state.seat, memory)
-        before = load(state.impact_speed, memory)
-        p = place(shared.rows, j, wheel.center)
-        seat = kept
-        if seat < 0:
-            seat = nearest_seat(p, wheel.cosine, wheel.sine, teeth.teeth)
-        e, radial, lateral = in_gap(
-            p, load_direction(ensemble.seats, teeth.first_seat + seat), wheel.cosine, wheel.sine
-        )
-        gap = Gap()
-        gap.e = e
-        gap.radial = radial
-        gap.lateral = lateral
-        step = seat_step(radial, lateral, wp.float64(teeth.half_pitch_tangent))
-        if step != 0:
-            seat = wrapped_seat(seat + step, teeth.teeth)
-            new_e, new_radial, new_lateral = in_gap(
-                p, load_direction(ensemble.seats, teeth.first_seat + seat), wheel.cosine, wheel.sine
-            )
-            gap.e = new_e
-            gap.radial = new_radial
-            gap.lateral = new_lateral
-        if seat != kept:
-            store_whole(state.seat, memory, seat)
+        pose = shared.poses[s]
+        touch = Touch()
+        touch.memory = mine.memory + j + s * mine.rollers
+        touch.roller = mine.first + j
+        kept = load_whole(state.seat, touch.memory)
+        touch.before = load(state.impact_speed, touch.memory)
+        p = place(shared.rows, j, pose.center)
+        seat = tracked_seat(p, kept, pose.cosine, pose.sine, teeth, ensemble.seats)
+        if seat.number != kept:
+            store_whole(state.seat, touch.memory, seat.number)
         v = velocity(shared.rows, j)
         if wp.static(moving):
-            v = vec2(v[0] - Real(wheel.velocity[0]), v[1] - Real(wheel.velocity[1]))
-        penetration, normal, speed = gap_approach(p, v, Real(wheel.speed), gap.e, gap.radial, gap.lateral, teeth)
-        size = pressed(
-            state, tallies, memory, before, penetration, speed, teeth.law, roller, stage, measured, weight, extra
-        )
-        if extra != 0:
-            state.extra[roller].sprocket_force = state.extra[roller].sprocket_force + size
-        force = size * normal
+            v = vec2(v[0] - Real(pose.velocity[0]), v[1] - Real(pose.velocity[1]))
+        penetration, normal, relative = in_teeth(p, v, Real(pose.speed), seat, teeth)
+        touch.penetration = penetration
+        touch.normal = normal
+        touch.relative = relative
+        force, size = answer(state, tallies, now, touch, teeth.law)
+        if now.flags & EXTRA != 0:
+            state.extra[touch.roller].sprocket_force = state.extra[touch.roller].sprocket_force + size
         if size != Real(0.0):
             set_force(shared, j, force_on(shared, j) + force)
-        if size != Real(0.0) and (heeded >> s) & 1 != 0:
-            at = s * wp.static(threads) + i
-            moment = Real(p[1]) * force[0] - Real(p[0]) * force[1]
-            store_part(shared.parts, at, load_part(shared.parts, at) + wp.float64(moment))
-            if wp.static(moving):
-                x = at + wp.static(sprockets * threads)
-                store_part(shared.parts, x, load_part(shared.parts, x) - wp.float64(force[0]))
-                y = at + wp.static(2 * sprockets * threads)
-                store_part(shared.parts, y, load_part(shared.parts, y) - wp.float64(force[1]))
+        if size != Real(0.0) and (now.heeded >> s) & 1 != 0:
+            arm = vec2(Real(p[0]), Real(p[1]))
+            add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
 
     @wp.func
-    def on_bar(
-        state: kinds.State,
-        tallies: Tallies,
-        shared: kinds.Shared,
-        memory: int,
-        roller: int,
-        j: int,
-        g: int,
-        stage: int,
-        measured: int,
-        weight: Real,
-        extra: int,
-    ):
-        """Adds the force of guide-bar g to roller j's."""
+    def at_guide(state: kinds.State, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now, j: int, g: int):
+        """Adds the force of guide-bar g, which stands on the ground, to roller j's."""
         bar = shared.bars[g]
-        before = load(state.impact_speed, memory)
-        v = velocity(shared.rows, j)
-        penetration, normal = guide_approach(place(shared.rows, j, bar.start), v, weight, bar)
-        speed = -wp.dot(v, normal)
-        size = pressed(
-            state, tallies, memory, before, penetration, speed, bar.law, roller, stage, measured, weight, extra
-        )
-        if extra != 0:
-            state.extra[roller].guide_force = state.extra[roller].guide_force + size
+        touch = Touch()
+        touch.memory = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
+        touch.roller = mine.first + j
+        touch.before = load(state.impact_speed, touch.memory)
+        still = vec2(Real(0.0), Real(0.0))
+        p = place(shared.rows, j, bar.start)
+        penetration, normal, relative = on_guide(p, velocity(shared.rows, j), still, bar)
+        touch.penetration = penetration
+        touch.normal = normal
+        touch.relative = relative
+        force, size = answer(state, tallies, now, touch, bar.law)
+        if now.flags & EXTRA != 0:
+            state.extra[touch.roller].guide_force = state.extra[touch.roller].guide_force + size
         if size != Real(0.0):
-            set_force(shared, j, force_on(shared, j) + size * normal)
+            set_force(shared, j, force_on(shared, j) + force)
 
     @wp.func
     def slot(mask: int):
@@ -230,44 +205,34 @@ def block_forces(
         state: kinds.State,
         tallies: Tallies,
         shared: kinds.Shared,
-        first: int,
-        memory: int,
-        n: int,
-        i: int,
+        mine: Mine,
+        now: Now,
         by_teeth: int,
         by_bar: int,
-        heeded: int,
-        stage: int,
-        measured: int,
-        weight: Real,
-        extra: int,
     ):
         """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, bits of their slots.
 
-        Each thread goes on to its next such roller at once, so that few wait. `first` and `memory` are the variant's
-        first roller and contact memory; the rest as in `in_teeth`.
+        Each thread goes on to its next such roller at once, so that few wait.
         """
         rest = int(0)
         while by_teeth != 0:
-            j = slot(by_teeth) * wp.static(threads) + i
+            j = slot(by_teeth) * wp.static(threads) + mine.thread
             if rest == 0:
                 rest = shared.held[j] & SPROCKETS
             s = lowest_bit(rest)
             rest = rest & (rest - 1)
             if rest == 0:
                 by_teeth = by_teeth & (by_teeth - 1)
-            at = memory + j + s * n
-            in_teeth(ensemble, state, tallies, shared, at, first + j, j, s, i, heeded, stage, measured, weight, extra)
+            at_sprocket(ensemble, state, tallies, shared, mine, now, j, s)
         while by_bar != 0:
-            j = slot(by_bar) * wp.static(threads) + i
+            j = slot(by_bar) * wp.static(threads) + mine.thread
             if rest == 0:
                 rest = shared.held[j] & ~SPROCKETS
             p = lowest_bit(rest)
             rest = rest & (rest - 1)
             if rest == 0:
                 by_bar = by_bar & (by_bar - 1)
-            g = p - wp.static(sprockets)
-            on_bar(state, tallies, shared, memory + j + p * n, first + j, j, g, stage, measured, weight, extra)
+            at_guide(state, tallies, shared, mine, now, j, p - wp.static(sprockets))
 
     @wp.func
     def part(shared: kinds.Shared, row: int, i: int):
@@ -291,12 +256,12 @@ def block_forces(
         return wp.where(s < wp.static(sprockets), s, -1)
 
     @wp.func
-    def contacts_on(shared: kinds.Shared, i: int):
+    def wrench_on(shared: kinds.Shared, i: int):
         """The chain's moment [N m] on the sprocket that thread i moves and, if it may move, its force [N].
 
         All threads together, between the barrier after the contacts and the next one.
         """
-        totals = Totals()
+        wrench = Wrench()
         warps = wp.static(threads) // lanes()
         groups = lanes() // group()
         turn = int(0)
@@ -316,16 +281,16 @@ def block_forces(
                 x = group_sum(x)
                 y = group_sum(y)
             if i % group() == turn:
-                totals.moment = moment
-                totals.push = vec2d(x, y)
+                wrench.moment = moment
+                wrench.force = wp.vec2d(x, y)
             turn = turn + 1
             first = first + warps * groups
-        return totals
+        return wrench
 
     @wp.func
-    def share_geometry(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, s: int, center: vec2d):
-        """Teeth and band of sprocket s, whose center is given; with the first one, the chain and the guide-bars."""
-        drive = ensemble.drives[variant]
+    def share_geometry(ensemble: kinds.Ensemble, shared: kinds.Shared, drive: Drive, variant: int, s: int):
+        """Teeth and band of sprocket s, whose pose is shared; with the first one, the chain and the guide-bars."""
+        center = shared.poses[s].center
         sprocket = ensemble.sprockets[drive.first_sprocket + s]
         shared.teeth[s] = sprocket
         band = kinds.Band()
@@ -338,7 +303,12 @@ def block_forces(
             for g in range(wp.static(guides)):
                 shared.bars[g] = ensemble.guides[drive.first_guide + g]
 
-    return SimpleNamespace(
+    return ForceFunctions(
         SPROCKETS=SPROCKETS,
-        **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},
+        near=near,
+        leave=leave,
+        contacts=contacts,
+        sprocket_of=sprocket_of,
+        wrench_on=wrench_on,
+        share_geometry=share_geometry,
     )

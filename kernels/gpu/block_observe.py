@@ -9,12 +9,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..physics.body import body_accelerations, heading_of, load_at
-from ..physics.motion import ramp
-from ..physics.mount import body_energy, holding_force, prescribing_power
+from ..physics.body import body_energy, held_by
+from ..physics.motion import load_at_speed
 from ..rows import accessors
-from ..structs import Drive, SprocketState, types
-from ..sum_structs import ContactSums, LinkTally, Sums, Tallies, Totals
+from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
+from ..sum_structs import ContactSums, LinkTally, Sums, Tallies
 from ..sums import (
     add_displacement,
     add_energy,
@@ -28,20 +27,19 @@ from ..sums import (
     unseen,
 )
 from .block_events import ENDS, START
+from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 
 
 @cache
-def block_observing(
-    Real: type, threads: int, per: int, sprockets: int, guides: int, moving: bool, measuring: bool
-) -> SimpleNamespace:
-    """The functions that look at one variant on a block of `threads` threads."""
-    kinds = types(Real)
+def block_observing(kind: BlockKind) -> SimpleNamespace:
+    """The functions that look at one variant on a block."""
+    Real, sprockets, moving, slots = kind.Real, kind.sprockets, kind.moving, kind.slots
+    kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
-    row = block_rows(Real, threads, per, sprockets, guides, moving, measuring)
+    row = block_rows(kind)
     X, Y = row.X, row.Y
     load, store = accessors(Real).load, accessors(Real).store
-    slots = threads * per
     LOWEST, HIGHEST, TENSION, SQUARE, RATE = (wp.constant(k * slots) for k in range(5))
     follow = following(Real).follow
 
@@ -138,65 +136,38 @@ def block_observing(
         return moving_part + elastic - mass * lift + wp.float64(extra.energy)
 
     @wp.func
-    def observe_mount(
-        ensemble: kinds.Ensemble,
-        shared: kinds.Shared,
-        s: int,
-        time: wp.float64,
-        body: SprocketState,
-        on: Totals,
-        weight: wp.float64,
-    ):
-        """One step of sprocket s on its active mount for the sums of the window; returns its energy [J]."""
-        motion = shared.motions[s]
-        mount = shared.mounts[s]
-        heading = heading_of(body)
-        rates = body_accelerations(time, body, heading, on, motion, mount, ensemble.harmonics, ensemble.tables)
-        held = holding_force(body, heading, on, rates, mount)
-        power = prescribing_power(body, heading, held, rates, motion.prescribed, mount)
-        shared.mount_sums[s] = add_mount(shared.mount_sums[s], body, mount, held, power, weight)
-        return body_energy(body, heading, mount)
-
-    @wp.func
     def observe_sprocket(
         ensemble: kinds.Ensemble,
         tallies: Tallies,
         shared: kinds.Shared,
-        variant: int,
-        s: int,
-        time: wp.float64,
-        body: SprocketState,
-        on: Totals,
-        load: wp.float64,
-        half_behind: wp.float64,
-        weight: wp.float64,
-        flags: int,
+        mine: Mine,
+        now: Now,
+        body: BodyState,
+        wrench: Wrench,
+        before: Pose,
     ):
-        """One step of sprocket s for the sums of the window, and its energy at their ends.
+        """One step of the thread's sprocket for the sums of the window, and its energy at their ends.
 
-        `load` is its load moment at the angular velocity `half_behind`, if it is free.
+        `body` has the sprocket's rates at the step's instant, `before` is its pose, with the load at the rates there.
         """
+        s = mine.sprocket
+        drive = ensemble.drives[mine.variant]
+        time = wp.float64(now.step) * drive.step
+        weight = wp.float64(now.weight)
         motion = shared.motions[s]
-        energy = wp.float64(0.0)
-        if motion.prescribed == 1:
-            load = wp.float64(0.0)
-        else:
-            # the load of the step, but at the speed of its instant
-            speed = body.speed
-            damped = motion.load[1] * (speed - half_behind) + motion.load[2] * (
-                speed * wp.abs(speed) - half_behind * wp.abs(half_behind)
-            )
-            load = load - damped * ramp(time, motion.load_ramp_time)
-            energy = wp.float64(0.5) * body.speed * body.speed / motion.inverse_inertia
+        mount = Mount()
         if wp.static(moving):
-            if shared.mounts[s].active != 0:
-                if motion.prescribed == 0:
-                    load = load_at(time, body.angle, body.speed, motion, ensemble.harmonics, ensemble.tables)
-                energy = observe_mount(ensemble, shared, s, time, body, on, weight)
-        if flags & ENDS != 0:
-            at = ensemble.drives[variant].first_sprocket + s
-            tallies.sprocket[at] = add_energy(tallies.sprocket[at], flags & START != 0, energy)
-        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, on.moment, load, weight)
+            mount = shared.mounts[s]
+        load = load_at_speed(time, before.load, before.speed, body.speed, motion)
+        if wp.static(moving):
+            if mount.active != 0:
+                held, power = held_by(time, body, wrench, load, motion, mount, ensemble.curves)
+                shared.mount_sums[s] = add_mount(shared.mount_sums[s], body, mount, held, power, weight)
+        if now.flags & ENDS != 0:
+            at = drive.first_sprocket + s
+            energy = body_energy(body, motion, mount)
+            tallies.sprocket[at] = add_energy(tallies.sprocket[at], now.flags & START != 0, energy)
+        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
 
     return SimpleNamespace(
         **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},

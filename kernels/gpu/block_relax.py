@@ -1,51 +1,51 @@
-"""Settling on blocks of threads: `relax` with one block a variant."""
+"""Settling on blocks of threads: relaxation (`relaxation`) with one block a variant."""
 
 from functools import cache
 
 import warp as wp
 
-from ..relaxation import LOOK_EVERY, Settling
-from ..rows import accessors
-from ..structs import Wheel, types
+from ..physics.body import pose_of
+from ..relaxation import LOOK_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
+from ..structs import types
 from ..sum_structs import Tallies
-from ..trigonometry import sine_cosine
 from .block_forces import block_forces
+from .block_kind import BlockKind, Mine, now_struct
+from .block_partners import block_partners
 from .block_rows import block_rows
 from .exchange import lanes
 
 
 @cache
-def block_relax_kernel(Real: type, threads: int, per: int, sprockets: int, guides: int, blocks: int) -> wp.Kernel:
-    """The kernel that settles drives of up to `threads * per` rollers and of these numbers of sprockets and guide-bars.
-
-    The sprockets are held.
-    """
-    kinds = types(Real)
+def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
+    """The kernel that settles drives of a kind, in float64; the sprockets are held."""
+    Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
+    kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
     of_each = wp.types.vector(per, Real)
-    row = block_rows(Real, threads, per, sprockets, guides)
-    part = block_forces(Real, threads, per, sprockets, guides)
+    row, forces, partners = block_rows(kind), block_forces(kind), block_partners(kind)
     talk = row.talk
-    barrier, shared_arrays, warp_sum, warp_max = talk.barrier, talk.shared_arrays, talk.warp_sum, talk.warp_max
-    view = talk.view
-    link_of, before, acceleration, velocity = row.link_of, row.before, row.acceleration, row.velocity
-    force_on, set_force = row.force_on, row.set_force
-    near, leave, contacts, SPROCKETS = part.near, part.leave, part.contacts, part.SPROCKETS
-    set_velocity, move, fetch, put_back = row.set_velocity, row.move, row.fetch, row.put_back
-    share_geometry, load = part.share_geometry, accessors(Real).load
+    barrier, warp_sum, warp_max = talk.barrier, talk.warp_sum, talk.warp_max
+    pull, acceleration, velocity = row.pull, row.acceleration, row.velocity
+    set_velocity, move = row.set_velocity, row.move
 
     @wp.func
-    def start_sprocket(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, s: int):
-        """What is shared of sprocket s, at rest, and with the first of the chain."""
-        mine = ensemble.drives[variant].first_sprocket + s
-        body = state.sprockets[mine]
-        sine, cosine = sine_cosine(body.angle)
-        wheel = Wheel()
-        wheel.cosine = cosine
-        wheel.sine = sine
-        wheel.center = body.center
-        shared.wheels[s] = wheel
-        share_geometry(ensemble, shared, variant, s, body.center)
+    def begin(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, i: int):
+        """What thread i is at; what is shared of a sprocket, at rest, and with the first of the chain."""
+        drive = ensemble.drives[variant]
+        mine = Mine()
+        mine.variant = variant
+        mine.rollers = drive.rollers
+        mine.first = drive.first_roller
+        mine.memory = drive.first_contact
+        mine.thread = i
+        row.fetch(state, shared, mine)
+        if i < wp.static(sprockets):
+            pose = pose_of(state.bodies[drive.first_body + i])
+            pose.speed = wp.float64(0.0)
+            pose.velocity = wp.vec2d()
+            shared.poses[i] = pose
+            forces.share_geometry(ensemble, shared, drive, variant, i)
+        return mine
 
     @wp.func
     def block_largest(shared: kinds.Shared, value: Real, i: int):
@@ -75,106 +75,79 @@ def block_relax_kernel(Real: type, threads: int, per: int, sprockets: int, guide
         barrier()
         return result
 
+    @wp.func
+    def look(shared: kinds.Shared, mine: Mine, tension: of_each):
+        """Kinetic energy [J] and residual of the chain; all threads together."""
+        chain = shared.chain[0]
+        i = mine.thread
+        square = wp.float64(0.0)
+        size = Real(0.0)
+        most = Real(0.0)
+        for k in range(wp.static(per)):
+            j = k * wp.static(threads) + i
+            if j < mine.rollers:
+                v = velocity(shared.rows, j)
+                square = square + wp.float64(wp.dot(v, v))
+                size = wp.max(size, finite_size(acceleration(shared, j)))
+                most = wp.max(most, wp.abs(tension[k]))
+        mass = wp.float64(chain.mass)
+        gravity = wp.vec2d(wp.float64(chain.gravity[0]), wp.float64(chain.gravity[1]))
+        energy = wp.float64(0.5) * mass * block_total(shared, square, i)
+        worst = block_largest(shared, size, i)
+        return energy, relative_residual(worst, block_largest(shared, most, i), mass, gravity)
+
+    @wp.func
+    def stop(shared: kinds.Shared, i: int):
+        """The thread's rollers at rest."""
+        for k in range(wp.static(per)):
+            set_velocity(shared, k * wp.static(threads) + i, vec2())
+
+    @wp.func
+    def kick_drift(shared: kinds.Shared, i: int, kick: Real, h: Real):
+        """v += kick a, then x += h v, of the thread's rollers."""
+        for k in range(wp.static(per)):
+            j = k * wp.static(threads) + i
+            v = velocity(shared.rows, j) + kick * acceleration(shared, j)
+            set_velocity(shared, j, v)
+            move(shared, j, h * v[0], h * v[1])
+
     @wp.kernel(enable_backward=False, module="unique", grid_stride=False, launch_bounds=(threads, blocks))
     def relax_block(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         tallies: Tallies,
-        settling: wp.array(dtype=Settling),
-        order: wp.array(dtype=wp.int32),
-        block: int,
+        settling: wp.array[Settling],
+        order: wp.array[wp.int32],
+        steps: int,
     ):
-        """Variants `order[b]`, one a block of threads: up to `block` steps of relaxation."""
+        """Variants `order[b]`, one a block of threads: up to `steps` steps of relaxation."""
         number = wp.tid() // wp.static(threads)
-        variant = order[number]
         i = wp.tid() % wp.static(threads)
-        n = ensemble.drives[variant].rollers
-        first = ensemble.drives[variant].first_roller
-        memory = ensemble.drives[variant].first_contact
-        shared = shared_arrays(state, number)
-        lengths = view(ensemble.lengths, first, n)
-        fetch(ensemble, state, shared, variant, i)
-        if i < wp.static(sprockets):
-            start_sprocket(ensemble, state, shared, variant, i)
-        now = settling[variant]
-        end = wp.min(now.steps + block, now.limit)
-        h = Real(now.step)
-        zero = Real(0.0)
+        shared = talk.shared_arrays(state, number)
+        mine = begin(ensemble, state, shared, order[number], i)
+        lengths = talk.view(ensemble.lengths, mine.first, mine.rollers)
+        now = settling[mine.variant]
+        end = wp.min(now.steps + steps, now.limit)
         barrier()
-        chain = shared.chain[0]
+        held = partners.held_by(shared, i)
+        still = Now()
         while now.steps < end and now.settled == 0:
-            tension = of_each()
-            pull_x = of_each()
-            pull_y = of_each()
-            for k in range(wp.static(per)):
-                j = k * wp.static(threads) + i
-                tension_k, rate, force = link_of(shared, j, n, load(lengths, j))
-                set_force(shared, j, force)
-                tension[k] = tension_k
-                pull_x[k] = force[0]
-                pull_y[k] = force[1]
+            tension, rate = pull(shared, lengths, mine.rollers, i)
+            held, by_teeth, by_bar = partners.meet(state, shared, mine, still, held)
+            forces.contacts(ensemble, state, tallies, shared, mine, still, by_teeth, by_bar)
             barrier()
-            for k in range(wp.static(per)):
-                force = force_on(shared, before(k * wp.static(threads) + i, n))
-                pull_x[k] = pull_x[k] - force[0]
-                pull_y[k] = pull_y[k] - force[1]
-            barrier()
-            for k in range(wp.static(per)):
-                set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
-            by_teeth = int(0)
-            by_bar = int(0)
-            for k in range(wp.static(per)):
-                j = k * wp.static(threads) + i
-                partners = near(shared, j, n)
-                if partners != shared.held[j]:
-                    leave(state, memory + j, n, shared.held[j] & ~partners)
-                    shared.held[j] = partners
-                by_teeth = by_teeth | wp.where(partners & SPROCKETS != 0, (1 << k), 0)
-                by_bar = by_bar | wp.where(partners & ~SPROCKETS != 0, (1 << k), 0)
-            contacts(ensemble, state, tallies, shared, first, memory, n, i, by_teeth, by_bar, 0, 0, 0, zero, 0)
-            barrier()
-            half = now.steps == 0
+            restart = int(0)
             if now.steps % LOOK_EVERY == 0:
-                square = wp.float64(0.0)
-                size = Real(0.0)
-                most = Real(0.0)
-                for k in range(wp.static(per)):
-                    j = k * wp.static(threads) + i
-                    if j < n:
-                        v = velocity(shared.rows, j)
-                        square = square + wp.float64(wp.dot(v, v))
-                        net = wp.length(acceleration(shared, j))
-                        if not net < Real(1.0e30):
-                            net = Real(1.0e30)
-                        size = wp.max(size, net)
-                        most = wp.max(most, wp.abs(tension[k]))
-                energy = wp.float64(0.5) * wp.float64(chain.mass) * block_total(shared, square, i)
-                worst = block_largest(shared, size, i)
-                scale = wp.max(block_largest(shared, most, i), wp.float64(chain.mass * wp.length(chain.gravity)))
-                now.residual = worst
-                if scale > wp.float64(0.0):
-                    now.residual = wp.float64(chain.mass) * worst / scale
-                if now.residual < now.tolerance:
-                    now.settled = 1
-                if energy < now.energy:
-                    for k in range(wp.static(per)):
-                        set_velocity(shared, k * wp.static(threads) + i, vec2())
-                    energy = wp.float64(0.0)
-                    half = True
-                now.energy = energy
+                energy, residual = look(shared, mine, tension)
+                now, restart = judged(now, energy, residual)
+                if restart == 1:
+                    stop(shared, i)
             if now.settled == 0:
-                kick = h
-                if half:
-                    kick = Real(0.5) * h
-                for k in range(wp.static(per)):
-                    j = k * wp.static(threads) + i
-                    v = velocity(shared.rows, j) + kick * acceleration(shared, j)
-                    set_velocity(shared, j, v)
-                    move(shared, j, h * v[0], h * v[1])
+                kick_drift(shared, i, Real(relaxation_kick(now, restart)), Real(now.step))
                 now.steps = now.steps + 1
             barrier()
-        put_back(ensemble, state, shared, variant, i)
+        row.put_back(state, shared, mine)
         if i == 0:
-            settling[variant] = now
+            settling[mine.variant] = now
 
     return relax_block

@@ -1,44 +1,68 @@
 """How the rollers of one variant lie in the rows that a block's threads share: read, moved, taken in and put back."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
 from ..physics.link import link_force
+from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
-from ..structs import types, vec2d
-from .exchange import exchange
+from ..structs import types
+from .block_kind import BlockKind, Mine
+from .exchange import Exchange, exchange
+
+
+@dataclass(frozen=True)
+class RowFunctions:
+    """What is done on a block's rows, as functions of kernels, and where x, y and their low parts begin."""
+
+    talk: Exchange
+    X: int
+    Y: int
+    X_LOW: int
+    Y_LOW: int
+    place: wp.Function
+    velocity: wp.Function
+    link_of: wp.Function
+    pull: wp.Function
+    force_on: wp.Function
+    set_force: wp.Function
+    acceleration: wp.Function
+    set_velocity: wp.Function
+    move: wp.Function
+    fetch: wp.Function
+    put_back: wp.Function
 
 
 @cache
-def block_rows(
-    Real: type, threads: int, per: int, sprockets: int, guides: int, moving: bool = False, measuring: bool = False
-) -> SimpleNamespace:
-    """The rows of a block of `threads` threads and what is done on them, thread i with the rollers
-    i, i + threads, ..., `per` of them at most.
-    """
+def block_rows(kind: BlockKind) -> RowFunctions:
+    """The rows of a block and what is done on them."""
+    Real, threads, per, slots = kind.Real, kind.threads, kind.per, kind.slots
     kinds = types(Real)
     vec2 = kinds.vec2
     compensated = Real == wp.float32
-    slots = threads * per
-    talk = exchange(Real, threads, slots, sprockets, guides, moving, measuring)
+    partners = kind.sprockets + kind.guides
+    part_rows = (3 if kind.moving else 1) * kind.sprockets
+    of_each = wp.types.vector(per, Real)
+    talk = exchange(kind)
+    barrier = talk.barrier
     load, store = accessors(Real).load, accessors(Real).store
     X, Y, VX, VY, FORCE_X, FORCE_Y, X_LOW, Y_LOW = (wp.constant(k * slots) for k in range(8))
 
     @wp.func
-    def place(rows: wp.array(dtype=Real), j: int, center: vec2d):
+    def place(rows: wp.array[Real], j: int, center: wp.vec2d):
         """Position of roller j in float64 from `center` [m]."""
         if wp.static(compensated):
-            return vec2d(
+            return wp.vec2d(
                 wp.float64(load(rows, X + j)) - center[0] + wp.float64(load(rows, X_LOW + j)),
                 wp.float64(load(rows, Y + j)) - center[1] + wp.float64(load(rows, Y_LOW + j)),
             )
         else:
-            return vec2d(wp.float64(load(rows, X + j)) - center[0], wp.float64(load(rows, Y + j)) - center[1])
+            return wp.vec2d(wp.float64(load(rows, X + j)) - center[0], wp.float64(load(rows, Y + j)) - center[1])
 
     @wp.func
-    def velocity(rows: wp.array(dtype=Real), j: int):
+    def velocity(rows: wp.array[Real], j: int):
         """Velocity of roller j [m/s]."""
         return vec2(load(rows, VX + j), load(rows, VY + j))
 
@@ -74,14 +98,39 @@ def block_rows(
         store(shared.rows, FORCE_Y + j, force[1])
 
     @wp.func
+    def pull(shared: kinds.Shared, lengths: wp.array[Real], n: int, i: int):
+        """Makes the forces of both its links stand as each roller's; all threads together.
+
+        Returns tension [N] and rate of elongation [m/s] of the thread's links. They are worked out one after the other
+        without a branch, so that one's latency hides behind the others' work.
+        """
+        tension = of_each()
+        rate = of_each()
+        pull_x = of_each()
+        pull_y = of_each()
+        for k in range(wp.static(per)):
+            j = k * wp.static(threads) + i
+            tension_k, rate_k, force = link_of(shared, j, n, load(lengths, j))
+            set_force(shared, j, force)
+            tension[k] = tension_k
+            rate[k] = rate_k
+            pull_x[k] = force[0]
+            pull_y[k] = force[1]
+        barrier()
+        for k in range(wp.static(per)):
+            force = force_on(shared, before(k * wp.static(threads) + i, n))
+            pull_x[k] = pull_x[k] - force[0]
+            pull_y[k] = pull_y[k] - force[1]
+        barrier()
+        for k in range(wp.static(per)):
+            set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
+        return tension, rate
+
+    @wp.func
     def acceleration(shared: kinds.Shared, j: int):
-        """Acceleration of roller j [m/s^2], eq. (1), from its force and gravity."""
+        """Acceleration of roller j [m/s^2], from its force and gravity."""
         chain = shared.chain[0]
-        force = force_on(shared, j)
-        return vec2(
-            chain.inverse_mass * force[0] + chain.gravity[0],
-            chain.inverse_mass * force[1] + chain.gravity[1],
-        )
+        return roller_acceleration(force_on(shared, j), chain.inverse_mass, chain.gravity)
 
     @wp.func
     def set_velocity(shared: kinds.Shared, j: int, v: vec2):
@@ -91,31 +140,28 @@ def block_rows(
 
     @wp.func
     def move(shared: kinds.Shared, j: int, dx: Real, dy: Real):
-        """Roller j by (dx, dy) [m]; what float32 rounds off goes to the low parts (fast two-sum)."""
+        """Roller j by (dx, dy) [m]; what float32 rounds off goes to the low parts."""
         rows = shared.rows
         x = load(rows, X + j)
         y = load(rows, Y + j)
         if wp.static(compensated):
-            low_x = load(rows, X_LOW + j) + dx
-            low_y = load(rows, Y_LOW + j) + dy
-            new_x = x + low_x
-            new_y = y + low_y
+            new_x, low_x = two_sum(x, load(rows, X_LOW + j), dx)
+            new_y, low_y = two_sum(y, load(rows, Y_LOW + j), dy)
             store(rows, X + j, new_x)
             store(rows, Y + j, new_y)
-            store(rows, X_LOW + j, low_x - (new_x - x))
-            store(rows, Y_LOW + j, low_y - (new_y - y))
+            store(rows, X_LOW + j, low_x)
+            store(rows, Y_LOW + j, low_y)
         else:
             store(rows, X + j, x + dx)
             store(rows, Y + j, y + dy)
 
     @wp.func
-    def fetch(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, i: int):
+    def fetch(state: kinds.State, shared: kinds.Shared, mine: Mine):
         """The thread's rollers into the shared rows, and which partners they are near; its parts begin at zero."""
-        drive = ensemble.drives[variant]
-        n = drive.rollers
-        j = int(i)
+        n = mine.rollers
+        j = int(mine.thread)
         while j < wp.static(slots):
-            row = STATE_ROWS * drive.first_roller + wp.min(j, n - 1)
+            row = STATE_ROWS * mine.first + wp.min(j, n - 1)
             store(shared.rows, X + j, state.rollers[row])
             store(shared.rows, Y + j, state.rollers[row + n])
             store(shared.rows, VX + j, state.rollers[row + 2 * n])
@@ -125,27 +171,26 @@ def block_rows(
                 store(shared.rows, Y_LOW + j, state.rollers[row + 5 * n])
             held = int(0)
             if j < n:
-                memory = drive.first_contact + j
+                memory = mine.memory + j
                 p = int(0)
-                while p < wp.static(sprockets + guides):
+                while p < wp.static(partners):
                     if state.seat[memory + p * n] >= 0 or state.impact_speed[memory + p * n] != Real(0.0):
                         held = held | (1 << p)
                     p = p + 1
             shared.held[j] = held
             j = j + wp.static(threads)
         row = int(0)
-        while row < wp.static((3 if moving else 1) * sprockets):
-            shared.parts[row * wp.static(threads) + i] = wp.float64(0.0)
+        while row < wp.static(part_rows):
+            shared.parts[row * wp.static(threads) + mine.thread] = wp.float64(0.0)
             row = row + 1
 
     @wp.func
-    def put_back(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, i: int):
+    def put_back(state: kinds.State, shared: kinds.Shared, mine: Mine):
         """The thread's rollers back into the state."""
-        drive = ensemble.drives[variant]
-        n = drive.rollers
-        j = int(i)
+        n = mine.rollers
+        j = int(mine.thread)
         while j < n:
-            row = STATE_ROWS * drive.first_roller + j
+            row = STATE_ROWS * mine.first + j
             state.rollers[row] = load(shared.rows, X + j)
             state.rollers[row + n] = load(shared.rows, Y + j)
             state.rollers[row + 2 * n] = load(shared.rows, VX + j)
@@ -155,11 +200,21 @@ def block_rows(
                 state.rollers[row + 5 * n] = load(shared.rows, Y_LOW + j)
             j = j + wp.static(threads)
 
-    return SimpleNamespace(
+    return RowFunctions(
         talk=talk,
         X=X,
         Y=Y,
         X_LOW=X_LOW,
         Y_LOW=Y_LOW,
-        **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},
+        place=place,
+        velocity=velocity,
+        link_of=link_of,
+        pull=pull,
+        force_on=force_on,
+        set_force=set_force,
+        acceleration=acceleration,
+        set_velocity=set_velocity,
+        move=move,
+        fetch=fetch,
+        put_back=put_back,
     )

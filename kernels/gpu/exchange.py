@@ -8,12 +8,12 @@ reads.
 
 from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
-from ..structs import Motion, Mount, Strand, Wheel, types
+from ..structs import Motion, Mount, Pose, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
+from .block_kind import BlockKind
 
 LARGEST = """
 #if defined(__CUDA_ARCH__)
@@ -161,30 +161,44 @@ class Room:
         return self.held * (not self.shares_rows)
 
 
-def room(Real: type, threads: int, slots: int, sprockets: int, guides: int, moving: bool, measuring: bool) -> Room:
-    """What a block of `threads` threads for `slots` rollers needs, for these numbers of sprockets and guide-bars."""
-    kinds = types(Real)
-    size = wp.types.type_size_in_bytes(Real)
-    parts, rows = (3 if moving else 1) * sprockets * threads, shared_rows(Real) * slots
-    seen = SEEN * slots if measuring else 1
-    of_each = [Wheel, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
-    of_each += [Mount, MountSums] if moving else []
-    used = sprockets * (16 * COURSE + sum(struct.numpy_dtype()["itemsize"] for struct in of_each))
-    used += max(guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000  # chain, alignment, what stands for no mount
+def room(kind: BlockKind) -> Room:
+    """What a block of a kind needs."""
+    kinds = types(kind.Real)
+    size = wp.types.type_size_in_bytes(kind.Real)
+    parts = (3 if kind.moving else 1) * kind.sprockets * kind.threads
+    rows = shared_rows(kind.Real) * kind.slots
+    seen = SEEN * kind.slots if kind.measuring else 1
+    of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
+    of_each += [Mount, MountSums] if kind.moving else []
+    used = kind.sprockets * (16 * COURSE + sum(struct.numpy_dtype()["itemsize"] for struct in of_each))
+    # and the chain, alignment, what stands for no mount
+    used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
     fits = []
-    for needed in (8 * parts, rows * size + 4 * slots, seen * size):
+    for needed in (8 * parts, rows * size + 4 * kind.slots, seen * size):
         fits.append(used + needed <= SHARED_BYTES)
         used += needed * fits[-1]
-    return Room(parts, rows, slots, seen, *fits)
+    return Room(parts, rows, kind.slots, seen, *fits)
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """What a block's threads do together, as functions of kernels."""
+
+    barrier: wp.Function
+    warp_sum: wp.Function
+    group_sum: wp.Function
+    warp_max: wp.Function
+    view: wp.Function
+    shared_arrays: wp.Function
 
 
 @cache
-def exchange(
-    Real: type, threads: int, slots: int, sprockets: int, guides: int, moving: bool, measuring: bool
-) -> SimpleNamespace:
-    """What a block of `threads` threads (whole warps) for up to `slots` rollers shares."""
+def exchange(kind: BlockKind) -> Exchange:
+    """What the threads of a block of a kind share."""
+    Real, threads, slots, sprockets = kind.Real, kind.threads, kind.slots, kind.sprockets
+    guides, moving = kind.guides, kind.moving
     kinds = types(Real)
-    of = room(Real, threads, slots, sprockets, guides, moving, measuring)
+    of = room(kind)
 
     @wp.func_native(WARP_BARRIER if threads == 32 else BARRIER)
     def barrier():
@@ -207,63 +221,63 @@ def exchange(
         ...
 
     @wp.func_native(_shared_snippet("rows", of.rows))
-    def rows(like: kinds.Shared) -> wp.array(dtype=Real): ...
+    def rows(like: kinds.Shared) -> wp.array[Real]: ...
 
     @wp.func_native(_shared_snippet("held", slots))
-    def held(like: kinds.Shared) -> wp.array(dtype=wp.int32): ...
+    def held(like: kinds.Shared) -> wp.array[wp.int32]: ...
 
     @wp.func_native(_shared_snippet("seen", of.seen))
-    def seen(like: kinds.Shared) -> wp.array(dtype=Real): ...
+    def seen(like: kinds.Shared) -> wp.array[Real]: ...
 
     @wp.func_native(OWN)
-    def view(all: wp.array(dtype=Real), first: int, count: int) -> wp.array(dtype=Real):
+    def view(all: wp.array[Real], first: int, count: int) -> wp.array[Real]:
         """`count` values from `first` on."""
         ...
 
     @wp.func_native(OWN)
-    def own_parts(all: wp.array(dtype=wp.float64), first: int, count: int) -> wp.array(dtype=wp.float64): ...
+    def own_parts(all: wp.array[wp.float64], first: int, count: int) -> wp.array[wp.float64]: ...
 
     @wp.func_native(OWN)
-    def own_held(all: wp.array(dtype=wp.int32), first: int, count: int) -> wp.array(dtype=wp.int32): ...
+    def own_held(all: wp.array[wp.int32], first: int, count: int) -> wp.array[wp.int32]: ...
 
-    @wp.func_native(_shared_snippet("wheels", sprockets))
-    def wheels(like: kinds.Shared) -> wp.array(dtype=Wheel): ...
+    @wp.func_native(_shared_snippet("poses", sprockets))
+    def poses(like: kinds.Shared) -> wp.array[Pose]: ...
 
     @wp.func_native(_shared_snippet("teeth", sprockets))
-    def teeth(like: kinds.Shared) -> wp.array(dtype=kinds.Sprocket): ...
+    def teeth(like: kinds.Shared) -> wp.array[kinds.Sprocket]: ...
 
     @wp.func_native(_shared_snippet("bands", sprockets))
-    def bands(like: kinds.Shared) -> wp.array(dtype=kinds.Band): ...
+    def bands(like: kinds.Shared) -> wp.array[kinds.Band]: ...
 
     @wp.func_native(_shared_snippet("bars", max(guides, 1)))
-    def bars(like: kinds.Shared) -> wp.array(dtype=kinds.Guide): ...
+    def bars(like: kinds.Shared) -> wp.array[kinds.Guide]: ...
 
     @wp.func_native(_shared_snippet("chain", 1))
-    def chain(like: kinds.Shared) -> wp.array(dtype=kinds.Chain): ...
+    def chain(like: kinds.Shared) -> wp.array[kinds.Chain]: ...
 
     @wp.func_native(_shared_snippet("parts", of.parts))
-    def parts(like: kinds.Shared) -> wp.array(dtype=wp.float64): ...
+    def parts(like: kinds.Shared) -> wp.array[wp.float64]: ...
 
     @wp.func_native(_shared_snippet("motions", sprockets))
-    def motions(like: kinds.Shared) -> wp.array(dtype=Motion): ...
+    def motions(like: kinds.Shared) -> wp.array[Motion]: ...
 
     @wp.func_native(_shared_snippet("course", 2 * COURSE * sprockets))
-    def course(like: kinds.Shared) -> wp.array(dtype=wp.float64): ...
+    def course(like: kinds.Shared) -> wp.array[wp.float64]: ...
 
     @wp.func_native(_shared_snippet("strands", sprockets))
-    def strands(like: kinds.Shared) -> wp.array(dtype=Strand): ...
+    def strands(like: kinds.Shared) -> wp.array[Strand]: ...
 
     @wp.func_native(_shared_snippet("mounts", sprockets if moving else 1))
-    def mounts(like: kinds.Shared) -> wp.array(dtype=Mount): ...
+    def mounts(like: kinds.Shared) -> wp.array[Mount]: ...
 
     @wp.func_native(_shared_snippet("mount_sums", sprockets if moving else 1))
-    def mount_sums(like: kinds.Shared) -> wp.array(dtype=MountSums): ...
+    def mount_sums(like: kinds.Shared) -> wp.array[MountSums]: ...
 
     @wp.func_native(_shared_snippet("sprocket_sums", sprockets))
-    def sprocket_sums(like: kinds.Shared) -> wp.array(dtype=SprocketSums): ...
+    def sprocket_sums(like: kinds.Shared) -> wp.array[SprocketSums]: ...
 
     @wp.func_native(_shared_snippet("strand_sums", sprockets))
-    def strand_sums(like: kinds.Shared) -> wp.array(dtype=StrandSums): ...
+    def strand_sums(like: kinds.Shared) -> wp.array[StrandSums]: ...
 
     @wp.func
     def shared_arrays(state: kinds.State, block: int):
@@ -280,7 +294,7 @@ def exchange(
             shared.seen = seen(shared)
         else:
             shared.seen = view(state.rows, first + wp.static(of.values - of.seen), wp.static(of.seen))
-        shared.wheels = wheels(shared)
+        shared.poses = poses(shared)
         shared.teeth = teeth(shared)
         shared.bands = bands(shared)
         shared.bars = bars(shared)
@@ -298,11 +312,11 @@ def exchange(
         shared.strand_sums = strand_sums(shared)
         return shared
 
-    return SimpleNamespace(
-        view=view,
+    return Exchange(
         barrier=barrier,
         warp_sum=warp_sum,
         group_sum=group_sum,
         warp_max=warp_max,
+        view=view,
         shared_arrays=shared_arrays,
     )

@@ -1,61 +1,70 @@
-r"""One roller against one sprocket or guide-bar: gap, approach speed, force, and the memory that a contact keeps.
+r"""One roller against one sprocket or guide-bar: gap, relative velocity, response, and the memory that a contact keeps.
 
 A contact keeps the approach speed v0 of its first instant until it opens; v0 = 0 stands for "open". A roller keeps its
-seat while it is engaged, so that no angle is computed in the time loop. The approach speed is that of the sprocket's
-material point against the roller, v = (v_s + omega x r - v_i) . n (eq. (10)-(14)); the force acts on the roller
-along n, its opposite on the sprocket at the same point, which conserves angular momentum (eq. (16) with the full
-cross product).
+seat while it is engaged, so that no angle is computed in the time loop. The relative velocity is that of the partner's
+material point against the roller, v = v_s + omega x r - v_i (eq. (10)-(14)); the force acts on the roller, its opposite
+on the partner's body at the same point, which conserves angular momentum (eq. (16) with the full cross product).
+
+    gap         where a roller is in a tooth gap or on a bar: penetration, normal, relative velocity
+    respond     what the contact answers: force vector, v0, dissipated power, energy
+    reaction    the moment of the answer on the partner's body
 """
 
 from typing import Any
 
 import warp as wp
 
-from ..structs import vec2d
+from ..rows import accessors
+from ..structs import Pose
 from .guide import guide_gap
 from .impact import contact_force, elastic_force
-from .tooth import seat_step, tooth_gap, wrapped_seat
+from .tooth import nearest_seat, seat_step, tooth_gap, wrapped_seat
+
+load_direction = accessors(wp.vec2d).load
 
 
 @wp.func
-def penalty(penetration: Any, speed: Any, impact_speed: Any, law: Any):
-    """Force [N], v0 [m/s], dissipated power [W] and elastic energy [J] of a contact; all zero where it is open.
+def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law: Any):
+    """What a contact answers, eq. (15)-(19); all zero where it is open.
 
     Args:
         penetration: pen [m], contact where positive.
-        speed: approach speed v [m/s].
-        impact_speed: v0 of this contact, 0 if it was open until now.
+        normal: unit vector towards the roller.
+        relative: velocity of the partner's material point less the roller's [m/s], positive along the normal while the
+            penetration grows.
+        impact_speed: v0 of this contact, 0 if it was open until now [m/s].
         law: the contact's parameters (`structs.ContactLaw`).
+
+    Returns:
+        Force on the roller (vector) and its magnitude [N], v0 [m/s], dissipated power [W], elastic energy [J].
     """
     zero = type(penetration)(0.0)
-    force = zero
+    size = zero
     first = zero
     dissipated = zero
     energy = zero
     if penetration > zero:
-        force, first, elastic = closed_contact(penetration, speed, impact_speed, law)
-        dissipated = (force - elastic) * speed
-        energy = elastic_energy(elastic, penetration, law)
-    return force, first, dissipated, energy
+        speed = wp.dot(relative, normal)
+        first = impact_speed
+        if first == zero:
+            first = wp.max(speed, law.speed_floor)
+        elastic = elastic_force(penetration, law.stiffness, law.exponent)
+        size = contact_force(elastic, speed, first, law)
+        dissipated = (size - elastic) * speed
+        energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
+    return size * normal, size, first, dissipated, energy
 
 
 @wp.func
-def closed_contact(penetration: Any, speed: Any, impact_speed: Any, law: Any):
-    """Force [N], v0 [m/s] and elastic force [N] of a contact that is closed; arguments as of `penalty`.
-
-    The force less the elastic force, times the speed, is the dissipated power.
-    """
-    first = impact_speed
-    if first == type(penetration)(0.0):
-        first = wp.max(speed, law.speed_floor)
-    elastic = elastic_force(penetration, law.stiffness, law.exponent)
-    return contact_force(elastic, speed, first, law), first, elastic
+def reaction(arm: Any, force: Any):
+    """Moment [N m] about the center of the partner's body of a force on the roller, which is `arm` away from it."""
+    return arm[1] * force[0] - arm[0] * force[1]
 
 
 @wp.func
-def elastic_energy(elastic: Any, penetration: Any, law: Any):
-    """Energy [J] that a closed contact's elastic force holds."""
-    return elastic * penetration / (law.exponent + type(penetration)(1.0))
+def surface_velocity(body: Pose, arm: wp.vec2d):
+    """Velocity of a body's material point [m/s], `arm` from its center."""
+    return wp.vec2d(body.velocity[0] - body.speed * arm[1], body.velocity[1] + body.speed * arm[0])
 
 
 @wp.func
@@ -64,36 +73,53 @@ def turned(direction: Any, cosine: Any, sine: Any):
     return type(direction)(direction[0] * cosine - direction[1] * sine, direction[0] * sine + direction[1] * cosine)
 
 
+@wp.struct
+class Seat:
+    """Which seat of a sprocket a roller is nearest to, and where it is in that seat's gap."""
+
+    number: wp.int32
+    outward: wp.vec2d  # direction from the sprocket's center
+    radial: wp.float64  # along it, from the center [m]
+    lateral: wp.float64  # across it [m]
+
+
 @wp.func
-def in_gap(p: vec2d, direction: vec2d, cosine: wp.float64, sine: wp.float64):
+def in_gap(p: wp.vec2d, direction: wp.vec2d, cosine: wp.float64, sine: wp.float64):
     """Outward direction of a seat that points to `direction` at angle zero, and p's components along and across it."""
     e = turned(direction, cosine, sine)
     return e, wp.dot(p, e), p[1] * e[0] - p[0] * e[1]
 
 
 @wp.func
-def gap_approach(p: vec2d, v: Any, omega: Any, e: vec2d, radial: wp.float64, lateral: wp.float64, sprocket: Any):
-    """Penetration [m] in a tooth gap whose outward direction is `e`, its normal, and the approach speed [m/s]."""
-    xi = type(omega)(radial - sprocket.exact_radius)
-    penetration, normal_radial, normal_lateral = tooth_gap(xi, type(omega)(lateral), sprocket)
-    n = turned(type(v)(type(omega)(e[0]), type(omega)(e[1])), normal_radial, normal_lateral)
-    surface = type(v)(-omega * type(omega)(p[1]), omega * type(omega)(p[0]))
-    return penetration, n, wp.dot(surface - v, n)
+def tracked_seat(
+    p: wp.vec2d, kept: int, cosine: wp.float64, sine: wp.float64, sprocket: Any, seats: wp.array[wp.vec2d]
+):
+    """The seat of a roller at `p` from the center of a sprocket turned by (cosine, sine).
+
+    The seat `kept` from the step before, or a neighbor of it; by angle where there was none (negative).
+    """
+    number = kept
+    if number < 0:
+        number = nearest_seat(p, cosine, sine, sprocket.teeth)
+    e, radial, lateral = in_gap(p, load_direction(seats, sprocket.first_seat + number), cosine, sine)
+    seat = Seat()
+    seat.outward = e
+    seat.radial = radial
+    seat.lateral = lateral
+    step = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
+    if step != 0:
+        number = wrapped_seat(number + step, sprocket.teeth)
+        new_e, new_radial, new_lateral = in_gap(p, load_direction(seats, sprocket.first_seat + number), cosine, sine)
+        seat.outward = new_e
+        seat.radial = new_radial
+        seat.lateral = new_lateral
+    seat.number = number
+    return seat
 
 
 @wp.func
-def sprocket_contact(
-    p: vec2d,
-    v: Any,
-    omega: Any,
-    cosine: wp.float64,
-    sine: wp.float64,
-    seat: int,
-    impact_speed: Any,
-    sprocket: Any,
-    seats: Any,
-):
-    """Contact of an engaged roller with its tooth gap, eq. (5)-(17).
+def in_teeth(p: wp.vec2d, v: Any, omega: Any, seat: Seat, sprocket: Any):
+    """Penetration [m], normal and relative velocity [m/s] of a roller in its tooth gap, eq. (5)-(14).
 
     The roller's place in the gap is taken in float64 at every precision: it is the small difference of large lengths.
 
@@ -101,48 +127,39 @@ def sprocket_contact(
         p: roller from the sprocket's center [m].
         v: roller's velocity relative to the center's [m/s].
         omega: sprocket's angular velocity [rad/s].
-        cosine, sine: of the sprocket's angle.
-        seat: the seat kept from the step before.
-        impact_speed: v0 kept from the step before.
+        seat: the roller's seat at p.
         sprocket: its teeth (`structs.Sprocket`).
-        seats: table of seat directions at angle zero.
-
-    Returns:
-        Force on the roller (vector, N), its magnitude, seat, v0, dissipated power [W], elastic energy [J].
     """
-    e, radial, lateral = in_gap(p, seats[sprocket.first_seat + seat], cosine, sine)
-    move = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
-    if move != 0:
-        seat = wrapped_seat(seat + move, sprocket.teeth)
-        e, radial, lateral = in_gap(p, seats[sprocket.first_seat + seat], cosine, sine)
-    penetration, n, speed = gap_approach(p, v, omega, e, radial, lateral, sprocket)
-    force, first, dissipated, energy = penalty(penetration, speed, impact_speed, sprocket.law)
-    return force * n, force, seat, first, dissipated, energy
+    xi = type(omega)(seat.radial - sprocket.exact_radius)
+    penetration, normal_radial, normal_lateral = tooth_gap(xi, type(omega)(seat.lateral), sprocket)
+    e = type(v)(type(omega)(seat.outward[0]), type(omega)(seat.outward[1]))
+    surface = type(v)(-omega * type(omega)(p[1]), omega * type(omega)(p[0]))
+    return penetration, turned(e, normal_radial, normal_lateral), surface - v
 
 
 @wp.func
-def guide_approach(p: vec2d, v: Any, impact_speed: Any, bar: Any):
-    """Penetration [m] of a roller in a guide-bar, and its normal."""
-    t = bar.direction
-    along = type(impact_speed)(wp.dot(p, t))
-    across = type(impact_speed)(p[1] * t[0] - p[0] * t[1])
-    penetration, normal_along, normal_across = guide_gap(along, across, bar)
-    return penetration, turned(type(v)(type(impact_speed)(t[0]), type(impact_speed)(t[1])), normal_along, normal_across)
+def carried(bar: Any, body: Pose):
+    """A guide-bar, given in the frame of the body that carries it, where the body is now."""
+    start = turned(bar.start, body.cosine, body.sine)
+    bar.start = body.center + start
+    bar.direction = turned(bar.direction, body.cosine, body.sine)
+    return bar
 
 
 @wp.func
-def guide_contact(p: vec2d, v: Any, impact_speed: Any, bar: Any):
-    """Contact of a roller with a guide-bar, eq. (21)-(23).
+def on_guide(p: wp.vec2d, v: Any, surface: Any, bar: Any):
+    """Penetration [m], normal and relative velocity [m/s] of a roller on a guide-bar, eq. (21)-(23).
 
     Args:
-        p: roller from the bar's start [m], in float64 as in `sprocket_contact`.
+        p: roller from the bar's start [m], in float64 as in `in_teeth`.
         v: roller's velocity [m/s].
-        impact_speed: v0 kept from the step before.
+        surface: velocity of the body that carries the bar, where the roller is [m/s]; zero on the ground.
         bar: the guide-bar (`structs.Guide`).
-
-    Returns:
-        Force on the roller (vector, N), its magnitude, v0, dissipated power [W], elastic energy [J].
     """
-    penetration, n = guide_approach(p, v, impact_speed, bar)
-    force, first, dissipated, energy = penalty(penetration, -wp.dot(v, n), impact_speed, bar.law)
-    return force * n, force, first, dissipated, energy
+    t = bar.direction
+    length = bar.length
+    along = type(length)(wp.dot(p, t))
+    across = type(length)(p[1] * t[0] - p[0] * t[1])
+    penetration, normal_along, normal_across = guide_gap(along, across, bar)
+    face = type(v)(type(length)(t[0]), type(length)(t[1]))
+    return penetration, turned(face, normal_along, normal_across), surface - v

@@ -1,4 +1,4 @@
-r"""Sprocket motion: prescribed angle and speed, and the load moment of a free sprocket (Pedersen et al. 2004, eq. (4)).
+r"""How a body turns: prescribed angle and speed, and the load moment of a free one (Pedersen et al. 2004, eq. (4)).
 
 Prescribed, w = +1 or -1 the wrap's sign, S(u) = u^2 (3 - 2 u) the smooth ramp, phi' = Omega S(t / t_ramp) or tabulated:
 
@@ -14,9 +14,9 @@ Angles are kept in float64 at every precision: they are a few numbers a step, an
 
 import warp as wp
 
+from ..structs import Curves, Motion
 from ..trigonometry import sine_cosine
-
-vec3 = wp.types.vector(3, wp.float64)
+from .table import table_at
 
 
 @wp.func
@@ -53,72 +53,70 @@ def ramped(time: wp.float64, speed: wp.float64, ramp_time: wp.float64):
 
 
 @wp.func
-def prescribed_motion(
-    phi: wp.float64,
-    rate: wp.float64,
-    start_angle: wp.float64,
-    sign: wp.float64,
-    harmonics: wp.array(dtype=vec3),
-    first: int,
-    count: int,
-):
-    """Angle [rad] and angular velocity [rad/s] of a prescribed sprocket at phi and phi'; harmonics are (order,
-    amplitude, phase).
-    """
+def course_at(time: wp.float64, motion: Motion, curves: Curves):
+    """phi, phi' and phi'' of a prescribed body, before its harmonics."""
+    phi, rate, growth = ramped(time, motion.speed, motion.ramp_time)
+    if motion.drive_table.cells > 0:
+        rate, phi, growth = table_at(time, motion.drive_table, curves.tables)
+    return phi, rate, growth
+
+
+@wp.func
+def prescribed_at(time: wp.float64, motion: Motion, curves: Curves):
+    """Angle [rad] and angular velocity [rad/s] of a prescribed body."""
+    phi, rate, growth = course_at(time, motion, curves)
     angle = phi
     factor = wp.float64(1.0)
-    for j in range(first, first + count):
-        harmonic = harmonics[j]
+    rows = motion.drive_harmonics
+    for j in range(rows.first, rows.first + rows.count):
+        harmonic = curves.harmonics[j]
         argument = harmonic[0] * phi + harmonic[2]
         sine, cosine = sine_cosine(argument)
         start, _ = sine_cosine(harmonic[2])
         angle = angle + harmonic[1] / harmonic[0] * (sine - start)
         factor = factor + harmonic[1] * cosine
-    return start_angle + sign * angle, sign * rate * factor
+    return motion.start_angle + motion.sign * angle, motion.sign * rate * factor
 
 
 @wp.func
-def prescribed_acceleration(
-    phi: wp.float64,
-    rate: wp.float64,
-    growth: wp.float64,
-    sign: wp.float64,
-    harmonics: wp.array(dtype=vec3),
-    first: int,
-    count: int,
-):
-    """Angular acceleration [rad/s^2] of `prescribed_motion` at phi, phi' and phi''."""
+def prescribed_acceleration(time: wp.float64, motion: Motion, curves: Curves):
+    """Angular acceleration [rad/s^2] of a prescribed body."""
+    phi, rate, growth = course_at(time, motion, curves)
     factor = wp.float64(1.0)
     slope = wp.float64(0.0)
-    for j in range(first, first + count):
-        harmonic = harmonics[j]
+    rows = motion.drive_harmonics
+    for j in range(rows.first, rows.first + rows.count):
+        harmonic = curves.harmonics[j]
         argument = harmonic[0] * phi + harmonic[2]
         sine, cosine = sine_cosine(argument)
         factor = factor + harmonic[1] * cosine
         slope = slope - harmonic[0] * harmonic[1] * sine
-    return sign * (growth * factor + rate * rate * slope)
+    return motion.sign * (growth * factor + rate * rate * slope)
 
 
 @wp.func
-def load_moment(
-    time: wp.float64,
-    turned: wp.float64,
-    speed: wp.float64,
-    sign: wp.float64,
-    load: vec3,
-    ramp_time: wp.float64,
-    harmonics: wp.array(dtype=vec3),
-    first: int,
-    count: int,
-):
-    """Load moment [N m] on a free sprocket, counter-clockwise; `load` is (torque, viscous, quadratic), `turned` =
-    theta - theta_0.
-    """
-    forward = sign * turned
-    torque = load[0]
-    for j in range(first, first + count):
-        harmonic = harmonics[j]
+def load_at(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, curves: Curves):
+    """Load moment [N m] of a body that is free to turn, counter-clockwise; 0 of one whose angle is prescribed."""
+    if motion.prescribed == 1:
+        return wp.float64(0.0)
+    turned = angle - motion.start_angle
+    forward = motion.sign * turned
+    torque = motion.load[0]
+    if motion.load_table.cells > 0:
+        x = wp.where(motion.load_table.over_angle == 1, forward, time)
+        tabulated, integral, slope = table_at(x, motion.load_table, curves.tables)
+        torque = torque + tabulated
+    rows = motion.load_harmonics
+    for j in range(rows.first, rows.first + rows.count):
+        harmonic = curves.harmonics[j]
         _, cosine = sine_cosine(harmonic[0] * forward + harmonic[2])
         torque = torque + harmonic[1] * cosine
-    resisting = sign * torque + load[1] * speed + load[2] * speed * wp.abs(speed)
-    return -resisting * ramp(time, ramp_time)
+    resisting = motion.sign * torque + motion.load[1] * speed + motion.load[2] * speed * wp.abs(speed)
+    return -resisting * ramp(time, motion.load_ramp_time)
+
+
+@wp.func
+def load_at_speed(time: wp.float64, load: wp.float64, before: wp.float64, speed: wp.float64, motion: Motion):
+    """The load moment [N m] at another angular velocity than `before`, where it is `load`."""
+    change = motion.load[1] * (speed - before) + motion.load[2] * (speed * wp.abs(speed) - before * wp.abs(before))
+    return load - change * ramp(time, motion.load_ramp_time)

@@ -16,8 +16,7 @@ one, or none) and a_0 the acceleration of a prescribed center, (a) is a = a_0 + 
 
 import warp as wp
 
-from ..structs import Mount, SprocketState, vec2d, vec3d
-from ..sum_structs import Totals
+from ..structs import BodyState, Mount, Wrench
 
 PRESCRIBED = wp.constant(1)
 FREE = wp.constant(2)
@@ -34,27 +33,27 @@ def prescribed_center(time: wp.float64, mount: Mount):
 
 
 @wp.func
-def eccentric(heading: vec2d, mount: Mount):
+def eccentric(heading: wp.vec2d, mount: Mount):
     """m_b r_b e [kg m], the wheel's arm from the center; `heading` is (cos theta, sin theta)."""
     w = mount.wheel
-    return vec2d(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
+    return wp.vec2d(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
 
 
 @wp.func
-def left(v: vec2d):
+def left(v: wp.vec2d):
     """`v` turned by +90 degrees."""
-    return vec2d(-v[1], v[0])
+    return wp.vec2d(-v[1], v[0])
 
 
 @wp.func
-def spring_force(center: vec2d, velocity: vec2d, mount: Mount):
+def spring_force(center: wp.vec2d, velocity: wp.vec2d, mount: Mount):
     """Force of preload, spring and damper on the center [N]."""
     return mount.preload - mount.stiffness * (center - mount.home) - mount.damping * velocity
 
 
 @wp.func
 def accelerations(
-    time: wp.float64, body: SprocketState, heading: vec2d, contacts: Totals, turning: vec3d, mount: Mount
+    time: wp.float64, body: BodyState, heading: wp.vec2d, wrench: Wrench, turning: wp.vec3d, mount: Mount
 ):
     """Acceleration of a sprocket's center (x, y) [m/s^2] and of its angle [rad/s^2]; (a) to (c) above.
 
@@ -62,27 +61,27 @@ def accelerations(
         time: for a prescribed center [s].
         body: the sprocket; its angle and speed must be those of `time`.
         heading: cosine and sine of its angle.
-        contacts: the chain's force and moment on it.
+        wrench: the chain's force and moment on it.
         turning: (1 if the angle is prescribed else 0, its angular acceleration [rad/s^2], load moment [N m]).
     """
     arm = eccentric(heading, mount)
     q = left(arm)
-    driven = vec2d()
+    driven = wp.vec2d()
     if mount.moves == PRESCRIBED:
         place, velocity, driven = prescribed_center(time, mount)
     outward = body.speed * body.speed * arm
-    force = contacts.push + mount.mass * mount.gravity + outward + spring_force(body.center, body.velocity, mount)
+    force = wrench.force + mount.mass * mount.gravity + outward + spring_force(body.center, body.velocity, mount)
     straight = driven + mount.inverse_mass * force
     angular = turning[1]
     if turning[0] == wp.float64(0.0):
-        moment = contacts.moment + turning[2] + wp.dot(q, mount.gravity)
+        moment = wrench.moment + turning[2] + wp.dot(q, mount.gravity)
         angular = (moment - wp.dot(q, straight)) / (mount.inertia - wp.dot(q, mount.inverse_mass * q))
     straight = straight - angular * (mount.inverse_mass * q)
-    return vec3d(straight[0], straight[1], angular)
+    return wp.vec3d(straight[0], straight[1], angular)
 
 
 @wp.func
-def body_energy(body: SprocketState, heading: vec2d, mount: Mount):
+def mounted_energy(body: BodyState, heading: wp.vec2d, mount: Mount):
     """Kinetic and potential energy of a sprocket on its mount, with its wheel and its preload [J]."""
     half = wp.float64(0.5)
     apart = body.center - mount.home
@@ -94,18 +93,18 @@ def body_energy(body: SprocketState, heading: vec2d, mount: Mount):
 
 
 @wp.func
-def holding_force(body: SprocketState, heading: vec2d, contacts: Totals, rates: vec3d, mount: Mount):
+def holding_force(body: BodyState, heading: wp.vec2d, wrench: Wrench, rates: wp.vec3d, mount: Mount):
     """Force on the center of what holds it [N]: spring, damper and preload, or whatever prescribes or fixes it."""
     held = spring_force(body.center, body.velocity, mount)
     if mount.moves != FREE:
         arm = eccentric(heading, mount)
-        straight = vec2d(rates[0], rates[1]) - mount.gravity
-        held = mount.mass * straight + rates[2] * left(arm) - body.speed * body.speed * arm - contacts.push
+        straight = wp.vec2d(rates[0], rates[1]) - mount.gravity
+        held = mount.mass * straight + rates[2] * left(arm) - body.speed * body.speed * arm - wrench.force
     return held
 
 
 @wp.func
-def prescribing_power(body: SprocketState, heading: vec2d, held: vec2d, rates: vec3d, turned: int, mount: Mount):
+def prescribing_power(body: BodyState, heading: wp.vec2d, held: wp.vec2d, rates: wp.vec3d, turned: int, mount: Mount):
     """Power that keeps a prescribed center moving, and a wheel turning at a prescribed angle (`turned` = 1) [W].
 
     The chain's moment against a prescribed angle is not in it; it is counted with the contacts' work.
@@ -114,6 +113,6 @@ def prescribing_power(body: SprocketState, heading: vec2d, held: vec2d, rates: v
     if mount.moves == PRESCRIBED:
         power += wp.dot(held, body.velocity)
     if turned == 1:
-        straight = vec2d(rates[0], rates[1]) - mount.gravity
+        straight = wp.vec2d(rates[0], rates[1]) - mount.gravity
         power += body.speed * (mount.inertia * rates[2] + wp.dot(left(eccentric(heading, mount)), straight))
     return power

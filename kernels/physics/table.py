@@ -16,7 +16,7 @@ CELL_VALUES = wp.constant(5)
 
 
 @wp.func
-def table_at(x: wp.float64, table: Table, values: wp.array(dtype=wp.float64)):
+def table_at(x: wp.float64, table: Table, values: wp.array[wp.float64]):
     """Value, integral from x = 0 and slope of a table at `x`."""
     u = (x - table.start) / table.spacing
     cells = wp.float64(table.cells)

@@ -2,12 +2,12 @@
 
 import os
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from waiting import wait_for
 
 from warpchain import load_drive, simulate
 from warpchain.drive.examples import drive_path
@@ -38,12 +38,18 @@ def test_rerun_shows_moving_colored_rollers(tmp_path, monkeypatch):
     seen = []
     with ViewerClient.spawn(headless=True, port=9897, hide_welcome_screen=True, detach_process=False) as viewer:
         viewer.open(str(archive))
-        time.sleep(3.0)
-        for k, seconds in enumerate((0.0, 0.005)):  # in 5 ms the chain travels half a pitch
+
+        def shows(seconds):
+            """The view at a time, once two pictures in turn are alike and colored, and not those of another time."""
             viewer.set_time("message_log_time", duration=seconds, play_state="paused")
-            time.sleep(1.5)
-            viewer.save_screenshot(str(tmp_path / f"{k}.png"))
-            seen.append(colored(tmp_path / f"{k}.png"))
+            viewer.save_screenshot(str(tmp_path / "now.png"))
+            pixels.append(colored(tmp_path / "now.png"))
+            return len(pixels) > 1 and len(pixels[-1]) > 300 and pixels[-1] == pixels[-2] and pixels[-1] not in seen
+
+        for seconds in (0.0, 0.005):  # in 5 ms the chain travels half a pitch
+            pixels = []
+            wait_for(lambda at=seconds: shows(at))
+            seen.append(pixels[-1])
     columns, rows = np.array(list(seen[0])).T
     assert len(columns) > 300
     assert np.ptp(columns) > 80

@@ -27,7 +27,7 @@ def run():
 
 @pytest.fixture(scope="module", params=["zstd", "lz4", "none", "split"])
 def archive(request, run, tmp_path_factory):
-    from warpchain import archive
+    from warpchain.archive import write as archive
 
     patch = pytest.MonkeyPatch()
     patch.setattr(archive, "CHUNK", 2**16)

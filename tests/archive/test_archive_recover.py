@@ -5,12 +5,12 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from drives import two_sprockets
 from rerun_check import rerun_accepts
+from waiting import wait_for
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
@@ -30,7 +30,7 @@ def run():
 @pytest.fixture(scope="module")
 def whole(run, tmp_path_factory):
     """An archive of many chunks, and where each of them ends."""
-    from warpchain import archive
+    from warpchain.archive import write as archive
 
     patch = pytest.MonkeyPatch()
     patch.setattr(archive, "CHUNK", 2**16)
@@ -135,9 +135,9 @@ WRITE = """
 import sys
 from drives import two_sprockets
 from warpchain import Record, simulate
-from warpchain import archive, archive_options
-archive.CHUNK = 2**16
-options = archive_options.ArchiveOptions(**eval(sys.argv[2]))
+from warpchain.archive import ArchiveOptions, write
+write.CHUNK = 2**16
+options = ArchiveOptions(**eval(sys.argv[2]))
 simulate(two_sprockets(duration=5.0, settle="false"), record=Record(rate=1e5), archive=sys.argv[1],
          archive_options=options)
 """
@@ -148,9 +148,7 @@ def test_a_killed_process_leaves_what_it_had_written(tmp_path, options):
     path = tmp_path / "killed.mcap"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     process = subprocess.Popen([sys.executable, "-c", WRITE, str(path), repr(options)], env=environment)
-    deadline = time.monotonic() + 60
-    while sum(file.stat().st_size for file in tmp_path.iterdir()) < 2_000_000 and time.monotonic() < deadline:
-        time.sleep(0.02)
+    wait_for(lambda: sum(file.stat().st_size for file in tmp_path.iterdir()) > 2_000_000)
     process.send_signal(signal.SIGKILL)
     process.wait()
     left = [file.name for file in tmp_path.iterdir()]
@@ -185,7 +183,7 @@ def test_full_disk_when_written_afterwards_leaves_nothing(run, tmp_path, small_d
 
 
 def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, small_disk, monkeypatch):
-    monkeypatch.setattr("warpchain.archive.CHUNK", 2**16)
+    monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**16)
     with pytest.raises(ArchiveError) as caught:
         simulate(run.drives[0], record=Record(rate=1e5), archive=tmp_path / "a.mcap")
     (left,) = tmp_path.iterdir()

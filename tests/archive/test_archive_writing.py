@@ -1,13 +1,13 @@
 """How archives are written: threads, splits, precision of the values."""
 
 import threading
-import time
 
 import numpy as np
 import pytest
 from archives import assert_same
 from drives import two_sprockets
 from rerun_check import rerun_accepts
+from waiting import wait_for
 
 from warpchain import ArchiveOptions, Record, cli, read_archive, simulate, write_archive
 from warpchain.archive.pipeline import Pipeline
@@ -23,41 +23,47 @@ def run():
 
 @pytest.fixture
 def small_chunks(monkeypatch):
-    monkeypatch.setattr("warpchain.archive.CHUNK", 2**16)
+    monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**16)
 
 
 def test_results_are_handed_on_in_order_whatever_the_work_takes():
-    rng, out = np.random.default_rng(0), []
-    pauses = rng.uniform(0.0, 2e-3, 100)
+    out, finished, ended = [], [], [threading.Event() for _ in range(100)]
 
     def work(job):
-        time.sleep(pauses[job])
+        # four are under way at once: the last of every four ends first
+        assert job % 4 == 3 or ended[job + 1].wait(60)
+        finished.append(job)
+        ended[job].set()
         return job
 
     pipeline = Pipeline(work, out.append, threads=4, room=8)
     for job in range(100):
         pipeline.put(job)
     pipeline.close()
+    assert finished[:8] == [3, 2, 1, 0, 7, 6, 5, 4]
     assert out == list(range(100))
 
 
 def test_no_more_jobs_are_under_way_than_there_is_room():
-    gate, taken = threading.Event(), []
-    pipeline = Pipeline(lambda job: gate.wait(10), lambda result: None, threads=2, room=3)
+    gates, taken, handed, most = [threading.Event() for _ in range(50)], [], [], []
+    pipeline = Pipeline(lambda job: gates[job].wait(60), lambda result: handed.append(result), threads=2, room=3)
 
     def feed():
         for job in range(50):
             pipeline.put(job)
             taken.append(job)
+            most.append(len(taken) - len(handed))
 
     feeder = threading.Thread(target=feed)
     feeder.start()
-    time.sleep(0.2)
-    assert len(taken) <= 3 + 1  # those that wait, and the one that the sink waits for
-    gate.set()
-    feeder.join(10)
+    for job in range(50):  # a job ends only when as many as may be are under way
+        wait_for(lambda job=job: len(taken) >= min(job + 4, 50))
+        gates[job].set()
+        wait_for(lambda job=job: len(handed) > job)
+    feeder.join(60)
     pipeline.close()
-    assert len(taken) == 50
+    assert max(most) == 3 + 1  # those that wait, and the one that the sink waits for
+    assert handed == [True] * 50
 
 
 @pytest.mark.parametrize("place", ["work", "sink"])
@@ -74,7 +80,6 @@ def test_an_error_comes_out_on_the_callers_side(place):
     with pytest.raises(OSError, match="No space left"):
         for job in range(10_000):
             pipeline.put(job)
-            time.sleep(1e-4)
     with pytest.raises(OSError, match="No space left"):
         pipeline.close()
     assert done == [0, 1, 2, 3, 4]  # nothing after the failure

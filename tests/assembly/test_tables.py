@@ -12,7 +12,6 @@ from warpchain.drive import SpeedTable, TorqueTable, dumps_drive
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
 from warpchain.kernels.physics.table import table_at
-from warpchain.kernels.structs import vec3d
 
 TURN = 2 * np.pi
 
@@ -22,11 +21,11 @@ def look(
     x: wp.array(dtype=wp.float64),
     table: structs.Table,
     values: wp.array(dtype=wp.float64),
-    out: wp.array(dtype=vec3d),
+    out: wp.array(dtype=wp.vec3d),
 ):
     i = wp.tid()
     value, integral, slope = table_at(x[i], table, values)
-    out[i] = vec3d(value, integral, slope)
+    out[i] = wp.vec3d(value, integral, slope)
 
 
 def on_device(cells: Cells, x):
@@ -36,7 +35,7 @@ def on_device(cells: Cells, x):
     table = structs.Table()
     for name in row.dtype.names:
         setattr(table, name, row[name][0].item())
-    out = wp.zeros(len(x), dtype=vec3d, device="cpu")
+    out = wp.zeros(len(x), dtype=wp.vec3d, device="cpu")
     arrays = [wp.array(v, dtype=wp.float64, device="cpu") for v in (np.asarray(x, float), cells.values())]
     wp.launch(look, dim=len(x), inputs=[arrays[0], table, arrays[1], out], device="cpu")
     return out.numpy().T

@@ -4,11 +4,11 @@ import json
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from command import run
+from waiting import wait_for
 
 from warpchain import load_drive, read_archive
 from warpchain.assembly.summary import derive, strand_frequency
@@ -173,7 +173,8 @@ def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):
         "50",
     ]
     process = subprocess.Popen([*command, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    time.sleep(6.0)
+    # frames have come to the file, compressed to some 6 kB each
+    wait_for(lambda: sum(file.stat().st_size for file in tmp_path.iterdir()) > 300_000 or process.poll() is not None)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 1

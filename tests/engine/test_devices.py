@@ -1,8 +1,6 @@
 """Devices by name, and an ensemble cut into parts on several engines."""
 
-from functools import partial
 from itertools import pairwise, product
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,12 +9,13 @@ from drives import two_sprockets
 
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
-from warpchain.engine.block_shape import LONGEST_ON_A_WARP, THREADS, block_shape, room_for
+from warpchain.engine.block_shape import THREADS, BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.devices import SeveralEngines, _cuts, chosen_devices
-from warpchain.engine.gpu import Bucket, GpuEngine, launch_steps, refusal
+from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
+from warpchain.engine.gpu import Bucket, GpuEngine, kernel_shape, launch_steps, refusal, rows_apart
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
+from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.exchange import room
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
@@ -78,13 +77,21 @@ class CpuFrames(CpuEngine):
         return buffer
 
 
-def test_cuts_share_the_work_evenly():
+def test_gpus_share_the_work_evenly(monkeypatch):
+    monkeypatch.setattr("warpchain.engine.gpu.GpuEngine", lambda part, name: CpuFrames(part, 1))
+
+    def variants_of_each(packed, count):
+        engine = engine_on([f"cuda:{k}" for k in range(count)], packed, 1)
+        engine.close()
+        return [part.packed.variants for part in getattr(engine, "engines", [engine])]
+
     packed = pack([two_sprockets()] * 8, [Schedule(1e-5, 100, 0, 100, 0)] * 8)
-    assert _cuts(packed, 2) == [0, 4, 8]
-    assert _cuts(packed, 4) == [0, 2, 4, 6, 8]
-    assert _cuts(packed, 1) == [0, 8]
+    assert variants_of_each(packed, 2) == [4, 4]
+    assert variants_of_each(packed, 4) == [2, 2, 2, 2]
+    assert variants_of_each(packed, 1) == [8]
+    assert variants_of_each(packed.part(0, 2), 3) == [1, 1]  # no engine without variants
     packed.drives["steps"][0] = 7 * 101 - 1  # as much as all others
-    assert _cuts(packed, 2) == [0, 1, 8]
+    assert variants_of_each(packed, 2) == [1, 7]
 
 
 def test_launches_take_whole_units_of_steps_and_about_equal_time():
@@ -114,7 +121,8 @@ def test_blocks_have_room_for_the_chain_and_little_more():
         # moments are added up in the order of rollers only by one warp, or with one roller a thread
         assert all(shape.threads == 32 or shape.per == 1 or shape.slots > THREADS[-1] for shape in shapes)
         assert all((shape.threads == 32) == (many or shape.slots == 32) for shape in shapes if shape.slots <= 512)
-    assert LONGEST_ON_A_WARP == 512
+    # the longest chain that a warp may have to itself, 16 rollers a thread, and the next one
+    assert [block_shape(room, True) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(640, 1)]
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -122,13 +130,14 @@ def test_blocks_have_room_for_the_chain_and_little_more():
 def test_every_kernel_finds_its_rows(room_, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
     bucket = Bucket(block_shape(room_, False), 3, 1, moves, False, np.arange(7), None)
-    engine = SimpleNamespace(packed=SimpleNamespace(real=wp.float64), buckets=[bucket])
-    engine._shape = partial(GpuEngine._shape, engine)
-    there = GpuEngine._large(engine)
+    other = Bucket(block_shape(32, True), 2, 0, False, False, np.arange(5), None)
+    there = rows_apart(wp.float64, [other, bucket])
     for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
-        shape = engine._shape(name, bucket)
-        of = room(wp.float64, shape.threads, shape.slots, 3, 1, moving, measuring)
+        shape = kernel_shape(name, bucket)
+        of = room(BlockKind(wp.float64, shape.threads, shape.per, 3, 1, moving, measuring))
         assert there[0] >= 7 * of.values and there[1] >= 7 * of.integers and there[2] >= 7 * of.doubles
+    # a roller has 6 values and an int, 52 bytes, and its thread 24 for 3 moments: 640 would need 48,640 of 47,000 bytes
+    assert (there[0] >= 7 * 6 * room_, there[1] == 7 * room_) == (room_ >= 640, room_ >= 640)
 
 
 def test_no_gpu_is_told_in_one_line(monkeypatch):

@@ -99,7 +99,7 @@ def test_angular_momentum_of_chain_and_free_sprocket_is_exact():
     before = mass * (position[:, 0] * velocity[:, 1] - position[:, 1] * velocity[:, 0]).sum() + inertia * 4.0
     engine, _ = run(packed)
     x, y, vx, vy = state(engine)
-    after = mass * (x * vy - y * vx).sum() + inertia * engine.state.sprockets.numpy()[0]["speed"]
+    after = mass * (x * vy - y * vx).sum() + inertia * engine.state.bodies.numpy()[0]["speed"]
     assert engine.sums()["contact"][0]["impacts"] > 10
     assert after == pytest.approx(before, rel=1e-12)
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import warp as wp
 from drives import two_sprockets
 from raw import chain, polygon, run, state
 
@@ -11,8 +10,6 @@ from warpchain.assembly.path import chain_path
 from warpchain.assembly.summary import derive, report
 from warpchain.assembly.timestep import automatic_step, step_limit
 from warpchain.drive import loads_drive
-from warpchain.kernels import structs, sum_structs
-from warpchain.kernels.physics.body import heading_of, leapfrog_body
 from warpchain.kernels.physics.mount import FREE
 
 WHEEL = {"mass": 5.0, "radius": 0.1, "phase": 0.3}
@@ -66,7 +63,7 @@ def test_free_eccentric_wheel_turns_about_its_center_of_mass(turning):
     row["wheel"][0], row["inertia"] = 3.0 * 0.2, 1.0 + 3.0 * 0.2**2
     packed.bodies[0]["speed"], packed.bodies[0]["velocity"] = turning, (0.3, -0.1)
     engine, _ = run(packed)
-    body = engine.state.sprockets.numpy()[0]
+    body = engine.state.bodies.numpy()[0]
     arm = 0.6 / 8.0
     mass_center = body["center"] + arm * np.array([np.cos(body["angle"]), np.sin(body["angle"])])
     start = np.array([10.0 + arm, 0.0]) + 0.4 * (np.array([0.3, -0.1]) + arm * turning * np.array([0.0, 1.0]))
@@ -98,7 +95,7 @@ def test_momentum_of_chain_and_free_sprocket_is_conserved(precision):
 
     before = momenta(*position.T, *velocity.T, packed.bodies[0])
     engine, _ = run(packed)
-    body = engine.state.sprockets.numpy()[0]
+    body = engine.state.bodies.numpy()[0]
     assert engine.sums()["contact"][0]["impacts"] > 10
     assert np.linalg.norm(body["velocity"] - packed.bodies[0]["velocity"]) > 0.1
     np.testing.assert_allclose(momenta(*state(engine), body), before, atol=1e-10 if precision == "float64" else 1e-4)
@@ -363,25 +360,3 @@ def test_center_that_runs_away_ends_the_variant_as_diverged():
     )
     row = simulate(drive, record=Record(variants="none")).metrics.to_pylist()[0]
     assert row["diverged"]
-
-
-@wp.kernel(enable_backward=False, module="unique")
-def move_sprockets(
-    bodies: wp.array(dtype=structs.SprocketState),
-    contacts: wp.array(dtype=sum_structs.Totals),
-    motions: wp.array(dtype=structs.Motion),
-    mounts: wp.array(dtype=structs.Mount),
-    harmonics: wp.array(dtype=structs.vec3d),
-    tables: wp.array(dtype=wp.float64),
-    time: wp.float64,
-    h: wp.float64,
-):
-    s = wp.tid()
-    body = bodies[s]
-    bodies[s] = leapfrog_body(time, h, h, body, heading_of(body), contacts[s], motions[s], mounts[s], harmonics, tables)
-
-
-def test_moving_a_sprocket_compiles_for_cuda_without_a_gpu(tmp_path):
-    # one thread a sprocket, from the contacts' sums: what a kernel for GPUs needs
-    wp.compile_aot_module(move_sprockets.module, device=None, arch=80, module_dir=str(tmp_path))
-    assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]

@@ -16,6 +16,7 @@ from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import elastic
 from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
@@ -98,8 +99,21 @@ def large(packed, shape, blocks):
 
 def room_of(packed, shape):
     """What such a block shares."""
-    wheels, bars = int(packed.drives["sprockets"][0]), int(packed.drives["guides"][0])
-    return room(packed.real, shape.threads, shape.slots, wheels, bars, bool(packed.mounts["active"].any()), True)
+    return room(kind_of(packed, shape))
+
+
+def kind_of(packed, shape):
+    """The kind of the block kernel with metrics for an ensemble of like drives."""
+    return BlockKind(
+        packed.real,
+        shape.threads,
+        shape.per,
+        int(packed.drives["sprockets"][0]),
+        int(packed.drives["guides"][0]),
+        moving=bool(packed.mounts["active"].any()),
+        measuring=True,
+        rk4=bool(packed.drives["integrator"].any()),
+    )
 
 
 def rk4():
@@ -116,18 +130,7 @@ def run_blocks(packed, shape, blocks, order, frames):
     ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, len(order)))
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
     threads = shape.threads
-    kernel = block_kernel(
-        packed.real,
-        threads,
-        shape.per,
-        int(packed.drives["sprockets"][0]),
-        int(packed.drives["guides"][0]),
-        4,
-        bool(packed.mounts["active"].any()),
-        True,
-        bool(packed.drives["integrator"].any()),
-        frame=FRAME,
-    )
+    kernel = block_kernel(kind_of(packed, shape), 4, FRAME)
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
         inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
@@ -164,7 +167,7 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
     close(state.rollers.numpy(), serial.state.rollers.numpy())
     np.testing.assert_array_equal(state.seat.numpy(), serial.state.seat.numpy())
     for name in ("angle", "speed", "center", "velocity"):
-        close(state.sprockets.numpy()[name], serial.state.sprockets.numpy()[name])
+        close(state.bodies.numpy()[name], serial.state.bodies.numpy()[name])
     # forces are differences of positions times stiffness: relative to the largest there is
     close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
     for name in ("chain", "strand", "sprocket", "mount", "contact"):
@@ -211,10 +214,10 @@ def test_metrics_from_the_first_step(fibers, drives):
 
 
 @pytest.mark.parametrize(
-    "form", [(640, 1, 3, 1, 1, True, True), (768, 1, 2, 0, 1, False, False), (192, 1, 31, 0, 4, False, True)]
+    ("form", "blocks"), [((640, 1, 3, 1, True, True), 1), ((768, 1, 2, 0), 1), ((192, 1, 31, 0, False, True), 4)]
 )
-def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form):
-    kernel = block_kernel(wp.float64, *form, frame=FRAME)  # ptxas refuses what asks for more than 48 KiB
+def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, blocks):
+    kernel = block_kernel(BlockKind(wp.float64, *form), blocks, FRAME)  # ptxas refuses what asks for more than 48 KiB
     wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
 
@@ -236,11 +239,11 @@ def test_where_launches_end_does_not_matter(fibers, drives):
 @pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
 def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch):
     for kernel in (
-        block_kernel(real, 128, 1, 2, 1, 4, frame=FRAME),
-        block_kernel(real, 32, 4, 2, 1, 16, frame=FRAME),
-        block_kernel(real, 128, 1, 2, 1, 4, True, frame=FRAME),
-        block_kernel(real, 128, 1, 2, 1, 4, False, True, True, frame=FRAME),
-        block_relax_kernel(real, 128, 1, 2, 1, 4),
+        block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
+        block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True), 16, FRAME),
+        block_kernel(BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True), 4, FRAME),
+        block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True, rk4=True), 4, FRAME),
+        block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
     ):
         wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(tmp_path))
     assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]
@@ -265,7 +268,7 @@ def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
     )
     order = wp.zeros(1, dtype=wp.int32, device="cpu")
     threads = 32 * -(-drive.chain.links // 32)
-    kernel = block_relax_kernel(wp.float64, threads, 1, 2, 0, 4)
+    kernel = block_relax_kernel(BlockKind(wp.float64, threads, 1, 2, 0), 4)
     for _ in range(40):
         inputs = [ensemble, state, tallies, settling, order, 1000]
         wp.launch(kernel, dim=threads, inputs=inputs, block_dim=threads, device="cpu")

@@ -27,17 +27,18 @@ def test_these_are_all():
 def test_factors_lead_into_the_drive(name):
     values = study(name)
     drive = load_drive(drive_path(values["study"]["drive"]))
-    for factor in values["factors"]:
-        for path in [factor.get("path"), *factor.get("paths", ())]:
-            if path is not None:
-                drive.get_value(path)  # a path that leads nowhere raises
+    paths = [path for factor in values["factors"] for path in [factor.get("path"), *factor.get("paths", ())] if path]
+    assert paths
+    for path in paths:
+        drive.get_value(path)  # a path that leads nowhere raises
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_study_reader_takes_them(name):
     spec = pytest.importorskip("warpchain.study.spec")
     loaded = spec.load_study(FOLDER / f"{name}.toml")
-    spec.check_drive(loaded, load_drive(drive_path(loaded.study.drive)), name)
+    spec.check_drive(loaded, load_drive(drive_path(loaded.study.drive)), name)  # raises what does not fit the drive
+    assert [factor.name for factor in loaded.factors] == [factor["name"] for factor in study(name)["factors"]]
 
 
 @pytest.mark.parametrize("indentation", [-0.04, 0.0, 0.012])

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing import get_context
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from study_helpers import write_study
+from waiting import wait_for
 
 from warpchain import cli
 from warpchain.errors import StudyError
@@ -86,20 +86,13 @@ def command(source, out):
     return [sys.executable, "-m", "warpchain", "study", "run", str(source), "-o", str(out), "--quiet"]
 
 
-def wait_until(done, limit=60.0):
-    begun = time.monotonic()
-    while not done():
-        assert time.monotonic() - begun < limit
-        time.sleep(0.005)
-
-
 def test_killed_by_signal_it_goes_on_to_the_same_bytes(tmp_path):
     source = write_study(tmp_path, SLOW, points=16)
     source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.02"))
     out = tmp_path / "killed"
     for shards in (1, 6):
         process = subprocess.Popen(command(source, out), stderr=subprocess.PIPE)
-        wait_until(lambda p=process, n=shards: shards_done(out) >= n or p.poll() is not None)
+        wait_for(lambda p=process, n=shards: shards_done(out) >= n or p.poll() is not None)
         process.send_signal(signal.SIGKILL)
         assert process.wait() == -signal.SIGKILL, process.stderr.read().decode()
         process.stderr.close()
@@ -115,7 +108,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
     source, out = write_study(tmp_path, points=16), tmp_path / "out"
     source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.3"))
     process = subprocess.Popen(command(source, out), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    wait_until(lambda: shards_done(out) >= 1 or process.poll() is not None)
+    wait_for(lambda: shards_done(out) >= 1 or process.poll() is not None)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 1
@@ -188,7 +181,7 @@ def test_a_dask_cluster_that_loses_a_worker_comes_to_the_same_bytes(tmp_path, mo
         seen = []
 
         def kill():
-            wait_until(lambda: shards_done(out) >= 2)
+            wait_for(lambda: shards_done(out) >= 2)
             os.kill(first, signal.SIGKILL)
             seen.append(shards_done(out))
 

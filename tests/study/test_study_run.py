@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import run
+from hypothesis import given
+from hypothesis import strategies as st
 from pyarrow import parquet
 from study_helpers import tiny_drive, write_study
 
@@ -20,9 +22,10 @@ from warpchain.results.fatigue import Woehler
 from warpchain.results.objectives import from_trajectory
 from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, run_study, study_status
-from warpchain.study.run.folder import open_folder
+from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.prepare import prepare, shard_size
 from warpchain.study.run.recorded import recorded_variants, with_recorded_objectives
+from warpchain.study.spec import Study
 
 ROWS = """
 [study]
@@ -295,18 +298,44 @@ def test_metric_names_are_those_of_simulate():
     assert metric_names(tiny_drive()) == [name for name in run.metrics.column_names if name not in others]
 
 
-def test_shards_fill_the_device_and_fit_the_memory(tmp_path):
-    study = prepare(write_study(tmp_path, text=write_study(tmp_path).read_text().replace("shard = 2", "")),
-                    tmp_path / "out", 1, 2, 2**31).study  # fmt: skip
-    drive = tiny_drive()
-    size = shard_size(study, drive, 10**9, 1, 2, 2**40)
-    # half a minute at 1e8 roller-steps a second and core: 44 rollers, 50 steps, 2 cores
-    assert size == int(30.0 * 2e8 / (44 * 50))
-    assert shard_size(study, drive, 10**9, 1, 2, 2**30) == 2**30 // (500 * 44 + 100_000)
-    assert shard_size(study, drive, 100, 8, 2, 2**30) == 13
-    assert shard_size(study, drive, 100, 1, 2, 10) == 1
-    slow = study.model_copy(update={"run": study.run.model_copy(update={"duration": 1e6})})
-    assert shard_size(slow, drive, 10**9, 1, 2, 2**30) == 16
+def study_of(seconds):
+    """A study of so long runs on the CPU; only `run` is looked at for the size of shards."""
+    table = {"study": {"drive": "tiny.toml"}, "design": {"kind": "factorial"}}
+    table |= {"factors": [{"name": "torque", "path": "sprockets.s1.load.torque", "levels": [0.0, 1.0]}]}
+    return Study.model_validate(table | {"run": {"duration": seconds, "step": 1e-5, "device": "cpu"}})
+
+
+@pytest.mark.parametrize(
+    ("seconds", "rows", "parts", "memory", "size"),
+    [
+        (5e-4, 10**9, 1, 2**40, 2_727_272),  # half a minute: 6e9 roller-steps on two cores, 44 links x 50 steps a row
+        (5e-4, 10**9, 1, 2**30, 8_801),  # 22 kB for 44 links and 100 kB a row
+        (5e-4, 100, 8, 2**30, 13),  # seven shards of 13 and one of 9
+        (5e-4, 100, 1, 10, 1),  # too little memory for a single row: it is tried all the same
+        (1e6, 10**9, 1, 2**30, 16),  # runs of hours: eight for each core at once
+    ],
+)
+def test_shards_fill_the_device_and_fit_the_memory(seconds, rows, parts, memory, size):
+    assert shard_size(study_of(seconds), tiny_drive(), rows, parts, 2, memory) == size
+
+
+@given(
+    seconds=st.floats(1e-4, 10.0),
+    rows=st.integers(1, 500),
+    parts=st.integers(1, 64),
+    cores=st.integers(1, 64),
+    memory=st.integers(1, 10**9),
+)
+def test_shards_hold_every_row_once(seconds, rows, parts, cores, memory):
+    size = shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, memory)
+    folder = Folder(Path("out"), study_of(seconds), tiny_drive(), rows, size)
+    sizes = [folder.size(shard) for shard in folder.shards]
+    assert sum(sizes) == rows and min(sizes) >= 1
+    assert len(set(sizes[:-1])) <= 1 and sizes[-1] <= sizes[0]  # alike, but for what is left for the last one
+    assert (sizes[0] - 1) * parts < rows  # no more than an equal share for each part
+    assert sizes[0] == 1 or 44 * 500 * sizes[0] < memory  # 500 bytes a roller
+    assert size == shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, memory)
+    assert size <= shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, 2 * memory)
 
 
 def test_commands_of_a_job_array(tmp_path, capsys):

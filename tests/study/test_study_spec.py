@@ -9,8 +9,7 @@ from warpchain.drive import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.drive.part import Part
 from warpchain.errors import StudyError
-from warpchain.study import spec
-from warpchain.study.spec import check_drive, dumps_study, load_study, loads_study
+from warpchain.study.spec import check_drive, dumps_study, load_study, loads_study, spec
 from warpchain.study.spec import factor as spec_factor
 from warpchain.study.spec import parts as spec_parts
 

@@ -28,11 +28,11 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("motions", packed.motions, structs.Motion),
         ("mounts", packed.mounts, structs.Mount),
         ("guides", packed.guides, kinds.Guide),
-        ("harmonics", packed.harmonics, structs.vec3d),
-        ("tables", packed.tables, wp.float64),
-        ("seats", packed.seats, structs.vec2d),
+        ("seats", packed.seats, wp.vec2d),
     ):
         setattr(ensemble, name, wp.array(values, dtype=dtype, device=device, copy=True))
+    ensemble.curves.harmonics = wp.array(packed.harmonics, dtype=wp.vec3d, device=device, copy=True)
+    ensemble.curves.tables = wp.array(packed.tables, dtype=wp.float64, device=device, copy=True)
     return ensemble
 
 
@@ -52,7 +52,7 @@ def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None
     state.extra = wp.zeros(1 if large is None else len(packed.lengths), dtype=kinds.Extra, device=device)
     for name, values, dtype in (
         ("rollers", packed.rollers, packed.real),
-        ("sprockets", packed.bodies, structs.SprocketState),
+        ("bodies", packed.bodies, structs.BodyState),
         ("strands", packed.strands, structs.Strand),
         ("seat", packed.seat, wp.int32),
     ):
@@ -60,7 +60,8 @@ def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None
     state.impact_speed = wp.zeros(len(packed.seat), dtype=packed.real, device=device)
     partners = len(packed.sprockets) + len(packed.guides)
     state.totals = wp.zeros(partners, dtype=sum_structs.Totals, device=device)
-    state.centers = wp.zeros(len(packed.sprockets), dtype=structs.CenterStages, device=device)
+    state.body_stages = wp.zeros(len(packed.bodies), dtype=structs.BodyStages, device=device)
+    state.wrenches = wp.zeros(len(packed.bodies), dtype=structs.Wrench, device=device)
     state.progress = wp.zeros(packed.variants, dtype=structs.Progress, device=device)
     return state
 

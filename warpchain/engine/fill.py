@@ -13,11 +13,21 @@ from warpchain.assembly import Assembly
 from warpchain.assembly.tables import TableList, shaft_ratio
 from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
 from warpchain.drive.laws import LAWS
-from warpchain.drive.mounts import active, farthest, moving_mass, unit, wheel_inertia, wheel_mass
+from warpchain.drive.mounts import (
+    active,
+    farthest,
+    initial_center,
+    initial_velocity,
+    moving_mass,
+    unit,
+    wheel_inertia,
+    wheel_mass,
+)
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.table import Table
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import FREE, PRESCRIBED
+from warpchain.kernels.structs import GROUND
 
 INTEGRATORS = {"leapfrog": 0, "rk4": 1}
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
@@ -114,6 +124,7 @@ def fill_guide(row: Any, drive: Drive, g: int) -> None:
     guide = drive.guides[g]
     start, end = np.asarray(guide.start), np.asarray(guide.end)
     length = float(np.hypot(*(end - start)))
+    row["body"] = GROUND
     row["start"] = start
     row["direction"] = (end - start) / length
     row["length"] = length
@@ -134,6 +145,7 @@ def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
 
 def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
+    row["bodies"] = len(drive.sprockets)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
     margin = ESCAPE_PITCHES * drive.chain.pitch
     reach = np.array([sprocket.center for sprocket in drive.sprockets])
@@ -142,6 +154,12 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     ]
     row["low"] = np.minimum((reach - radius).min(axis=0), assembly.position.min(axis=0)) - margin
     row["high"] = np.maximum((reach + radius).max(axis=0), assembly.position.max(axis=0)) + margin
+
+
+def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:
+    """Fills a sprocket's `kernels.structs.BodyState` with its initial state."""
+    row["angle"], row["speed"] = assembly.sprocket_angle[s], assembly.sprocket_speed[s]
+    row["center"], row["velocity"] = initial_center(sprocket), initial_velocity(sprocket)
 
 
 def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float]) -> None:

@@ -22,6 +22,7 @@ from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
@@ -119,6 +120,37 @@ class Bucket:
         return len(self.variants)
 
 
+def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
+    """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
+    return block_shape(bucket.shape.slots, True) if name == "relax" else bucket.shape
+
+
+def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
+    """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
+    shape = kernel_shape(name, bucket)
+    steps = name != "relax"
+    return BlockKind(
+        real,
+        shape.threads,
+        shape.per,
+        bucket.sprockets,
+        bucket.guides,
+        moving=steps and bucket.moving,
+        measuring=name == "measure",
+        rk4=steps and bucket.rk4,
+    )
+
+
+def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
+    """Values, integers and doubles that blocks too large for shared memory keep in global memory."""
+    needs = np.zeros(3, dtype=int)
+    for bucket in buckets:
+        for name in ("advance", "measure", "relax"):
+            of = room(kernel_kind(name, real, bucket))
+            needs = np.maximum(needs, bucket.count * np.array([of.values, of.integers, of.doubles]))
+    return int(needs[0]), int(needs[1]), int(needs[2])
+
+
 class GpuEngine:
     """Steps an ensemble on one GPU.
 
@@ -138,7 +170,7 @@ class GpuEngine:
             with wp.ScopedStream(self.stream):
                 self.buckets = self._bucketed()
                 self.ensemble = upload_ensemble(packed, device)
-                self.state = upload_state(packed, device, self._large())
+                self.state = upload_state(packed, device, rows_apart(packed.real, self.buckets))
                 self.gpu_sums = empty_sums(packed, device)
                 self.tallies = empty_tallies(packed, device)
             wp.synchronize_stream(self.stream)
@@ -147,21 +179,10 @@ class GpuEngine:
         self._kernels: dict[Any, Any] = {}
         self._settling_now: NDArray[Any] = np.zeros(0)
 
-    def _large(self) -> tuple[int, int, int]:
-        """Values, integers and doubles that blocks too large for shared memory keep in global memory."""
-        needs = np.zeros(3, dtype=int)
-        for b in self.buckets:
-            kernels = (("advance", b.moving, False), ("measure", b.moving, True), ("relax", False, False))
-            for name, moving, measuring in kernels:
-                shape = self._shape(name, b)
-                of = room(self.packed.real, shape.threads, shape.slots, b.sprockets, b.guides, moving, measuring)
-                needs = np.maximum(needs, b.count * np.array([of.values, of.integers, of.doubles]))
-        return int(needs[0]), int(needs[1]), int(needs[2])
-
     def _bucketed(self) -> list[Bucket]:
         """The variants by kernel, the longest first."""
         drives = self.packed.drives
-        moving = np.add.reduceat(self.packed.mounts["active"], drives["first_sprocket"]) > 0
+        moving = np.add.reduceat(self.packed.mounts["active"], drives["first_body"]) > 0
         slots = room_for(drives["rollers"])
         keys = np.column_stack([slots, drives["sprockets"], drives["guides"], moving, drives["integrator"]])
         processors = int(wp.get_device(self.device).sm_count)
@@ -180,19 +201,14 @@ class GpuEngine:
 
         "advance" takes no metrics, "measure" does, "relax" settles.
         """
-        shape = self._shape(name, bucket)
-        form = (self.packed.real, shape.threads, shape.per, bucket.sprockets, bucket.guides)
-        kind = (name, form, bucket.moving, bucket.rk4)
+        kind = kernel_kind(name, self.packed.real, bucket)
         each = 2**31 if name == "relax" else -(-bucket.count // int(wp.get_device(self.device).sm_count))
-        blocks = shape.resident(self.packed.precision, name == "measure", each)
-        if kind not in self._kernels:
-            if name == "relax":
-                kernel = block_relax_kernel(*form, blocks)
-            else:
-                kernel = block_kernel(*form, blocks, bucket.moving, name == "measure", bucket.rk4, frame=FRAME)
-            wp.load_module(kernel.module, device=self.device, block_dim=shape.threads)
-            self._kernels[kind] = kernel
-        return self._kernels[kind]
+        blocks = kernel_shape(name, bucket).resident(self.packed.precision, kind.measuring, each)
+        if (name, kind) not in self._kernels:
+            kernel = block_relax_kernel(kind, blocks) if name == "relax" else block_kernel(kind, blocks, FRAME)
+            wp.load_module(kernel.module, device=self.device, block_dim=kind.threads)
+            self._kernels[name, kind] = kernel
+        return self._kernels[name, kind]
 
     def _phases(self, bucket: Bucket, block: int) -> list[tuple[str, int, int]]:
         """How to take a bucket `block` steps on: kernel, steps, and steps before in this launch.
@@ -205,10 +221,6 @@ class GpuEngine:
         bare = block if until >= block else int(until) // int(DIVERGENCE_CHECK) * int(DIVERGENCE_CHECK)
         phases = [("advance", bare, 0), ("measure", block - bare, bare)]
         return [phase for phase in phases if phase[1] > 0]
-
-    def _shape(self, name: str, bucket: Bucket) -> BlockShape:
-        """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
-        return block_shape(bucket.shape.slots, True) if name == "relax" else bucket.shape
 
     def _launch(self, kernel: Any, shape: BlockShape, bucket: Bucket, inputs: Sequence[Any]) -> None:
         wp.launch(
@@ -275,7 +287,7 @@ class GpuEngine:
             with _told(self.device, self.packed):
                 for bucket, kernel in zip(self.buckets, kernels, strict=True):
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, block]
-                    self._launch(kernel, self._shape("relax", bucket), bucket, inputs)
+                    self._launch(kernel, kernel_shape("relax", bucket), bucket, inputs)
                 self._settling_now = self._read(self._settling)
 
         return [self._pool.submit(work)]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly, assemble
 from warpchain.assembly.tables import TableList
 from warpchain.drive import Drive
-from warpchain.drive.mounts import initial_center, initial_velocity
 from warpchain.engine.alike import alike
 from warpchain.engine.fill import (
     RowList,
+    fill_body,
     fill_chain,
     fill_drive,
     fill_guide,
@@ -24,7 +24,7 @@ from warpchain.engine.fill import (
     fill_sprocket,
     fill_strand,
 )
-from warpchain.engine.packed import Packed, state_rows
+from warpchain.engine.packed import KINDS, Packed, numbered, state_rows
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
@@ -49,10 +49,6 @@ def _assembled(v: int, drive: Drive, known: dict[tuple[Any, ...], Assembly]) -> 
     return known[layout]
 
 
-def _zeros(struct: Any, count: int) -> NDArray[Any]:
-    return np.zeros(max(count, 1), dtype=struct.numpy_dtype())
-
-
 def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
     """Packs drives in float64, each in its assembled initial state.
 
@@ -67,7 +63,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
     if len(firsts) < len(drives):
         packed = packed.taken(which)
         blank = np.zeros((), dtype=packed.motions.dtype)
-        for drive, kind, begin in zip(drives, which, packed.drives["first_sprocket"].tolist(), strict=True):
+        for drive, kind, begin in zip(drives, which, packed.drives["first_body"].tolist(), strict=True):
             twin = drives[firsts[kind]]
             for s, sprocket in enumerate(drive.sprockets):
                 if sprocket is not twin.sprockets[s]:
@@ -85,54 +81,54 @@ def _pack_each(
 ) -> Packed:
     """Packs the chosen drives one by one, but for their schedules, and gathers what their rows refer to."""
     drives = [everyone[v] for v in chosen]
-    kinds = structs.types(wp.float64)
-    count = len(drives)
-    links = np.array([d.chain.links for d in drives])
-    wheels = np.array([len(d.sprockets) for d in drives])
-    bars = np.array([len(d.guides) for d in drives])
     known: dict[tuple[Any, ...], Assembly] = {}
-    packed = Packed(
+    assemblies = tuple(_assembled(v, drive, known) for v, drive in zip(chosen, drives, strict=True))
+    rows = np.zeros(len(drives), dtype=structs.Drive.numpy_dtype())
+    for row, drive, assembly in zip(rows, drives, assemblies, strict=True):
+        fill_drive(row, drive, assembly)
+    packed = _empty(numbered(rows), assemblies)
+    packed.lengths[:] = np.concatenate([drive.chain.link_lengths for drive in drives])
+    for v, (drive, assembly) in enumerate(zip(drives, assemblies, strict=True)):
+        row = packed.drives[v]
+        fill_chain(packed.chains[v], drive)
+        packed.rows(v)[:] = state_rows(assembly.position, assembly.velocity, "float64")
+        for s, sprocket in enumerate(drive.sprockets):
+            mine, body = row["first_sprocket"] + s, row["first_body"] + s
+            fill_sprocket(packed.sprockets[mine], drive, s, seats)
+            fill_strand(packed.strands[mine], assembly, s, drive.chain.links)
+            fill_motion(packed.motions[body], drive, s, float(assembly.sprocket_angle[s]), harmonics, tables)
+            fill_mount(packed.mounts[body], sprocket, drive.run.gravity)
+            fill_body(packed.bodies[body], sprocket, assembly, s)
+            held = np.flatnonzero(assembly.seat_sprocket == s)
+            packed.seat[row["first_contact"] + s * drive.chain.links + held] = assembly.seat_index[held]
+        for g in range(len(drive.guides)):
+            fill_guide(packed.guides[row["first_guide"] + g], drive, g)
+    return packed
+
+
+def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:
+    """An ensemble in float64 whose drives have their counts and places, and nothing else yet."""
+    kinds = structs.types(wp.float64)
+    count = {name: int(kind.count(drives).sum()) for name, kind in KINDS.items()}
+
+    def zeros(struct: Any, kind: str) -> NDArray[Any]:
+        return np.zeros(max(count[kind], 1), dtype=struct.numpy_dtype())
+
+    return Packed(
         precision="float64",
-        drives=_zeros(structs.Drive, count),
-        chains=_zeros(kinds.Chain, count),
-        lengths=np.concatenate([drive.chain.link_lengths for drive in drives]),
-        sprockets=_zeros(kinds.Sprocket, int(wheels.sum())),
-        motions=_zeros(structs.Motion, int(wheels.sum())),
-        mounts=_zeros(structs.Mount, int(wheels.sum())),
-        guides=_zeros(kinds.Guide, int(bars.sum())),
+        drives=drives,
+        chains=np.zeros(len(drives), dtype=kinds.Chain.numpy_dtype()),
+        lengths=np.zeros(count["roller"]),
+        sprockets=zeros(kinds.Sprocket, "sprocket"),
+        motions=zeros(structs.Motion, "body"),
+        mounts=zeros(structs.Mount, "body"),
+        guides=zeros(kinds.Guide, "guide"),
         harmonics=np.zeros(0),
         tables=np.zeros(0),
         seats=np.zeros(0),
-        rollers=np.zeros(STATE_ROWS * int(links.sum())),
-        bodies=_zeros(structs.SprocketState, int(wheels.sum())),
-        strands=_zeros(structs.Strand, int(wheels.sum())),
-        seat=np.full(int((links * (wheels + bars)).sum()), -1, dtype=np.int32),
-        assemblies=tuple(_assembled(v, drive, known) for v, drive in zip(chosen, drives, strict=True)),
+        rollers=np.zeros(STATE_ROWS * count["roller"]),
+        bodies=zeros(structs.BodyState, "body"),
+        strands=zeros(structs.Strand, "sprocket"),
+        seat=np.full(count["contact"], -1, dtype=np.int32),
+        assemblies=assemblies,
     )
-    roller = sprocket = guide = memory = tally = 0
-    for v, (drive, assembly) in enumerate(zip(drives, packed.assemblies, strict=True)):
-        row = packed.drives[v]
-        row["first_roller"], row["first_sprocket"] = roller, sprocket
-        row["first_guide"], row["first_contact"], row["first_tally"] = guide, memory, tally
-        fill_drive(row, drive, assembly)
-        fill_chain(packed.chains[v], drive)
-        for s, wheel in enumerate(drive.sprockets):
-            fill_sprocket(packed.sprockets[sprocket + s], drive, s, seats)
-            fill_motion(packed.motions[sprocket + s], drive, s, float(assembly.sprocket_angle[s]), harmonics, tables)
-            fill_strand(packed.strands[sprocket + s], assembly, s, drive.chain.links)
-            body = packed.bodies[sprocket + s]
-            body["angle"], body["speed"] = assembly.sprocket_angle[s], assembly.sprocket_speed[s]
-            body["center"], body["velocity"] = initial_center(wheel), initial_velocity(wheel)
-            fill_mount(packed.mounts[sprocket + s], wheel, drive.run.gravity)
-            held = np.flatnonzero(assembly.seat_sprocket == s)
-            packed.seat[memory + s * drive.chain.links + held] = assembly.seat_index[held]
-        for g in range(len(drive.guides)):
-            fill_guide(packed.guides[guide + g], drive, g)
-        n = drive.chain.links
-        packed.rollers[STATE_ROWS * roller : STATE_ROWS * (roller + n)] = state_rows(
-            assembly.position, assembly.velocity, "float64"
-        ).ravel()
-        roller, sprocket, guide = roller + n, sprocket + len(drive.sprockets), guide + len(drive.guides)
-        memory += n * (len(drive.sprockets) + len(drive.guides))
-        tally += n * (len(drive.sprockets) + 1)
-    return packed

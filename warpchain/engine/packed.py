@@ -5,7 +5,7 @@ Nothing of one variant depends on another: the packing only decides where its va
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,6 +32,63 @@ def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], pre
     """Rows x, y, vx, vy and the low parts of x, y: what `precision` rounds off a position, (6, N)."""
     high = position.astype(precision)
     return np.concatenate([high.T, velocity.T, (position - high).T]).astype(precision)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of thing that arrays hold, variant after variant.
+
+    Attributes:
+        first: the field of `kernels.structs.Drive` that says where a variant's begin.
+        count: how many each variant has, (variants,), from the rows of `drives`.
+    """
+
+    first: str
+    count: Callable[[NDArray[Any]], NDArray[Any]]
+
+
+KINDS = {
+    "roller": Kind("first_roller", lambda drives: drives["rollers"]),
+    "sprocket": Kind("first_sprocket", lambda drives: drives["sprockets"]),
+    "body": Kind("first_body", lambda drives: drives["bodies"]),
+    "guide": Kind("first_guide", lambda drives: drives["guides"]),
+    "contact": Kind("first_contact", lambda drives: drives["rollers"] * (drives["sprockets"] + drives["guides"])),
+    "tally": Kind("first_tally", lambda drives: drives["rollers"] * (drives["sprockets"] + 1)),
+}
+
+FIELDS = {
+    "lengths": ("roller", 1),
+    "rollers": ("roller", STATE_ROWS),
+    "sprockets": ("sprocket", 1),
+    "strands": ("sprocket", 1),
+    "motions": ("body", 1),
+    "mounts": ("body", 1),
+    "bodies": ("body", 1),
+    "guides": ("guide", 1),
+    "seat": ("contact", 1),
+}
+"""What each array of an ensemble counts by, and how many values each has; a new array of parts needs a row here."""
+
+
+def numbered(drives: NDArray[Any]) -> NDArray[Any]:
+    """Rows of `kernels.structs.Drive` with the places where their parts begin, one variant after the other."""
+    for kind in KINDS.values():
+        counts = kind.count(drives).astype(np.int64)
+        drives[kind.first] = np.cumsum(counts) - counts
+    return drives
+
+
+def _spread(first: NDArray[np.int64], count: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The places `first` to `first + count - 1` of each variant, one after the other."""
+    new = np.cumsum(count) - count
+    return np.repeat(first - new, count) + np.arange(int(count.sum()))
+
+
+def _rows(values: NDArray[Any], places: NDArray[np.int64], width: int) -> NDArray[Any]:
+    """The values at these places, `width` each; the first of all where there are none, as Warp reads no empty array."""
+    if not len(places):
+        return values[:1]
+    return values[places] if width == 1 else values.reshape(-1, width)[places].ravel()
 
 
 @dataclass
@@ -82,69 +139,22 @@ class Packed:
 
     def part(self, a: int, b: int) -> Packed:
         """Variants `a` to `b` - 1 as an ensemble of their own."""
-
-        def span(first: str, per: Any) -> slice:
-            """The values of these variants in an array that begins at `first` and has `per` values a variant."""
-            starts = self.drives[first].astype(np.int64)
-            return slice(int(starts[a]), int(starts[b - 1] + per[b - 1]))
-
-        rollers, wheels, bars = (self.drives[name].astype(np.int64) for name in ("rollers", "sprockets", "guides"))
-        chain = span("first_roller", rollers)
-        disks, rails = span("first_sprocket", wheels), span("first_guide", bars)
-        memories = span("first_contact", rollers * (wheels + bars))
-        drives = self.drives[a:b].copy()
-        for name in ("first_roller", "first_sprocket", "first_guide", "first_contact", "first_tally"):
-            drives[name] -= drives[name][0]
-        guides = self.guides[rails] if rails.stop > rails.start else self.guides[:1]
-        return replace(
-            self,
-            drives=drives,
-            chains=self.chains[a:b],
-            lengths=self.lengths[chain],
-            sprockets=self.sprockets[disks],
-            motions=self.motions[disks],
-            mounts=self.mounts[disks],
-            guides=guides,
-            rollers=self.rollers[STATE_ROWS * chain.start : STATE_ROWS * chain.stop],
-            bodies=self.bodies[disks],
-            strands=self.strands[disks],
-            seat=self.seat[memories],
-            assemblies=self.assemblies[a:b],
-        )
+        return self.taken(range(a, b))
 
     def taken(self, which: Sequence[int]) -> Packed:
         """The variants of these indices, each as often as it is named, as an ensemble of their own."""
         chosen = np.asarray(which, dtype=np.int64)
         drives = self.drives[chosen]
-        rollers, wheels, bars = (drives[name].astype(np.int64) for name in ("rollers", "sprockets", "guides"))
-        memories = rollers * (wheels + bars)
-
-        def spread(first: str, per: NDArray[np.int64], width: int = 1) -> NDArray[np.int64]:
-            """Where the values stand now; `drives` then says where they will stand."""
-            old, new = width * drives[first].astype(np.int64), width * (np.cumsum(per) - per)
-            drives[first] = new // width
-            return np.repeat(old - new, width * per) + np.arange(int(width * per.sum()))
-
-        rows = spread("first_roller", rollers, STATE_ROWS)
-        drives["first_roller"] = self.drives["first_roller"][chosen]
-        chain, disks = spread("first_roller", rollers), spread("first_sprocket", wheels)
-        rails, seats = spread("first_guide", bars), spread("first_contact", memories)
-        spread("first_tally", rollers * (wheels + 1))
-        return replace(
-            self,
-            drives=drives,
-            chains=self.chains[chosen],
-            lengths=self.lengths[chain],
-            sprockets=self.sprockets[disks],
-            motions=self.motions[disks],
-            mounts=self.mounts[disks],
-            guides=self.guides[rails] if len(rails) else self.guides[:1],
-            rollers=self.rollers[rows],
-            bodies=self.bodies[disks],
-            strands=self.strands[disks],
-            seat=self.seat[seats],
-            assemblies=tuple(self.assemblies[v] for v in which),
-        )
+        places = {
+            name: _spread(drives[per.first].astype(np.int64), per.count(drives).astype(np.int64))
+            for name, per in KINDS.items()
+        }
+        arrays: dict[str, Any] = {
+            name: _rows(getattr(self, name), places[kind], width) for name, (kind, width) in FIELDS.items()
+        }
+        chains = self.chains[chosen]
+        assemblies = tuple(self.assemblies[v] for v in which)
+        return replace(self, drives=numbered(drives), chains=chains, assemblies=assemblies, **arrays)
 
     def at_precision(self, precision: str) -> Packed:
         """This ensemble, which is in float64, at another precision; what positions lose goes to their low parts.

@@ -68,7 +68,7 @@ def pressing(trajectory: Trajectory, least: float = 0.0) -> tuple[Arrows, Arrows
     assert trajectory.sprocket_force is not None
     assert trajectory.guide_force is not None
     frame, roller = np.nonzero(trajectory.sprocket_force > least)
-    normals = _sprocket_normals(trajectory, frame, roller)
+    normals = sprocket_normals(trajectory, frame, roller)
     sprockets = Arrows(frame, roller, normals * np.asarray(trajectory.sprocket_force, float)[frame, roller, None])
     frame, roller = np.nonzero(trajectory.guide_force > least)
     normals = _guide_normals(trajectory.drive, np.asarray(trajectory.position, dtype=float)[frame, roller])
@@ -90,8 +90,12 @@ def _nearest(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index
     return near, apart
 
 
-def _sprocket_normals(trajectory: Trajectory, frame: Index, roller: Index) -> Array:
-    """Direction of the nearest sprocket's contact force on each of K rollers (K, 2)."""
+def sprocket_normals(trajectory: Trajectory, frame: Index, roller: Index) -> Array:
+    """Direction of the nearest sprocket's contact force on each of K rollers (K, 2), or what it would be in contact.
+
+    Args:
+        frame, roller: (K,) when and where.
+    """
     drive = trajectory.drive
     assert trajectory.position is not None
     assert trajectory.sprocket_center is not None

@@ -1,0 +1,246 @@
+"""Forces of one variant at one instant, and a step of each integrator, over its rollers and its bodies."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..integrate import Rk4Stage
+from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body
+from ..physics.contact import carried
+from ..physics.motion import load_at, prescribed_at
+from ..rows import accessors
+from ..structs import GROUND, Drive, Pose, Wrench, types
+from .rollers import passes, rows
+
+
+@wp.func
+def with_reaction(wrench: Wrench, force: wp.vec2d, moment: wp.float64):
+    """The wrench on a body with what one more partner's contacts do to it."""
+    wrench.force = wrench.force + force
+    wrench.moment = wrench.moment + moment
+    return wrench
+
+
+@cache
+def evaluating(Real: type, capacity: int) -> SimpleNamespace:
+    """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    part = passes(Real, capacity)
+    link_pass, sprocket_pass, guide_pass = part.link_pass, part.sprocket_pass, part.guide_pass
+
+    @wp.func
+    def evaluate(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array[Real],
+        stage: int,
+    ):
+        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`."""
+        n = drive.rollers
+        link_pass(w, n, chain)
+        for b in range(drive.bodies):
+            state.wrenches[drive.first_body + b] = Wrench()
+        partner = drive.first_sprocket + drive.first_guide
+        memory = kinds.Memory()
+        memory.seat = state.seat
+        memory.impact_speed = state.impact_speed
+        memory.first = drive.first_contact
+        memory.stage = stage
+        for s in range(drive.sprockets):
+            b = drive.first_body + s
+            pose = pose_of(state.bodies[b])
+            sprocket = ensemble.sprockets[drive.first_sprocket + s]
+            totals = sprocket_pass(w, n, sprocket, pose, ensemble.seats, memory)
+            state.totals[partner] = totals
+            state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
+            partner += 1
+            memory.first = memory.first + n
+        for g in range(drive.guides):
+            bar = ensemble.guides[drive.first_guide + g]
+            pose = Pose()
+            if bar.body != GROUND:
+                pose = pose_of(state.bodies[drive.first_body + bar.body])
+                bar = carried(bar, pose)
+            totals = guide_pass(w, n, bar, pose, memory)
+            state.totals[partner] = totals
+            if bar.body != GROUND:
+                b = drive.first_body + bar.body
+                state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
+            partner += 1
+            memory.first = memory.first + n
+
+    return SimpleNamespace(evaluate=evaluate)
+
+
+@cache
+def moving(Real: type) -> SimpleNamespace:
+    """The functions that move the bodies of one variant of an ensemble, and look at them."""
+    kinds = types(Real)
+
+    @wp.func
+    def rates_of(ensemble: kinds.Ensemble, state: kinds.State, b: int, time: wp.float64):
+        """Accelerations of body `b` of all, from its wrench."""
+        body = state.bodies[b]
+        motion = ensemble.motions[b]
+        load = load_at(time, body.angle, body.speed, motion, ensemble.curves)
+        return body_rates(
+            time, body, heading_of(body), state.wrenches[b], load, motion, ensemble.mounts[b], ensemble.curves
+        )
+
+    @wp.func
+    def leapfrog_bodies(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, time: wp.float64, kick: wp.float64):
+        """All bodies a step after `time`."""
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            motion = ensemble.motions[b]
+            ahead = wp.float64(0.0)
+            if motion.prescribed == 1:
+                ahead, speed = prescribed_at(time + drive.step, motion, ensemble.curves)
+            rates = rates_of(ensemble, state, b, time)
+            state.bodies[b] = leapfrog_body(
+                time, kick, drive.step, state.bodies[b], rates, ahead, motion, ensemble.mounts[b]
+            )
+
+    @wp.func
+    def rk4_bodies(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, at: Rk4Stage):
+        """All bodies after one of the four stages."""
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            rates = rates_of(ensemble, state, b, at.time)
+            body, stages = rk4_body(
+                at,
+                state.bodies[b],
+                state.body_stages[b],
+                rates,
+                ensemble.motions[b],
+                ensemble.mounts[b],
+                ensemble.curves,
+            )
+            state.bodies[b] = body
+            state.body_stages[b] = stages
+
+    @wp.func
+    def body_now(ensemble: kinds.Ensemble, state: kinds.State, b: int, time: wp.float64, lag: wp.float64):
+        """Body `b` of all with its rates at `time`, `lag` after their own instant."""
+        motion = ensemble.motions[b]
+        driven = wp.float64(0.0)
+        if motion.prescribed == 1:
+            angle, driven = prescribed_at(time, motion, ensemble.curves)
+        rates = rates_of(ensemble, state, b, time)
+        return body_at(time, lag, state.bodies[b], rates, driven, motion, ensemble.mounts[b])
+
+    @wp.func
+    def centers_inside(state: kinds.State, drive: Drive):
+        """1 while every body's center is finite and within the drive's box, else 0."""
+        good = int(1)
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            if not in_box(drive, state.bodies[b].center):
+                good = int(0)
+        return good
+
+    return SimpleNamespace(
+        rates_of=rates_of,
+        leapfrog_bodies=leapfrog_bodies,
+        rk4_bodies=rk4_bodies,
+        body_now=body_now,
+        centers_inside=centers_inside,
+    )
+
+
+@cache
+def stepping(Real: type, capacity: int) -> SimpleNamespace:
+    """The functions that take one variant a step on, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    part = passes(Real, capacity)
+    load, store = accessors(Real).load, accessors(Real).store
+    leapfrog_bodies, rk4_bodies = moving(Real).leapfrog_bodies, moving(Real).rk4_bodies
+    acceleration, kick_drift, move = part.acceleration, part.kick_drift, part.move
+    row = rows(capacity)
+    X, Y, VX, VY, X_LOW, Y_LOW, X0_LOW, Y0_LOW = (
+        row.x,
+        row.y,
+        row.vx,
+        row.vy,
+        row.x_low,
+        row.y_low,
+        row.x0_low,
+        row.y0_low,
+    )
+    X0, Y0, VX0, VY0, SUM_X, SUM_Y, SUM_VX, SUM_VY = (
+        row.x0,
+        row.y0,
+        row.vx0,
+        row.vy0,
+        row.sum_x,
+        row.sum_y,
+        row.sum_vx,
+        row.sum_vy,
+    )
+
+    @wp.func
+    def leapfrog(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array[Real],
+        time: wp.float64,
+        kick: wp.float64,
+    ):
+        """One step from evaluated forces; `kick` is h, or h / 2 from the initial state."""
+        leapfrog_bodies(ensemble, state, drive, time, kick)
+        kick_drift(w, drive.rollers, chain, Real(kick), Real(drive.step))
+
+    @wp.func
+    def rk4_rollers(w: wp.array[Real], n: int, chain: kinds.Chain, stage: int, weight: Real, reach: Real):
+        """Adds this stage's slopes to the sums with `weight`, and goes `reach` along them from the step's start."""
+        inverse_mass = chain.inverse_mass
+        i = int(0)
+        while i < n:
+            a = acceleration(w, i, inverse_mass, chain.gravity)
+            vx = load(w, VX + i)
+            vy = load(w, VY + i)
+            if stage == 0:
+                store(w, X0 + i, load(w, X + i))
+                store(w, Y0 + i, load(w, Y + i))
+                store(w, X0_LOW + i, load(w, X_LOW + i))
+                store(w, Y0_LOW + i, load(w, Y_LOW + i))
+                store(w, VX0 + i, vx)
+                store(w, VY0 + i, vy)
+                store(w, SUM_X + i, Real(0.0))
+                store(w, SUM_Y + i, Real(0.0))
+                store(w, SUM_VX + i, Real(0.0))
+                store(w, SUM_VY + i, Real(0.0))
+            store(w, SUM_X + i, load(w, SUM_X + i) + weight * vx)
+            store(w, SUM_Y + i, load(w, SUM_Y + i) + weight * vy)
+            store(w, SUM_VX + i, load(w, SUM_VX + i) + weight * a[0])
+            store(w, SUM_VY + i, load(w, SUM_VY + i) + weight * a[1])
+            store(w, X + i, load(w, X0 + i))
+            store(w, Y + i, load(w, Y0 + i))
+            store(w, X_LOW + i, load(w, X0_LOW + i))
+            store(w, Y_LOW + i, load(w, Y0_LOW + i))
+            if stage == 3:
+                move(w, i, load(w, SUM_X + i), load(w, SUM_Y + i))
+                store(w, VX + i, load(w, VX0 + i) + load(w, SUM_VX + i))
+                store(w, VY + i, load(w, VY0 + i) + load(w, SUM_VY + i))
+            else:
+                move(w, i, reach * vx, reach * vy)
+                store(w, VX + i, load(w, VX0 + i) + reach * a[0])
+                store(w, VY + i, load(w, VY0 + i) + reach * a[1])
+            i = i + 1
+
+    @wp.func
+    def rk4(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        chain: kinds.Chain,
+        w: wp.array[Real],
+        at: Rk4Stage,
+    ):
+        """One of the four stages of the classical scheme, from evaluated forces; the fourth ends the step."""
+        rk4_bodies(ensemble, state, drive, at)
+        rk4_rollers(w, drive.rollers, chain, at.number, Real(at.weight), Real(at.reach))
+
+    return SimpleNamespace(leapfrog=leapfrog, rk4=rk4)

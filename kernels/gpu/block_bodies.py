@@ -1,0 +1,237 @@
+"""Bodies on blocks of threads: what is shared of them, and how the thread that has one takes it on."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
+from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body
+from ..physics.motion import load_at, prescribed_at
+from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
+from ..sum_structs import Sums
+from ..trigonometry import sine_cosine
+from .block_forces import block_forces
+from .block_kind import BlockKind, Mine, now_struct
+from .exchange import COURSE, lanes
+
+
+@dataclass(frozen=True)
+class BodyFunctions:
+    """What is done about bodies, as functions of kernels."""
+
+    center_outside: wp.Function
+    set_heading: wp.Function
+    start_body: wp.Function
+    end_body: wp.Function
+    plan: wp.Function
+    weigh: wp.Function
+    advance: wp.Function
+
+
+@wp.func
+def rotated(direction: wp.vec2d, angle: wp.float64):
+    """A unit vector turned by a small angle: the series to fifth order, then back to length one."""
+    square = angle * angle
+    cosine = wp.float64(1.0) - square * (wp.float64(0.5) - square * wp.float64(1.0 / 24.0))
+    sine = angle * (wp.float64(1.0) - square * (wp.float64(1.0 / 6.0) - square * wp.float64(1.0 / 120.0)))
+    x = direction[0] * cosine - direction[1] * sine
+    y = direction[0] * sine + direction[1] * cosine
+    scale = wp.float64(1.5) - wp.float64(0.5) * (x * x + y * y)
+    return wp.vec2d(x * scale, y * scale)
+
+
+@wp.func
+def state_of(pose: Pose):
+    """The coordinates and rates of a body whose pose is shared."""
+    body = BodyState()
+    body.angle = pose.angle
+    body.speed = pose.speed
+    body.center = pose.center
+    body.velocity = pose.velocity
+    return body
+
+
+@wp.func
+def course_of(s: int, step: int):
+    """Where the prescribed angle and speed of body s at `step` stand."""
+    return 2 * (s * wp.static(COURSE) + step % wp.static(COURSE))
+
+
+@cache
+def block_bodies(kind: BlockKind) -> BodyFunctions:
+    """The functions of one variant's bodies, its sprockets, on a block."""
+    Real, threads, sprockets, moving, rk4 = kind.Real, kind.threads, kind.sprockets, kind.moving, kind.rk4
+    kinds, Now = types(Real), now_struct(Real)
+    vec2 = kinds.vec2
+    share_geometry = block_forces(kind).share_geometry
+
+    @wp.func
+    def center_outside(drive: Drive, shared: kinds.Shared, s: int):
+        """1 where the center of body s is not finite or has left the drive's box."""
+        return int(not in_box(drive, shared.poses[s].center))
+
+    @wp.func
+    def set_heading(shared: kinds.Shared, s: int):
+        """Cosine and sine of body s from its angle."""
+        sine, cosine = sine_cosine(shared.poses[s].angle)
+        shared.poses[s].cosine = cosine
+        shared.poses[s].sine = sine
+
+    @wp.func
+    def start_body(
+        ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, mine: Mine, step: int
+    ):
+        """What is shared of the thread's sprocket and, with the first, of the chain."""
+        drive = ensemble.drives[mine.variant]
+        s = mine.sprocket
+        b = drive.first_body + s
+        pose = pose_of(state.bodies[b])
+        angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[b], ensemble.curves)
+        pose.exact_speed = exact
+        shared.poses[s] = pose
+        share_geometry(ensemble, shared, drive, mine.variant, s)
+        shared.motions[s] = ensemble.motions[b]
+        at = drive.first_sprocket + s
+        if wp.static(moving):
+            shared.mounts[s] = ensemble.mounts[b]
+            shared.mount_sums[s] = sums.mount[at]
+        shared.sprocket_sums[s] = sums.sprocket[at]
+        shared.strand_sums[s] = sums.strand[at]
+        shared.strands[s] = state.strands[at]
+
+    @wp.func
+    def end_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, mine: Mine):
+        """The thread's sprocket and its sums back into the state."""
+        drive = ensemble.drives[mine.variant]
+        s = mine.sprocket
+        at = drive.first_sprocket + s
+        state.bodies[drive.first_body + s] = state_of(shared.poses[s])
+        if wp.static(moving):
+            sums.mount[at] = shared.mount_sums[s]
+        sums.sprocket[at] = shared.sprocket_sums[s]
+        sums.strand[at] = shared.strand_sums[s]
+        state.strands[at] = shared.strands[s]
+
+    @wp.func
+    def plan(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, i: int, step: int):
+        """Prescribed angles and speeds of the next `COURSE` steps: each warp its own bodies', a step a thread."""
+        drive = ensemble.drives[variant]
+        s = i // lanes()
+        while s < wp.static(sprockets):
+            motion = shared.motions[s]
+            if motion.prescribed == 1:
+                ahead = 1 + i % lanes()
+                while ahead <= wp.static(COURSE):
+                    time = wp.float64(step + ahead) * drive.step
+                    angle, speed = prescribed_at(time, motion, ensemble.curves)
+                    at = course_of(s, step + ahead)
+                    shared.course[at] = angle
+                    shared.course[at + 1] = speed
+                    ahead = ahead + lanes()
+            s = s + wp.static(threads) // lanes()
+
+    @wp.func
+    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, time: wp.float64):
+        """Works out the load on body s, while other threads are at their contacts."""
+        pose = shared.poses[s]
+        shared.poses[s].load = load_at(time, pose.angle, pose.speed, shared.motions[s], ensemble.curves)
+
+    @wp.func
+    def settle_at(shared: kinds.Shared, s: int, pose: Pose):
+        """Makes a pose that of body s, and its band go with it."""
+        if wp.static(moving):
+            shared.poses[s] = pose
+            band = shared.bands[s]
+            band.center = vec2(Real(pose.center[0]), Real(pose.center[1]))
+            shared.bands[s] = band
+        else:
+            shared.poses[s].cosine = pose.cosine
+            shared.poses[s].sine = pose.sine
+            shared.poses[s].angle = pose.angle
+            shared.poses[s].speed = pose.speed
+            shared.poses[s].exact_speed = pose.exact_speed
+
+    @wp.func
+    def leapfrog(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, now: Now, wrench: Wrench, h: wp.float64):
+        """Takes body s one step on if the run goes on; returns it with its rates at the step's instant."""
+        pose = shared.poses[s]
+        motion = shared.motions[s]
+        mount = Mount()
+        if wp.static(moving):
+            mount = shared.mounts[s]
+        time = wp.float64(now.step) * h
+        body = state_of(pose)
+        heading = wp.vec2d(pose.cosine, pose.sine)
+        rates = body_rates(time, body, heading, wrench, pose.load, motion, mount, ensemble.curves)
+        looked_at = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
+        if now.going != 0:
+            ahead = wp.float64(0.0)
+            if motion.prescribed == 1:
+                at = course_of(s, now.step + 1)
+                ahead = shared.course[at]
+                pose.exact_speed = shared.course[at + 1]
+            body = leapfrog_body(time, leapfrog_kick(now.step, h), h, body, rates, ahead, motion, mount)
+            heading = rotated(heading, body.angle - pose.angle)
+            pose.cosine = heading[0]
+            pose.sine = heading[1]
+            pose.angle = body.angle
+            pose.speed = body.speed
+            pose.center = body.center
+            pose.velocity = body.velocity
+            settle_at(shared, s, pose)
+        return looked_at
+
+    @wp.func
+    def runge_kutta(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        wrench: Wrench,
+        h: wp.float64,
+    ):
+        """Takes the thread's body to where the next stage looks at it, if the run goes on; returns it as it was."""
+        s = mine.sprocket
+        body = state_of(shared.poses[s])
+        if now.going != 0:
+            b = ensemble.drives[mine.variant].first_body + s
+            at = rk4_stage(now.stage, wp.float64(now.step) * h, h)
+            motion = shared.motions[s]
+            mount = Mount()
+            if wp.static(moving):
+                mount = shared.mounts[s]
+            load = load_at(at.time, body.angle, body.speed, motion, ensemble.curves)
+            heading = wp.vec2d(shared.poses[s].cosine, shared.poses[s].sine)
+            rates = body_rates(at.time, body, heading, wrench, load, motion, mount, ensemble.curves)
+            moved, stages = rk4_body(at, body, state.body_stages[b], rates, motion, mount, ensemble.curves)
+            state.body_stages[b] = stages
+            settle_at(shared, s, pose_of(moved))
+        return body
+
+    @wp.func
+    def advance(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        wrench: Wrench,
+        h: wp.float64,
+    ):
+        """Takes the thread's body on by a step, or a stage of rk4; returns it with its rates at the step's instant."""
+        if wp.static(rk4):
+            return runge_kutta(ensemble, state, shared, mine, now, wrench, h)
+        else:
+            return leapfrog(ensemble, shared, mine.sprocket, now, wrench, h)
+
+    return BodyFunctions(
+        center_outside=center_outside,
+        set_heading=set_heading,
+        start_body=start_body,
+        end_body=end_body,
+        plan=plan,
+        weigh=weigh,
+        advance=advance,
+    )

@@ -1,0 +1,71 @@
+"""What a block kernel is made for, and where its threads are."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+
+@dataclass(frozen=True)
+class BlockKind:
+    """A kind of block kernels; one is compiled for each.
+
+    Attributes:
+        Real: wp.float64 or wp.float32.
+        threads: of a block, whole warps.
+        per: rollers of a thread, which has i, i + threads, ... of the chain.
+        sprockets, guides: of each drive.
+        moving: sprockets' centers may move, or have balance wheels.
+        measuring: metrics are taken.
+        rk4: the classical Runge-Kutta scheme instead of leapfrog.
+    """
+
+    Real: type
+    threads: int
+    per: int
+    sprockets: int
+    guides: int
+    moving: bool = False
+    measuring: bool = False
+    rk4: bool = False
+
+    @property
+    def slots(self) -> int:
+        """Most rollers of a drive."""
+        return self.threads * self.per
+
+
+@wp.struct
+class Mine:
+    """Which variant a thread is at, and what of it is its own."""
+
+    variant: wp.int32
+    rollers: wp.int32  # of the variant
+    first: wp.int32  # of its rollers among all
+    memory: wp.int32  # first of its contact memories
+    thread: wp.int32  # of the block
+    sprocket: wp.int32  # that the thread moves, negative for most
+
+
+@cache
+def now_struct(Real: type) -> type:
+    """The struct that says where the time loop is; its weight is `Real`."""
+
+    @wp.struct
+    class Now:
+        """Where the time loop is; all threads of a block agree."""
+
+        step: wp.int32
+        stage: wp.int32  # of the step, 0 to 3 with rk4
+        event: wp.int32  # the next step at which more happens than forces and motion
+        flags: wp.int32  # what happens now, as bits (`block_events`)
+        measured: wp.int32  # 1 in the window, at a step's start
+        window: wp.int32  # 1 in the window
+        weight: Real  # time that this step stands for in the window's sums [s]
+        samples: wp.int32  # tensions of each link that have not gone to its tally yet
+        diverged: wp.int32
+        going: wp.int32  # 0 at the run's last step and where it diverged
+        driven: wp.int32  # sprockets that their moment moves, as bits
+        heeded: wp.int32  # sprockets whose moment is wanted now, as bits
+
+    return Now

@@ -1,0 +1,199 @@
+"""What a block does at some steps only: events, and looks at links, rollers and sprockets for metrics and frames."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from ..frames import frame_writers
+from ..physics.body import in_box
+from ..rows import accessors
+from ..structs import BodyState, Drive, Wrench, types
+from ..sum_structs import Tallies
+from ..sums import STRAND_LOOK_EVERY, add_energy
+from .block_bodies import block_bodies
+from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
+from .block_kind import BlockKind, Mine, now_struct
+from .block_observe import block_observing
+from .block_rows import block_rows
+from .exchange import any_thread
+
+
+@dataclass(frozen=True)
+class LookFunctions:
+    """A block's looks, as functions of kernels."""
+
+    happen: wp.Function
+    see_links: wp.Function
+    see_rollers: wp.Function
+    see_sprocket: wp.Function
+    flush_links: wp.Function
+
+
+@cache
+def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
+    """The functions that look at one variant on a block, when it is time to; `frame` as in `frames.frame_writers`."""
+    Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
+    moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
+    kinds, Now = types(Real), now_struct(Real)
+    of_each = wp.types.vector(per, Real)
+    row, bodies, observe = block_rows(kind), block_bodies(kind), block_observing(kind)
+    frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
+    load, X, Y, vec2 = accessors(Real).load, row.X, row.Y, kinds.vec2
+    barrier, place, link_of = row.talk.barrier, row.place, row.link_of
+    acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
+    center_outside, set_heading, plan = bodies.center_outside, bodies.set_heading, bodies.plan
+
+    @wp.func
+    def flush_links(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, samples: int):
+        """Adds what has been seen of the thread's links to their tallies."""
+        j = int(mine.thread)
+        while j < mine.rollers:
+            observe.flush(ensemble, tallies, shared, mine.variant, j, mine.rollers, samples)
+            j = j + wp.static(threads)
+
+    @wp.func
+    def look_at_strands(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now):
+        """Brings the strands up to date, if it is time to; returns the samples of each link since."""
+        samples = now.samples
+        if now.step % STRAND_LOOK_EVERY == 0 or now.flags & START != 0:
+            if samples > 0:
+                flush_links(ensemble, tallies, shared, mine, samples)
+                samples = 0
+            barrier()
+            if mine.sprocket >= 0:
+                observe.look(shared, mine.rollers, mine.sprocket)
+        if samples == 0:
+            j = int(mine.thread)
+            while j < mine.rollers:
+                observe.begin_seeing(shared, j)
+                j = j + wp.static(threads)
+        return samples
+
+    @wp.func
+    def gone_from(drive: Drive, shared: kinds.Shared, mine: Mine):
+        """1 where a roller of the thread, or its sprocket, is not finite or has left the drive's box."""
+        gone = int(0)
+        j = int(mine.thread)
+        while j < mine.rollers:
+            p = place(shared.rows, j, wp.vec2d(wp.float64(0.0), wp.float64(0.0)))
+            gone = wp.max(gone, int(not in_box(drive, p)))
+            j = j + wp.static(threads)
+        if wp.static(moving):
+            if mine.sprocket >= 0:
+                gone = wp.max(gone, center_outside(drive, shared, mine.sprocket))
+        return gone
+
+    @wp.func
+    def happen(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now):
+        """What is due at this step beside forces and motion; all threads together."""
+        drive = ensemble.drives[mine.variant]
+        now.flags = flags_of(drive, now.step)
+        now.event = next_event(drive, now.step)
+        if wp.static(measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
+            now.window = 1
+            now.weight = Real(drive.step)
+            if now.flags & ENDS != 0:
+                now.weight = Real(0.5) * now.weight
+            now.samples = look_at_strands(ensemble, tallies, shared, mine, now)
+        if now.flags & CHECK != 0:
+            now.diverged = any_thread(gone_from(drive, shared, mine))
+            if mine.sprocket >= 0:
+                set_heading(shared, mine.sprocket)
+            plan(ensemble, shared, mine.variant, mine.thread, now.step)
+            barrier()
+        if now.flags & LAST != 0 or now.diverged != 0:
+            now.going = 0
+        return now
+
+    @wp.func
+    def see_links(
+        state: kinds.State,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        lengths: wp.array[Real],
+        tension: of_each,
+        rate: of_each,
+    ):
+        """Adds the tension of the thread's links to what is seen of them; keeps it where frames or ends want it."""
+        n = mine.rollers
+        if wp.static(measuring) and now.measured != 0:
+            for k in range(wp.static(per)):
+                observe.see(shared, k * wp.static(threads) + mine.thread, tension[k], rate[k], now.weight)
+            now.samples = now.samples + 1
+            if mine.sprocket >= 0:
+                observe.add_middle(shared, n, mine.sprocket)
+        if now.flags & EXTRA != 0:
+            j = int(mine.thread)
+            while j < n:
+                tension_j, rate_j, force = link_of(shared, j, n, load(lengths, j))
+                extra = kinds.Extra()
+                extra.tension = tension_j
+                extra.rate = rate_j
+                state.extra[mine.first + j] = extra
+                j = j + wp.static(threads)
+        return now.samples
+
+    @wp.func
+    def position(shared: kinds.Shared, j: int):
+        """Position of roller j [m]."""
+        return vec2(load(shared.rows, X + j), load(shared.rows, Y + j))
+
+    @wp.func
+    def see_rollers(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+        since: int,
+    ):
+        """Writes the thread's rollers to the frame, and their energy to the tallies, where that is due."""
+        drive = ensemble.drives[mine.variant]
+        j = int(mine.thread)
+        while j < mine.rollers:
+            a = acceleration(shared, j)
+            v = velocity(shared.rows, j)
+            if wp.static(not rk4):
+                if now.step == 0:  # leapfrog's velocities are half a step behind from here on
+                    v = v - Real(0.5) * Real(drive.step) * a
+                    set_velocity(shared, j, v)
+                v = v + Real(0.5) * Real(drive.step) * a
+            if now.flags & EXTRA != 0:
+                extra = state.extra[mine.first + j]
+                if now.flags & FRAME != 0:
+                    at = frame_at(ensemble, state, mine.variant, since, now.step)
+                    write.write_roller(frames, at, mine.rollers, j, position(shared, j), v, extra)
+                if wp.static(measuring) and now.flags & ENDS != 0:
+                    energy = observe.roller_energy(ensemble, shared, mine.variant, j, v, extra)
+                    tally = tallies.roller[mine.first + j]
+                    tallies.roller[mine.first + j] = add_energy(tally, now.flags & START != 0, energy)
+            j = j + wp.static(threads)
+
+    @wp.func
+    def write_frame(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+        since: int,
+        body: BodyState,
+        wrench: Wrench,
+    ):
+        """Writes the thread's sprocket to the frame, where that is due."""
+        if now.flags & FRAME != 0:
+            at = frame_at(ensemble, state, mine.variant, since, now.step)
+            write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, wrench.moment)
+
+    return LookFunctions(
+        happen=happen,
+        see_links=see_links,
+        see_rollers=see_rollers,
+        see_sprocket=write_frame,
+        flush_links=flush_links,
+    )

@@ -1,0 +1,75 @@
+"""Which sprockets and guide-bars the rollers of a block's threads are near, from step to step."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..structs import types
+from .block_forces import block_forces
+from .block_kind import BlockKind, Mine, now_struct
+
+
+@dataclass(frozen=True)
+class PartnerFunctions:
+    """What is done about partners, as functions of kernels."""
+
+    held_by: wp.Function
+    meet: wp.Function
+
+
+@cache
+def block_partners(kind: BlockKind) -> PartnerFunctions:
+    """The functions that keep up who is near what; partners are bits, sprockets before guide-bars."""
+    Real, threads, per, rk4 = kind.Real, kind.threads, kind.per, kind.rk4
+    kinds, Now = types(Real), now_struct(Real)
+    whole_numbers = wp.types.vector(per, wp.int32)
+    forces = block_forces(kind)
+    near, leave, SPROCKETS = forces.near, forces.leave, forces.SPROCKETS
+
+    @wp.func
+    def held_by(shared: kinds.Shared, i: int):
+        """The partners of each of thread i's rollers."""
+        held = whole_numbers()
+        for k in range(wp.static(per)):
+            held[k] = shared.held[k * wp.static(threads) + i]
+        return held
+
+    @wp.func
+    def partners_of(shared: kinds.Shared, j: int, n: int, held: int, stage: int):
+        """The partners that roller j may touch; guide-bars are let go of at a step's start only."""
+        partners = near(shared, j, n)
+        if wp.static(rk4):
+            if stage != 0:
+                partners = partners | (held & ~SPROCKETS)
+        return partners
+
+    @wp.func
+    def meet(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, held: whole_numbers):
+        """Brings up to date what the thread's rollers are near.
+
+        Returns the partners of each, and the thread's rollers near sprockets and near guide-bars, bits of their slots.
+        """
+        n = mine.rollers
+        next_held = whole_numbers()
+        by_teeth = int(0)
+        by_bar = int(0)
+        changed = int(0)
+        for k in range(wp.static(per)):
+            partners = partners_of(shared, k * wp.static(threads) + mine.thread, n, held[k], now.stage)
+            by_teeth = by_teeth | wp.where(partners & SPROCKETS != 0, (1 << k), 0)
+            by_bar = by_bar | wp.where(partners & ~SPROCKETS != 0, (1 << k), 0)
+            changed = changed | (partners ^ held[k])
+            next_held[k] = partners
+        if changed != 0:
+            j = int(mine.thread)
+            while j < n:
+                partners = partners_of(shared, j, n, shared.held[j], now.stage)
+                leave(state, mine.memory + j, n, shared.held[j] & ~partners)
+                shared.held[j] = partners
+                j = j + wp.static(threads)
+            for k in range(wp.static(per)):
+                held[k] = next_held[k]
+        return held, by_teeth, by_bar
+
+    return PartnerFunctions(held_by=held_by, meet=meet)

@@ -1,0 +1,94 @@
+"""The scripts can be imported, do nothing until they are run, and take the words that the documents give them."""
+
+import ast
+import importlib.util
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SCRIPTS = sorted((ROOT / "scripts").glob("*.py"))
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+COMMAND = re.compile(r"\bpython ((?:\./)?scripts/[^\s`]+)([^`\n#]*)")
+
+
+def commands():
+    """Each `python scripts/X.py words` of the documents and of the scripts' own descriptions: where, script, words."""
+    for page in [*PAGES, *SCRIPTS]:
+        text = page.read_text() if page.suffix == ".md" else ast.get_docstring(ast.parse(page.read_text()))
+        for line in text.splitlines():
+            for found in COMMAND.finditer(line):
+                # a line by itself is a command to its end; within a sentence, one in backquotes
+                yield page.name, found[1], found[2]
+
+
+FOUND = list(commands())
+
+
+@pytest.fixture
+def load(monkeypatch):
+    """Imports a script by its path, its neighbors at hand as when it is run."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    before = set(sys.modules)
+
+    def loaded(path):
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    yield loaded
+    for name in {path.stem for path in SCRIPTS} & (set(sys.modules) - before):
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_a_script_can_be_imported_and_does_nothing_then(path, load, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", [str(path), "--no-such-option"])  # who parses this while imported is ended
+    module = load(path)
+    assert capsys.readouterr().out == ""
+    assert callable(module.main)
+    last = ast.parse(path.read_text()).body[-1]
+    assert isinstance(last, ast.If) and ast.unparse(last.test) == "__name__ == '__main__'"
+    assert "main()" in ast.unparse(last.body[0])
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_a_script_tells_what_it_is_for(path, load, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", [str(path), "--help"])
+    with pytest.raises(SystemExit) as left:
+        load(path).main()
+    assert left.value.code == 0
+    assert ast.get_docstring(ast.parse(path.read_text())).splitlines()[0] in capsys.readouterr().out
+
+
+def test_documents_name_commands():
+    """Without any the test below would pass. Every script is named, if only in its own description."""
+    named = {(page, script) for page, script, _ in FOUND}
+    assert {
+        ("teeth.md", "scripts/compare_profiles.py"),
+        ("wear.md", "scripts/wear_study.py"),
+        ("model.md", "scripts/seat_angle_study.py"),
+        ("README.md", "scripts/render_picture.py"),
+    } <= named
+    assert {script for _, script in named} == {f"scripts/{path.name}" for path in SCRIPTS}
+
+
+@pytest.mark.parametrize(("page", "script", "words"), FOUND, ids=lambda value: str(value).strip() or "alone")
+def test_named_commands_are_taken(page, script, words, load):
+    path = ROOT / script
+    assert path in SCRIPTS
+    # words in brackets may be left out; those in capitals stand for others
+    given = [word for word in shlex.split(words) if not re.fullmatch(r"\[?[A-Z]+\]?|\.\.\.\]?", word)]
+    load(path).parser().parse_args([word.strip("[]") for word in given])
+
+
+def test_words_that_a_script_does_not_know_are_refused(load, capsys):
+    for name, words in (("bench_gpu", ["tables"]), ("study_figures", ["a", "b", "c"]), ("render_picture", ["a", "b"])):
+        with pytest.raises(SystemExit) as left:
+            load(ROOT / "scripts" / f"{name}.py").parser().parse_args(words)
+        assert left.value.code == 2
+    assert "'tables': allowed are table, recording, rollers, gpus, headline" in capsys.readouterr().err
