@@ -69,11 +69,16 @@ def renewed(text: str) -> str:
     return text
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    words.add_argument("--check", action="store_true", help="write nothing, tell which documents are out of date")
+    return words
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Writes or checks the documents; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true", help="write nothing, tell which documents are out of date")
-    check = parser.parse_args(words).check
+    check = parser().parse_args(words).check
     stale = 0
     for path in (DOCS / "archive.md", DOCS / "metrics.md"):
         text = path.read_text()

@@ -28,7 +28,7 @@ LEVELS = (
 
 KERNEL_LEVELS = (
     ("root", "trigonometry", "sum_structs"),
-    ("structs", "rows"),
+    ("structs", "rows", "integrate"),
     ("physics",),
     ("sums", "relaxation", "frames"),
     ("cpu", "gpu"),
