@@ -1,15 +1,18 @@
-"""What is added up over the window, in float64: tension, displacement, contacts, work, each step with its weight
-in time.
+"""What is added up over the window, in float64: `add_*` adds what one step has, `merge_*` what another sum has.
+
+The CPU's pass and the block's tallies call the same functions. Their arguments are of any type: products are formed in
+it, then added in float64.
 """
 
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
 from .root import reciprocal
 from .structs import BodyState, Mount, Strand
-from .sum_structs import ContactSums, MountSums, SprocketSums, StrandSums, Totals
+from .sum_structs import ChainSums, ContactSums, LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
 
 STRAND_LOOK_EVERY = wp.constant(16)
 """Steps between two looks at which links lie on a strand; the chain moves a small part of a pitch in between."""
@@ -28,12 +31,74 @@ def after(i: int, n: int):
 
 
 @wp.func
-def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64):
-    """One partner's contacts of one step; `weight` is the time it stands for [s]."""
-    sums.force_max = wp.max(sums.force_max, totals.force_max)
-    sums.impacts = sums.impacts + totals.impacts
-    sums.impulse = sums.impulse + weight * totals.force
-    sums.dissipated = sums.dissipated + weight * totals.dissipated
+def unseen():
+    """A tally of tension that has seen none."""
+    tally = LinkTally()
+    tally.tension_min = wp.float64(1.0e308)
+    tally.tension_max = wp.float64(-1.0e308)
+    return tally
+
+
+@wp.func
+def add_tension(sums: Any, tension: Any):
+    """One link's tension [N] at one step; `sums` is a struct with fields like `LinkTally`'s, which count elsewhere."""
+    value = wp.float64(tension)
+    sums.tension_min = wp.min(sums.tension_min, value)
+    sums.tension_max = wp.max(sums.tension_max, value)
+    sums.tension = sums.tension + value
+    sums.tension_square = sums.tension_square + value * value
+    return sums
+
+
+@wp.func
+def merge_tension(sums: Any, other: Any):
+    """The tension that another such struct has seen."""
+    sums.tension_min = wp.min(sums.tension_min, other.tension_min)
+    sums.tension_max = wp.max(sums.tension_max, other.tension_max)
+    sums.tension = sums.tension + other.tension
+    sums.tension_square = sums.tension_square + other.tension_square
+    return sums
+
+
+@wp.func
+def add_energy(sums: Any, start: bool, energy: wp.float64):
+    """Mechanical energy [J] at the window's start, or else at its end, of `ChainSums` or `RollerTally`."""
+    if start:
+        sums.energy_start = sums.energy_start + energy
+    else:
+        sums.energy_end = sums.energy_end + energy
+    return sums
+
+
+@wp.func
+def merge_roller(sums: ChainSums, tally: RollerTally):
+    """What one roller and its link, or one sprocket, has for the energy balance."""
+    sums.dissipated = sums.dissipated + tally.dissipated
+    sums.energy_start = sums.energy_start + tally.energy_start
+    sums.energy_end = sums.energy_end + tally.energy_end
+    return sums
+
+
+@wp.func
+def add_contact(sums: ContactSums, force: Any, force_max: Any, power: Any, impacts: int, weight: Any):
+    """Contacts of one step: sum and largest of their forces [N], dissipated power [W], how many began.
+
+    `weight` is the time that the step stands for [s].
+    """
+    sums.force_max = wp.max(sums.force_max, wp.float64(force_max))
+    sums.impacts = sums.impacts + impacts
+    sums.impulse = sums.impulse + wp.float64(weight * force)
+    sums.dissipated = sums.dissipated + wp.float64(weight * power)
+    return sums
+
+
+@wp.func
+def merge_contact(sums: ContactSums, other: ContactSums):
+    """What other contacts of the same partner have."""
+    sums.force_max = wp.max(sums.force_max, other.force_max)
+    sums.impacts = sums.impacts + other.impacts
+    sums.impulse = sums.impulse + other.impulse
+    sums.dissipated = sums.dissipated + other.dissipated
     return sums
 
 

@@ -15,7 +15,6 @@ from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, 
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
-from warpchain.engine.recorder import frame_width
 from warpchain.engine.settling import elastic
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
@@ -23,6 +22,7 @@ from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.relaxation import Settling
+from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.schedule import Schedule
 
 
@@ -66,7 +66,7 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
         ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large)
         sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
         frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
-        kernel = block_kernel(kind, 4)
+        kernel = block_kernel(kind, 4, FRAME)
         order: wp.array = wp.array(np.arange(blocks), dtype=wp.int32, device="cpu")
         inputs = [ensemble, state, sums, tallies, frames, order, 301 if measuring else 100, 0]
         wp.launch(kernel, dim=blocks * shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")

@@ -31,7 +31,7 @@ KERNEL_LEVELS = (
     ("structs", "rows"),
     ("integrate",),
     ("physics",),
-    ("sums", "relaxation"),
+    ("sums", "relaxation", "frames"),
     ("cpu", "gpu"),
 )
 STUDY_LEVELS = (("tables",), ("results",), ("spec",), ("design",), ("run",), ("analysis",), ("report",))

@@ -2,32 +2,37 @@
 
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
+from ..frames import frame_writers
 from ..physics.body import body_energy, held_by
 from ..physics.motion import load_at, load_at_speed
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums
-from ..sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_mount, add_sprocket, following
+from ..sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_energy, add_mount, add_sprocket, following
 from .rollers import passes, rows
 from .steps import moving
 from .tallies import tallies
 
 
 @cache
-def observing(Real: type, capacity: int) -> SimpleNamespace:
-    """The functions that look at one variant, for rows of `capacity` values of type `Real`."""
+def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
+    """The functions that look at one variant, for rows of `capacity` values of type `Real`; `frame` as in `frames`."""
     kinds = types(Real)
+    vec2 = kinds.vec2
     tally = tallies(Real, capacity)
     follow = following(Real).follow
     load = accessors(Real).load
     acceleration = passes(Real, capacity).acceleration
     body_now = moving(Real).body_now
-    at = rows(capacity)
-    X, Y, VX, VY = at.x, at.y, at.vx, at.vy
-    TENSION, SPROCKET_FORCE, GUIDE_FORCE = at.tension, at.sprocket_force, at.guide_force
+    row = rows(capacity)
+    X, Y, VX, VY = row.x, row.y, row.vx, row.vy
+    TENSION, RATE, SPROCKET_FORCE, GUIDE_FORCE = row.tension, row.rate, row.sprocket_force, row.guide_force
+    write = frame_writers(Real, frame)
+    write_roller, write_sprocket, width = write.write_roller, write.write_sprocket, write.width
 
     @wp.func
     def mechanical_energy(
@@ -94,13 +99,14 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
             weight = wp.float64(0.5) * weight
         chain_sums = tally.add_links(w, n, chain, sums.chain[variant], weight)
         if step == drive.window_start:
-            chain_sums.energy_start = mechanical_energy(ensemble, state, drive, chain, w, time, back)
+            chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, w, time, back))
         if step == drive.window_end:
-            chain_sums.energy_end = mechanical_energy(ensemble, state, drive, chain, w, time, back)
+            chain_sums = add_energy(chain_sums, False, mechanical_energy(ensemble, state, drive, chain, w, time, back))
         sums.chain[variant] = chain_sums
         for p in range(drive.sprockets + drive.guides):
             i = drive.first_sprocket + drive.first_guide + p
-            sums.contact[i] = add_contact(sums.contact[i], state.totals[i], weight)
+            of = state.totals[i]
+            sums.contact[i] = add_contact(sums.contact[i], of.force, of.force_max, of.dissipated, of.impacts, weight)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, time, back, weight)
         for s in range(drive.sprockets):
@@ -111,6 +117,16 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
                 state.strands[i] = strand
             strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
             sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
+
+    @wp.func
+    def seen(w: wp.array(dtype=Real), i: int):
+        """What a frame wants of roller i beside its motion."""
+        of = kinds.Extra()
+        of.tension = load(w, TENSION + i)
+        of.rate = load(w, RATE + i)
+        of.sprocket_force = load(w, SPROCKET_FORCE + i)
+        of.guide_force = load(w, GUIDE_FORCE + i)
+        return of
 
     @wp.func
     def sample(
@@ -124,27 +140,18 @@ def observing(Real: type, capacity: int) -> SimpleNamespace:
         time: wp.float64,
         back: wp.float64,
     ):
-        """Writes one frame: rows x, y, vx, vy, tension, sprocket force, guide force; then 5 values a sprocket."""
+        """Writes the frame that begins at `first`; the velocities are those of a time `back` before it [s]."""
         n = drive.rollers
+        at = int(first)
         inverse_mass = chain.inverse_mass
         for i in range(n):
             a = acceleration(w, i, inverse_mass, chain.gravity)
-            at_roller = int(first) + i
-            frames[at_roller] = load(w, X + i)
-            frames[at_roller + n] = load(w, Y + i)
-            frames[at_roller + 2 * n] = load(w, VX + i) + Real(back) * a[0]
-            frames[at_roller + 3 * n] = load(w, VY + i) + Real(back) * a[1]
-            frames[at_roller + 4 * n] = load(w, TENSION + i)
-            frames[at_roller + 5 * n] = load(w, SPROCKET_FORCE + i)
-            frames[at_roller + 6 * n] = load(w, GUIDE_FORCE + i)
+            position = vec2(load(w, X + i), load(w, Y + i))
+            velocity = vec2(load(w, VX + i) + Real(back) * a[0], load(w, VY + i) + Real(back) * a[1])
+            write_roller(frames, at, n, i, position, velocity, seen(w, i))
         for s in range(drive.sprockets):
             b = drive.first_body + s
             body = body_now(ensemble, state, b, time, back)
-            at_sprocket = int(first) + 7 * n + 5 * s
-            frames[at_sprocket] = Real(body.angle)
-            frames[at_sprocket + 1] = Real(body.speed)
-            frames[at_sprocket + 2] = Real(state.wrenches[b].moment)
-            frames[at_sprocket + 3] = Real(body.center[0])
-            frames[at_sprocket + 4] = Real(body.center[1])
+            write_sprocket(frames, at, n, s, body, state.wrenches[b].moment)
 
     return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})

@@ -5,6 +5,7 @@ recorded is brought to the same instant, v(n) = v(n - 1/2) + h a(n) / 2.
 """
 
 from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -20,12 +21,15 @@ SCRATCH_ROWS = len(ROWS) + len(RK4_ROWS)
 
 
 @cache
-def advance_kernel(Real: type, capacity: int) -> wp.Kernel:
-    """The kernel that takes variants through a block of steps, for up to `capacity` - 1 rollers."""
+def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
+    """The kernel that takes variants through a block of steps, for up to `capacity` - 1 rollers.
+
+    Frames lie as `frame` says (`frames.frame_writers`).
+    """
     kinds = types(Real)
     part = passes(Real, capacity)
     do = stepping(Real, capacity)
-    look = observing(Real, capacity)
+    look = observing(Real, capacity, frame)
     evaluate = evaluating(Real, capacity).evaluate
     inside, centers_inside = part.inside, moving(Real).centers_inside
 
@@ -47,7 +51,7 @@ def advance_kernel(Real: type, capacity: int) -> wp.Kernel:
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
         end = wp.min(progress.step + block, drive.steps + 1)
-        frame = drive.first_value
+        at = drive.first_value
         step = progress.step
         while step < end and progress.diverged == 0:
             time = wp.float64(step) * drive.step
@@ -62,8 +66,8 @@ def advance_kernel(Real: type, capacity: int) -> wp.Kernel:
                         look.measure(ensemble, state, sums, variant, drive, chain, w, step, lag)
                     if drive.sample_every > 0:
                         if step % drive.sample_every == 0:
-                            look.sample(ensemble, state, drive, chain, w, frames, frame, time, lag)
-                            frame = frame + wp.int64(7 * n + 5 * drive.sprockets)
+                            look.sample(ensemble, state, drive, chain, w, frames, at, time, lag)
+                            at = at + wp.int64(look.width(n, drive.sprockets))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
                         if inside(w, n, drive.low, drive.high) == 0 or centers_inside(state, drive) == 0:
                             progress.diverged = 1

@@ -8,7 +8,7 @@ import warp as wp
 from ..rows import accessors
 from ..structs import Strand, types
 from ..sum_structs import ChainSums, StrandSums
-from ..sums import after, displacement
+from ..sums import add_tension, after, displacement, merge_tension, unseen
 from .rollers import rows
 
 
@@ -24,26 +24,15 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
     @wp.func
     def add_links(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, sums: ChainSums, weight: wp.float64):
         """Tension of every link, and the power of the links' dampers."""
-        lowest = Real(sums.tension_min)
-        highest = Real(sums.tension_max)
-        total = wp.float64(0.0)
-        square = wp.float64(0.0)
+        seen = unseen()
         rates = Real(0.0)
         i = int(0)
         while i < n:
-            tension = load(w, TENSION + i)
-            lowest = wp.min(lowest, tension)
-            highest = wp.max(highest, tension)
-            value = wp.float64(tension)
-            total += value
-            square += value * value
+            seen = add_tension(seen, load(w, TENSION + i))
             rate = load(w, RATE + i)
             rates += rate * rate
             i = i + 1
-        sums.tension_min = wp.float64(lowest)
-        sums.tension_max = wp.float64(highest)
-        sums.tension = sums.tension + total
-        sums.tension_square = sums.tension_square + square
+        sums = merge_tension(sums, seen)
         sums.samples = sums.samples + wp.int64(1)
         sums.dissipated = sums.dissipated + weight * wp.float64(chain.damping * rates)
         return sums
@@ -64,25 +53,14 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
     @wp.func
     def add_strand_links(w: wp.array(dtype=Real), n: int, strand: Strand, sums: StrandSums):
         """Tension of the links between the strand's two tangent points."""
-        lowest = Real(sums.tension_min)
-        highest = Real(sums.tension_max)
-        total = wp.float64(0.0)
-        square = wp.float64(0.0)
+        seen = unseen()
         link = strand.first_link
         count = int(0)
         while count < strand.links:
-            tension = load(w, TENSION + link)
-            lowest = wp.min(lowest, tension)
-            highest = wp.max(highest, tension)
-            value = wp.float64(tension)
-            total += value
-            square += value * value
+            seen = add_tension(seen, load(w, TENSION + link))
             link = after(link, n)
             count = count + 1
-        sums.tension_min = wp.float64(lowest)
-        sums.tension_max = wp.float64(highest)
-        sums.tension = sums.tension + total
-        sums.tension_square = sums.tension_square + square
+        sums = merge_tension(sums, seen)
         sums.links = sums.links + wp.int64(strand.links)
         return sums
 

@@ -6,6 +6,7 @@ Whatever does not happen every step waits for the next event. One kernel is made
 """
 
 from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -23,17 +24,18 @@ from .block_rows import block_rows
 
 
 @cache
-def block_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
+def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     """The kernel for drives of a kind.
 
     Launch it with `dim` = variants * threads and `block_dim` = threads. `blocks` is how many blocks the compiler is to
-    make room for on a multiprocessor; it bounds the registers of a thread.
+    make room for on a multiprocessor; it bounds the registers of a thread. Frames lie as `frame` says
+    (`frames.frame_writers`).
     """
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
-    looks, partners = block_looks(kind), block_partners(kind)
+    looks, partners = block_looks(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.talk.barrier, row.talk.shared_arrays, row.talk.view
     pull, acceleration, velocity = row.pull, row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move

@@ -2,9 +2,11 @@
 
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
+from ..frames import frame_writers
 from ..structs import DIVERGENCE_CHECK, Drive, types
 from ..sums import STRAND_LOOK_EVERY
 
@@ -56,9 +58,10 @@ def flags_of(drive: Drive, step: int):
 
 
 @cache
-def block_events(Real: type, sprockets: int) -> SimpleNamespace:
-    """Where frames go, for drives of this number of sprockets."""
+def block_events(Real: type, sprockets: int, frame: Any) -> SimpleNamespace:
+    """Where frames go, for drives of this number of sprockets; they lie as `frame` says (`frames.frame_writers`)."""
     kinds = types(Real)
+    width = frame_writers(Real, frame).width
 
     @wp.func
     def frame_at(ensemble: kinds.Ensemble, state: kinds.State, variant: int, since: int, step: int):
@@ -67,6 +70,6 @@ def block_events(Real: type, sprockets: int) -> SimpleNamespace:
         every = drive.sample_every
         first = state.progress[variant].step - since
         number = step // every - (first + every - 1) // every
-        return int(drive.first_value) + number * (7 * drive.rollers + wp.static(5 * sprockets))
+        return int(drive.first_value) + number * width(drive.rollers, wp.static(sprockets))
 
     return SimpleNamespace(frame_at=frame_at)

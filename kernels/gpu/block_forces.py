@@ -12,6 +12,7 @@ from ..physics.contact import in_teeth, on_guide, reaction, respond, tracked_sea
 from ..rows import accessors
 from ..structs import Drive, Wrench, types
 from ..sum_structs import Tallies
+from ..sums import add_contact
 from .block_events import EXTRA
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
@@ -91,13 +92,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         if before == Real(0.0) and now.stage == 0:
             store(state.impact_speed, at, first)
         if now.measured != 0:
-            sums = tallies.contact
-            sums[at].impulse = sums[at].impulse + wp.float64(now.weight * size)
-            sums[at].dissipated = sums[at].dissipated + wp.float64(now.weight * power)
-            if wp.float64(size) > sums[at].force_max:
-                sums[at].force_max = wp.float64(size)
-            if before == Real(0.0):
-                sums[at].impacts = sums[at].impacts + 1
+            begun = wp.where(before == Real(0.0), 1, 0)
+            tallies.contact[at] = add_contact(tallies.contact[at], size, size, power, begun, now.weight)
 
     @wp.func
     def open(state: kinds.State, now: Now, at: int, before: Real):

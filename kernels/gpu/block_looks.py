@@ -2,14 +2,16 @@
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import warp as wp
 
+from ..frames import frame_writers
 from ..physics.body import in_box
 from ..rows import accessors
 from ..structs import BodyState, Drive, Wrench, types
 from ..sum_structs import Tallies
-from ..sums import STRAND_LOOK_EVERY
+from ..sums import STRAND_LOOK_EVERY, add_energy
 from .block_bodies import block_bodies
 from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
 from .block_kind import BlockKind, Mine, now_struct
@@ -30,15 +32,15 @@ class LookFunctions:
 
 
 @cache
-def block_looks(kind: BlockKind) -> LookFunctions:
-    """The functions that look at one variant on a block, when it is time to."""
+def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
+    """The functions that look at one variant on a block, when it is time to; `frame` as in `frames.frame_writers`."""
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     of_each = wp.types.vector(per, Real)
     row, bodies, observe = block_rows(kind), block_bodies(kind), block_observing(kind)
-    frame_at = block_events(Real, sprockets).frame_at
-    load = accessors(Real).load
+    frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
+    load, X, Y, vec2 = accessors(Real).load, row.X, row.Y, kinds.vec2
     barrier, place, link_of = row.talk.barrier, row.place, row.link_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
     center_outside, set_heading, plan = bodies.center_outside, bodies.set_heading, bodies.plan
@@ -135,6 +137,11 @@ def block_looks(kind: BlockKind) -> LookFunctions:
         return now.samples
 
     @wp.func
+    def position(shared: kinds.Shared, j: int):
+        """Position of roller j [m]."""
+        return vec2(load(shared.rows, X + j), load(shared.rows, Y + j))
+
+    @wp.func
     def see_rollers(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -160,11 +167,11 @@ def block_looks(kind: BlockKind) -> LookFunctions:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, mine.variant, since, now.step)
-                    observe.write_roller(frames, at, mine.rollers, shared, j, v, extra)
+                    write.write_roller(frames, at, mine.rollers, j, position(shared, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
                     energy = observe.roller_energy(ensemble, shared, mine.variant, j, v, extra)
                     tally = tallies.roller[mine.first + j]
-                    tallies.roller[mine.first + j] = observe.with_energy(tally, now.flags & START, energy)
+                    tallies.roller[mine.first + j] = add_energy(tally, now.flags & START != 0, energy)
             j = j + wp.static(threads)
 
     @wp.func
@@ -181,7 +188,7 @@ def block_looks(kind: BlockKind) -> LookFunctions:
         """Writes the thread's sprocket to the frame, where that is due."""
         if now.flags & FRAME != 0:
             at = frame_at(ensemble, state, mine.variant, since, now.step)
-            observe.write_sprocket(frames, at + 7 * mine.rollers + 5 * mine.sprocket, body, wrench.moment)
+            write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, wrench.moment)
 
     return LookFunctions(
         happen=happen,

@@ -1,4 +1,4 @@
-"""What a block's threads take from an evaluated step: sums of the window, the energy balance, and frames.
+"""What a block's threads take from an evaluated step: sums of the window, and the energy balance.
 
 A thread adds up its own links' tension over `STRAND_LOOK_EVERY` steps, then adds that to the tally of the strand that
 the link is on; one thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
@@ -13,8 +13,19 @@ from ..physics.body import body_energy, held_by
 from ..physics.motion import load_at_speed
 from ..rows import accessors
 from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
-from ..sum_structs import ContactSums, RollerTally, StrandSums, Sums, Tallies
-from ..sums import add_displacement, add_mount, add_sprocket, displacement, following
+from ..sum_structs import ContactSums, LinkTally, Sums, Tallies
+from ..sums import (
+    add_displacement,
+    add_energy,
+    add_mount,
+    add_sprocket,
+    displacement,
+    following,
+    merge_contact,
+    merge_roller,
+    merge_tension,
+    unseen,
+)
 from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
@@ -77,17 +88,16 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         """Adds what has been seen of link j at `samples` steps to its tally of the strand it is on."""
         drive = ensemble.drives[variant]
         at = drive.first_tally + category_of(shared, j, n) * n + j
-        lowest = wp.float64(load(shared.seen, LOWEST + j))
-        highest = wp.float64(load(shared.seen, HIGHEST + j))
+        seen = LinkTally()
+        seen.tension_min = wp.float64(load(shared.seen, LOWEST + j))
+        seen.tension_max = wp.float64(load(shared.seen, HIGHEST + j))
+        seen.tension = wp.float64(load(shared.seen, TENSION + j))
+        seen.tension_square = wp.float64(load(shared.seen, SQUARE + j))
         tally = tallies.link[at]
         if tally.samples == wp.int64(0):
-            tally.tension_min = lowest
-            tally.tension_max = highest
+            tally = unseen()
+        tally = merge_tension(tally, seen)
         tally.samples = tally.samples + wp.int64(samples)
-        tally.tension_min = wp.min(tally.tension_min, lowest)
-        tally.tension_max = wp.max(tally.tension_max, highest)
-        tally.tension = tally.tension + wp.float64(load(shared.seen, TENSION + j))
-        tally.tension_square = tally.tension_square + wp.float64(load(shared.seen, SQUARE + j))
         tallies.link[at] = tally
         roller = tallies.roller[drive.first_roller + j]
         power = wp.float64(ensemble.chains[variant].damping) * wp.float64(load(shared.seen, RATE + j))
@@ -126,15 +136,6 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         return moving_part + elastic - mass * lift + wp.float64(extra.energy)
 
     @wp.func
-    def with_energy(tally: RollerTally, start: int, energy: wp.float64):
-        """The tally with more energy at the window's start if `start`, else at its end."""
-        if start != 0:
-            tally.energy_start = tally.energy_start + energy
-        else:
-            tally.energy_end = tally.energy_end + energy
-        return tally
-
-    @wp.func
     def observe_sprocket(
         ensemble: kinds.Ensemble,
         tallies: Tallies,
@@ -165,30 +166,8 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         if now.flags & ENDS != 0:
             at = drive.first_sprocket + s
             energy = body_energy(body, motion, mount)
-            tallies.sprocket[at] = with_energy(tallies.sprocket[at], now.flags & START, energy)
+            tallies.sprocket[at] = add_energy(tallies.sprocket[at], now.flags & START != 0, energy)
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
-
-    @wp.func
-    def write_roller(
-        frames: wp.array(dtype=Real), at: int, n: int, shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra
-    ):
-        """Roller j in a frame whose first value is at `at`, laid out as by `observe.sample`."""
-        frames[at + j] = load(shared.rows, X + j)
-        frames[at + n + j] = load(shared.rows, Y + j)
-        frames[at + 2 * n + j] = v[0]
-        frames[at + 3 * n + j] = v[1]
-        frames[at + 4 * n + j] = extra.tension
-        frames[at + 5 * n + j] = extra.sprocket_force
-        frames[at + 6 * n + j] = extra.guide_force
-
-    @wp.func
-    def write_sprocket(frames: wp.array(dtype=Real), at: int, body: BodyState, moment: wp.float64):
-        """One sprocket's part of a frame."""
-        frames[at] = Real(body.angle)
-        frames[at + 1] = Real(body.speed)
-        frames[at + 2] = Real(moment)
-        frames[at + 3] = Real(body.center[0])
-        frames[at + 4] = Real(body.center[1])
 
     return SimpleNamespace(
         **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},
@@ -204,50 +183,29 @@ def collect(drives: wp.array(dtype=Drive), tallies: Tallies, sums: Sums):
     chain = sums.chain[variant]
     samples = wp.int64(0)
     for c in range(drive.sprockets + 1):
-        strand = StrandSums()
-        strand.tension_min = wp.float64(1.0e308)
-        strand.tension_max = wp.float64(-1.0e308)
+        strand = unseen()
         for i in range(n):
             tally = tallies.link[drive.first_tally + c * n + i]
             if tally.samples > wp.int64(0):
-                strand.links = strand.links + tally.samples
-                strand.tension_min = wp.min(strand.tension_min, tally.tension_min)
-                strand.tension_max = wp.max(strand.tension_max, tally.tension_max)
-                strand.tension = strand.tension + tally.tension
-                strand.tension_square = strand.tension_square + tally.tension_square
-        chain.tension_min = wp.min(chain.tension_min, strand.tension_min)
-        chain.tension_max = wp.max(chain.tension_max, strand.tension_max)
-        chain.tension = chain.tension + strand.tension
-        chain.tension_square = chain.tension_square + strand.tension_square
-        samples = samples + strand.links
+                strand = merge_tension(strand, tally)
+                strand.samples = strand.samples + tally.samples
+        chain = merge_tension(chain, strand)
+        samples = samples + strand.samples
         if c < drive.sprockets:
-            mine = sums.strand[drive.first_sprocket + c]
-            mine.links = strand.links
-            mine.tension_min = strand.tension_min
-            mine.tension_max = strand.tension_max
-            mine.tension = strand.tension
-            mine.tension_square = strand.tension_square
+            mine = merge_tension(sums.strand[drive.first_sprocket + c], strand)
+            mine.links = mine.links + strand.samples
             sums.strand[drive.first_sprocket + c] = mine
     chain.samples = samples / wp.int64(n)
     for i in range(n):
-        roller = tallies.roller[drive.first_roller + i]
-        chain.dissipated = chain.dissipated + roller.dissipated
-        chain.energy_start = chain.energy_start + roller.energy_start
-        chain.energy_end = chain.energy_end + roller.energy_end
+        chain = merge_roller(chain, tallies.roller[drive.first_roller + i])
     for s in range(drive.sprockets):
-        sprocket = tallies.sprocket[drive.first_sprocket + s]
-        chain.energy_start = chain.energy_start + sprocket.energy_start
-        chain.energy_end = chain.energy_end + sprocket.energy_end
+        chain = merge_roller(chain, tallies.sprocket[drive.first_sprocket + s])
     sums.chain[variant] = chain
     memory = drive.first_contact
     for p in range(drive.sprockets + drive.guides):
         at = drive.first_sprocket + drive.first_guide + p
         total = ContactSums()
         for i in range(n):
-            contact = tallies.contact[memory + i]
-            total.force_max = wp.max(total.force_max, contact.force_max)
-            total.impacts = total.impacts + contact.impacts
-            total.impulse = total.impulse + contact.impulse
-            total.dissipated = total.dissipated + contact.dissipated
+            total = merge_contact(total, tallies.contact[memory + i])
         sums.contact[at] = total
         memory = memory + n

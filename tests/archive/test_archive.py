@@ -13,7 +13,7 @@ from drives import two_sprockets
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.results.run import CHANNELS
+from warpchain.results.channels import NAMES
 
 
 def drives():
@@ -47,7 +47,7 @@ def test_channels_that_were_not_recorded_stay_none(tmp_path):
     part = simulate(drives(), record=Record(variants=[1], channels=("tension", "sprocket_speed")))
     back = read_archive(write_archive(part, tmp_path / "a.mcap"))
     assert_same(part, back)
-    assert [name for name in CHANNELS if getattr(back[1], name) is not None] == ["tension", "sprocket_speed"]
+    assert [name for name in NAMES if getattr(back[1], name) is not None] == ["tension", "sprocket_speed"]
     with pytest.raises(SimulationError, match="variant 0 was not recorded"):
         back[0]
 

@@ -16,7 +16,7 @@ from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
 from warpchain.archive.parts import Parts
 from warpchain.errors import ArchiveError, SimulationError, WarpchainError
-from warpchain.results.tables import DIMENSIONS, UNITS
+from warpchain.results.channels import CHANNEL, UNITS
 
 
 @pytest.fixture(scope="module")
@@ -177,7 +177,7 @@ def test_xarray_dataset_has_dimensions_units_and_names(run):
     data = run[1].to_xarray()
     assert dict(data.sizes) == {"time": len(run[1].time), "roller": 64, "link": 64, "axis": 2, "sprocket": 2}
     for name, values in run[1].channels().items():
-        assert data[name].dims == DIMENSIONS[name]
+        assert data[name].dims == CHANNEL[name].dimensions
         assert data[name].attrs["units"] == UNITS[name]
         assert np.shares_memory(data[name].values, values)
     speed = data["sprocket_speed"].sel(sprocket="driven").sel(time=0.001, method="nearest")

@@ -14,10 +14,10 @@ from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
 from warpchain.engine.gpu import Bucket, GpuEngine, kernel_shape, launch_steps, refusal, rows_apart
 from warpchain.engine.pack import pack
-from warpchain.engine.recorder import frame_width
 from warpchain.errors import SimulationError
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.exchange import room
+from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
 STEPS = 200

@@ -14,7 +14,6 @@ from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, 
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
-from warpchain.engine.recorder import frame_width
 from warpchain.engine.settling import elastic
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
@@ -22,6 +21,7 @@ from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.relaxation import Settling
+from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.schedule import Schedule
 
 FOREVER = 10**8
@@ -130,7 +130,7 @@ def run_blocks(packed, shape, blocks, order, frames):
     ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, len(order)))
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
     threads = shape.threads
-    kernel = block_kernel(kind_of(packed, shape), 4)
+    kernel = block_kernel(kind_of(packed, shape), 4, FRAME)
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
         inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
@@ -217,7 +217,7 @@ def test_metrics_from_the_first_step(fibers, drives):
     ("form", "blocks"), [((640, 1, 3, 1, True, True), 1), ((768, 1, 2, 0), 1), ((192, 1, 31, 0, False, True), 4)]
 )
 def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, blocks):
-    kernel = block_kernel(BlockKind(wp.float64, *form), blocks)  # ptxas refuses what asks for more than 48 KiB
+    kernel = block_kernel(BlockKind(wp.float64, *form), blocks, FRAME)  # ptxas refuses what asks for more than 48 KiB
     wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
 
@@ -239,10 +239,10 @@ def test_where_launches_end_does_not_matter(fibers, drives):
 @pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
 def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch):
     for kernel in (
-        block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4),
-        block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True), 16),
-        block_kernel(BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True), 4),
-        block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True, rk4=True), 4),
+        block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
+        block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True), 16, FRAME),
+        block_kernel(BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True), 4, FRAME),
+        block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True, rk4=True), 4, FRAME),
         block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
     ):
         wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(tmp_path))

@@ -8,8 +8,9 @@ from drives import two_sprockets
 
 from warpchain import Record, simulate
 from warpchain.errors import SimulationError
+from warpchain.results.columns import unit_of
 from warpchain.results.fatigue import Woehler
-from warpchain.results.metrics import design_row, unit_of
+from warpchain.results.metrics import design_row
 from warpchain.results.objectives import (
     add_objectives,
     engagement_impulses,

@@ -16,8 +16,8 @@ from study_helpers import tiny_drive, write_study
 from warpchain import Record, read_archive, simulate
 from warpchain.drive import load_drive
 from warpchain.engine import simulation
-from warpchain.engine.sums import metric_names
 from warpchain.errors import SimulationError, StudyError, WarpchainError
+from warpchain.results.columns import metric_names
 from warpchain.results.fatigue import Woehler
 from warpchain.results.objectives import from_trajectory
 from warpchain.study.results import read_results

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.archive import schema
-from warpchain.results.run import CHANNELS, Trajectory
+from warpchain.results.channels import CHANNEL, NAMES, OF_ROLLERS, OF_SPROCKETS
+from warpchain.results.run import Trajectory
 
 MESSAGE = 0x05
 """Opcode of a message record."""
@@ -33,7 +34,6 @@ HEADER = np.dtype(
 """Head of a message record; `length` counts what follows it."""
 LENGTH_STARTS = 9
 """Where a record's length begins to count."""
-STATE_SCALARS = ("sprocket_angle", "sprocket_speed", "sprocket_moment")
 JOINT_ARRAYS = {"position": "sprocket_angle", "velocity": "sprocket_speed", "effort": "sprocket_moment"}
 """Channel of a trajectory that each array of a JointState carries."""
 COLOR_STEPS = 1024
@@ -103,7 +103,7 @@ class Form:
         packed = values or precision
         exact = exact and "position" in held and packed == "float32" and precision == "float64"
         names = tuple(sprocket.name for sprocket in drive.sprockets)
-        return cls(drive.chain.links, names, tuple(n for n in CHANNELS if n in held), precision, packed, exact, variant)
+        return cls(drive.chain.links, names, tuple(n for n in NAMES if n in held), precision, packed, exact, variant)
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -121,12 +121,11 @@ class Form:
         """numpy's name of a channel's type as it is read back."""
         if channel == "position" and self.exact:
             return "float64"
-        return self.values if channel in schema.ROLLER_FIELDS else self.precision
+        return self.precision if CHANNEL[channel].of_sprocket else self.values
 
     def shape(self, channel: str) -> tuple[int, ...]:
         """A channel's shape in one frame."""
-        per = self.links if channel in schema.ROLLER_FIELDS else len(self.sprockets)
-        return (per, 2) if channel in ("position", "velocity", "sprocket_center") else (per,)
+        return CHANNEL[channel].shape(self.links, len(self.sprockets))
 
 
 @dataclass(frozen=True)
@@ -195,10 +194,10 @@ class FrameLayout:
         """Puts a trajectory's values into their places."""
         points = frames["rollers"]["body"]["data"]
         for channel, values in chunk.channels().items():
-            if channel in schema.ROLLER_FIELDS:
-                points[channel] = values
-            else:
+            if CHANNEL[channel].of_sprocket:
                 frames["state"]["body"][channel] = values
+            else:
+                points[channel] = values
         points["color"] = _color_table().take(_color_index(chunk, points.shape, full_scale))
         if self.form.exact:
             frames["positions"]["body"]["position"] = chunk.position
@@ -221,10 +220,10 @@ class FrameLayout:
         for channel in self.form.channels:
             if channel == "position" and self.form.exact:
                 held[channel] = frames["positions"]["body"]["position"]
-            elif channel in schema.ROLLER_FIELDS:
-                held[channel] = frames["rollers"]["body"]["data"][channel]
-            else:
+            elif CHANNEL[channel].of_sprocket:
                 held[channel] = frames["state"]["body"][channel]
+            else:
+                held[channel] = frames["rollers"]["body"]["data"][channel]
         return held
 
 
@@ -246,10 +245,10 @@ def _rollers(form: Form) -> _Parts:
     code = np.dtype(form.values).newbyteorder("<")
     point = _Parts()
     point.template += bytes(layout.itemsize)
-    for channel, fields in schema.ROLLER_FIELDS.items():
-        if channel in form.channels:
-            kind = np.dtype((code, (len(fields),))) if len(fields) > 1 else code
-            point.fields[channel] = (kind, offset_of(layout, fields[0]))
+    for channel in OF_ROLLERS:
+        if channel.name in form.channels:
+            kind = np.dtype((code, (len(channel.components),))) if channel.components else code
+            point.fields[channel.name] = (kind, offset_of(layout, channel.fields[0]))
     point.fields["color"] = (np.dtype("<u4"), offset_of(layout, schema.COLOR_FIELDS[0]))
     body = _Parts()
     body.stamp()
@@ -262,11 +261,9 @@ def _state(form: Form) -> _Parts:
     body = _Parts()
     body.constant(b"\x09")
     body.value("time", "<f8")
-    for number, name in enumerate(STATE_SCALARS, start=2):
-        if name in form.channels:
-            body.tagged(number, name, ("<f8", (len(form.sprockets),)))
-    if "sprocket_center" in form.channels:
-        body.tagged(5, "sprocket_center", ("<f8", (len(form.sprockets), 2)))
+    for number, channel in enumerate(OF_SPROCKETS, start=2):
+        if channel.name in form.channels:
+            body.tagged(number, channel.name, ("<f8", channel.shape(form.links, len(form.sprockets))))
     return body
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING, Any
 
+from warpchain.results.channels import OF_SPROCKETS
+
 if TYPE_CHECKING:
     from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto
     from google.protobuf.message import Message
@@ -45,8 +47,7 @@ MESSAGES = {
     "repeated TriangleListPrimitive triangles, repeated TextPrimitive texts, repeated ModelPrimitive models",
     "foxglove.SceneEntityDeletion": "Timestamp timestamp, enum Type type, string id",
     "foxglove.SceneUpdate": "repeated SceneEntityDeletion deletions, repeated SceneEntity entities",
-    "warpchain.State": "double time, repeated double sprocket_angle, repeated double sprocket_speed, "
-    "repeated double sprocket_moment, repeated double sprocket_center",
+    "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in OF_SPROCKETS)]),
     "warpchain.Positions": "Timestamp timestamp, repeated double position",
 }
 """Fields of each message, numbered from 1 in the order given; a message stands after those that it uses."""

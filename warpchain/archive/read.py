@@ -11,8 +11,9 @@ from warpchain.archive import schema
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.parts import archive_files, cut_files
 from warpchain.archive.tracks import LazyDrives, Tracks
-from warpchain.errors import ArchiveError, SimulationError
-from warpchain.results.run import CHANNELS, Run, RunInfo, Trajectory
+from warpchain.errors import ArchiveError
+from warpchain.results.channels import NAMES
+from warpchain.results.run import Run, RunInfo, Trajectory, check_names
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,7 +62,7 @@ class Archive(Run):
         variant: int,
         start: float | None = None,
         end: float | None = None,
-        channels: Sequence[str] = CHANNELS,
+        channels: Sequence[str] = NAMES,
     ) -> Trajectory:
         """Part of a variant's trajectory; reads only the chunks that hold it.
 
@@ -82,7 +83,7 @@ class Archive(Run):
         variant: int,
         start: float | None = None,
         end: float | None = None,
-        channels: Sequence[str] = CHANNELS,
+        channels: Sequence[str] = NAMES,
     ) -> Iterator[Trajectory]:
         """The same chunk by chunk: the arrays are read-only views of the chunk's bytes, without copies.
 
@@ -92,9 +93,7 @@ class Archive(Run):
         return self._asked(variant, channels).blocks(variant, start, end, channels)
 
     def _asked(self, variant: int, channels: Sequence[str]) -> Tracks:
-        for channel in channels:
-            if channel not in CHANNELS:
-                raise SimulationError(f"channels: {channel!r} is unknown; allowed are {', '.join(CHANNELS)}")
+        check_names("channels", channels)
         if variant not in self.trajectories:
             self[variant]  # raises, and tells which variants there are
         return self.trajectories

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.archive.proto import message_type, schema_bytes
+from warpchain.results.channels import OF_ROLLERS
 
 FORMAT_VERSION = "2"
 """Version of the archive layout; a reader refuses a version that it does not know."""
@@ -20,14 +21,6 @@ END_METADATA = "warpchain.end"
 METRICS_ATTACHMENT = "metrics.arrow"
 """Attachment: the metrics table as an Arrow IPC file."""
 
-ROLLER_FIELDS = {
-    "position": ("x", "y"),
-    "velocity": ("vx", "vy"),
-    "tension": ("tension",),
-    "sprocket_force": ("sprocket_force",),
-    "guide_force": ("guide_force",),
-}
-"""Fields of a packed roller for each channel of a trajectory."""
 COLOR_FIELDS = ("red", "green", "blue", "alpha")
 NUMERIC_TYPES = {"u1": 1, "f4": 7, "f8": 8}
 """numpy's codes of the values of foxglove.PackedElementField.NumericType that occur."""
@@ -131,9 +124,9 @@ def roller_layout(channels: frozenset[str], precision: str) -> np.dtype[np.void]
     """
     code = "<f8" if precision == "float64" else "<f4"
     names: list[str] = []
-    for channel, parts in ROLLER_FIELDS.items():
-        if channel in channels:
-            names += [*parts, "z"] if channel == "position" else parts
+    for channel in OF_ROLLERS:
+        if channel.name in channels:
+            names += [*channel.fields, "z"] if channel.name == "position" else channel.fields
     return np.dtype([(name, code) for name in names] + [(name, "u1") for name in COLOR_FIELDS])
 
 

@@ -15,7 +15,8 @@ from warpchain.archive.layout import HEADER, LENGTH_STARTS, MESSAGE, Form, Frame
 from warpchain.archive.mcap_read import ChannelInfo, ChunkEntry, McapIndex, records, told
 from warpchain.drive import Drive, loads_drive
 from warpchain.errors import ArchiveError, DriveError
-from warpchain.results.run import CHANNELS, Trajectory
+from warpchain.results.channels import NAMES
+from warpchain.results.run import Trajectory
 
 READ = ("rollers", "state", "positions")
 """Topics that hold all there is to read; the others repeat it for viewers."""
@@ -137,7 +138,7 @@ class Tracks(Mapping[int, Trajectory]):
         variant: int,
         start: float | None = None,
         end: float | None = None,
-        channels: Sequence[str] = CHANNELS,
+        channels: Sequence[str] = NAMES,
     ) -> Trajectory:
         """Part of a trajectory, in arrays of its own."""
         held: dict[str, list[Any]] = {}
@@ -156,7 +157,7 @@ class Tracks(Mapping[int, Trajectory]):
         variant: int,
         start: float | None = None,
         end: float | None = None,
-        channels: Sequence[str] = CHANNELS,
+        channels: Sequence[str] = NAMES,
     ) -> Iterator[Trajectory]:
         """Part of a trajectory chunk by chunk, as views."""
         layout, drive = self.layout(variant), self._drives[variant]

@@ -18,6 +18,7 @@ from warpchain.engine.arrays import SUMS, empty_sums, upload_ensemble, upload_st
 from warpchain.engine.packed import Packed
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu import relax, serial
+from warpchain.results.channels import FRAME
 
 CAPACITIES = (264, 1032, 4104, 16392, 65544)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
@@ -49,8 +50,8 @@ class CpuEngine:
     def _kernel(self, name: str) -> Any:
         """The compiled kernel, loaded before any thread launches it."""
         if name not in self._kernels:
-            factory = {"advance": serial.advance_kernel, "relax": relax.relax_kernel}[name]
-            kernel = factory(self.packed.real, self.capacity)
+            form = self.packed.real, self.capacity
+            kernel = relax.relax_kernel(*form) if name == "relax" else serial.advance_kernel(*form, FRAME)
             wp.load_module(kernel.module, device="cpu")
             self._kernels[name] = kernel
         return self._kernels[name]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
+from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.run import Record, RunInfo, Trajectory
 from warpchain.results.schedule import Schedule
 
@@ -20,17 +21,8 @@ if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.packed import Packed
 
-ROLLER_VALUES = 7
-"""Values of a frame per roller: position (2), velocity (2), tension, sprocket force, guide force."""
-SPROCKET_VALUES = 5
-"""Values of a frame per sprocket: angle, speed, moment, center (2)."""
 BUFFER_SHARE = 0.25
 """Part of the memory budget that the two frame buffers may take."""
-
-
-def frame_width(drive: Drive) -> int:
-    """Number of values of one frame."""
-    return ROLLER_VALUES * drive.chain.links + SPROCKET_VALUES * len(drive.sprockets)
 
 
 class Recorder:
@@ -121,20 +113,7 @@ class Recorder:
     def _trajectory(self, v: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
         """Frames as they lie in a buffer, as a trajectory of its own memory."""
         drive = self.drives[v]
-        n, frames = drive.chain.links, len(time)
-        rollers = values[:, : ROLLER_VALUES * n].reshape(frames, ROLLER_VALUES, n)
-        sprockets = values[:, ROLLER_VALUES * n :].reshape(frames, len(drive.sprockets), SPROCKET_VALUES)
-        channels = {
-            "position": rollers[:, 0:2].transpose(0, 2, 1),
-            "velocity": rollers[:, 2:4].transpose(0, 2, 1),
-            "tension": rollers[:, 4],
-            "sprocket_force": rollers[:, 5],
-            "guide_force": rollers[:, 6],
-            "sprocket_angle": sprockets[:, :, 0],
-            "sprocket_speed": sprockets[:, :, 1],
-            "sprocket_moment": sprockets[:, :, 2],
-            "sprocket_center": sprockets[:, :, 3:5],
-        }
+        channels = FRAME.split(values, drive.chain.links, len(drive.sprockets))
         return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in self.channels})
 
     def _keep(self, v: int, chunk: Trajectory) -> None:

@@ -1,26 +1,18 @@
 """The table of metrics: one row a variant, from what the kernels added up over the window.
 
-Beside means and extremes there are numbers that designs are judged by (`design_row`). With E the energy that a
-partner's contacts dissipate in the window, n_d the driver's revolutions, n_s a sprocket's tooth passings, m a roller's
-mass:
-
-    peak factor    = largest over mean tension                                                                (a)
-    contact energy per revolution = E / n_d, a wear index: what the contacts have to take up                  (b)
-    impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
-
-There is no friction in the model: (b) is the work of normal impacts, not of sliding in the bushings.
+Which columns there are, and how each is formed, stands in the registry (`results.columns`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpchain.drive import Drive
-from warpchain.drive.mounts import moves
+from warpchain.results.columns import BALANCE, DESIGN, MEASURED, column_of, of_drive, unit_of
+from warpchain.results.formulas import Balance, Judged, Summed
 from warpchain.results.schedule import Schedule
 
 if TYPE_CHECKING:
@@ -28,154 +20,45 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 
-UNITS = {
-    "tension": "N",
-    "displacement": "m",
-    "travel": "m",
-    "speed": "rad/s",
-    "moment": "N m",
-    "force": "N",
-    "impulse": "N s",
-    "dissipated": "J",
-    "work": "J",
-    "energy": "J",
-    "error": "rad",
-    "hour": "1/h",
-    "time": "s",
-    "start": "s",
-    "end": "s",
-}
-"""Unit by the first of these words that a column's own name holds."""
 
-
-def unit_of(column: str) -> str:
-    """Unit of a metric's column, "1" for a count, ratio or flag."""
-    name = column.rsplit(".", 1)[-1]
-    if name.endswith("_relative"):
-        return "1"
-    return next((unit for word, unit in UNITS.items() if word in name.split("_")), "1")
-
-
-def _moments(total: float, square: float, weight: float) -> tuple[float, float]:
-    """Mean and standard deviation from sums."""
-    mean = total / weight
-    return mean, float(np.sqrt(max(square / weight - mean * mean, 0.0)))
-
-
-def _chain_row(sums: Any, rollers: int) -> Row:
-    links = float(sums["samples"]) * rollers
-    return {"tension_min": sums["tension_min"], "tension_max": sums["tension_max"]} | dict(
-        zip(("tension_mean", "tension_std"), _moments(sums["tension"], sums["tension_square"], links), strict=True)
-    )
-
-
-def _strand_row(name: str, sums: Any) -> Row:
+def measured_row(drive: Drive, sums: dict[str, Any], duration: float) -> Row:
+    """What the sums of one variant give; `duration` is the window's length [s]."""
     row: Row = {}
-    if sums["links"]:
-        mean, std = _moments(sums["tension"], sums["tension_square"], float(sums["links"]))
-        row |= {
-            f"{name}.tension_min": sums["tension_min"],
-            f"{name}.tension_mean": mean,
-            f"{name}.tension_max": sums["tension_max"],
-            f"{name}.tension_std": std,
-        }
-    if sums["samples"]:
-        samples = float(sums["samples"])
-        row |= {
-            f"{name}.displacement_min": sums["displacement_min"],
-            f"{name}.displacement_mean": sums["displacement"] / samples,
-            f"{name}.displacement_max": sums["displacement_max"],
-            f"{name}.displacement_rms": np.sqrt(sums["displacement_square"] / samples),
-        }
+    for prefix, index, group in of_drive(drive, MEASURED):
+        mine = np.atleast_1d(sums[group.source])[index]
+        summed = Summed(mine, group.weight(mine, duration, drive.chain.links))
+        if summed.weight:
+            row |= {prefix + column.name: column.value(summed) for column in group.columns if column.value}
     return row
 
 
-def _sprocket_row(name: str, sums: Any, duration: float) -> Row:
-    mean, std = _moments(sums["speed"], sums["speed_square"], duration)
-    return {
-        f"{name}.speed_min": sums["speed_min"],
-        f"{name}.speed_mean": mean,
-        f"{name}.speed_max": sums["speed_max"],
-        f"{name}.speed_std": std,
-        f"{name}.moment_mean": sums["moment"] / duration,
-    }
-
-
-def _mount_row(name: str, sums: Any, duration: float) -> Row:
-    return {
-        f"{name}.travel_x_mean": sums["travel"][0] / duration,
-        f"{name}.travel_y_mean": sums["travel"][1] / duration,
-        f"{name}.travel_max": sums["travel_max"],
-        f"{name}.mount_force_mean": sums["force"] / duration,
-        f"{name}.mount_dissipated": sums["dissipated"],
-    }
-
-
-def _contact_row(name: str, sums: Any) -> Row:
-    return {
-        f"{name}.force_max": sums["force_max"],
-        f"{name}.impacts": int(sums["impacts"]),
-        f"{name}.impulse": sums["impulse"],
-        f"{name}.dissipated": sums["dissipated"],
-    }
-
-
-def _energy_row(drive: Drive, chain: Any, sprockets: Any, mounts: Any, contacts: Any) -> Row:
-    """Work done and energy gone over the window; the residual is what the balance misses.
+def energy_balance(drive: Drive, sums: dict[str, Any]) -> Balance:
+    """Work done and energy gone over the window.
 
     What prescribes angles and centers does the input work; the loads take the output work.
     """
+    chain, sprockets, mounts = sums["chain"], sums["sprocket"], sums["mount"]
     driven = np.array([s.prescribed is not None for s in drive.sprockets])
-    work_in = float(mounts["work"].sum()) - float(sprockets["contact_work"][driven].sum())
-    work_out = -float(sprockets["load_work"][~driven].sum())
-    dissipated = float(chain["dissipated"]) + float(contacts["dissipated"].sum())
-    dissipated += float(mounts["dissipated"].sum())
-    change = float(chain["energy_end"] - chain["energy_start"])
-    residual = work_in - work_out - dissipated - change
-    turnover = 0.5 * (abs(work_in) + abs(work_out) + dissipated + abs(change))
-    return {
-        "input_work": work_in,
-        "output_work": work_out,
-        "links.dissipated": chain["dissipated"],
-        "energy_change": change,
-        "energy_residual": residual,
-        "energy_residual_relative": residual / turnover if turnover else 0.0,
-    }
-
-
-def driver(drive: Drive) -> int:
-    """Index of the first prescribed sprocket, which revolutions are counted by."""
-    return next(s for s, sprocket in enumerate(drive.sprockets) if sprocket.prescribed is not None)
+    dissipated = float(chain["dissipated"]) + float(sums["contact"]["dissipated"].sum())
+    return Balance(
+        input=float(mounts["work"].sum()) - float(sprockets["contact_work"][driven].sum()),
+        output=-float(sprockets["load_work"][~driven].sum()),
+        links=chain["dissipated"],
+        dissipated=dissipated + float(mounts["dissipated"].sum()),
+        change=float(chain["energy_end"] - chain["energy_start"]),
+    )
 
 
 def design_row(drive: Drive, metrics: Row) -> Row:
-    """What designs are judged by, from the other metrics of a variant; see the module's (a) to (c).
+    """What designs are judged by, from the other metrics of a variant.
 
     What needs turning sprockets is left out where they stand still.
     """
     row: Row = {}
-    if metrics["tension_mean"] > 0.0:
-        row["peak_factor"] = metrics["tension_max"] / metrics["tension_mean"]
-    for strand in drive.strand_names:
-        mean = metrics.get(f"{strand}.tension_mean")
-        if mean is not None and mean > 0.0:
-            row[f"{strand}.peak_factor"] = metrics[f"{strand}.tension_max"] / mean
-        mean, rms = metrics.get(f"{strand}.displacement_mean"), metrics.get(f"{strand}.displacement_rms")
-        if mean is not None and rms is not None:
-            row[f"{strand}.displacement_std"] = math.sqrt(max(rms * rms - mean * mean, 0.0))
-    seconds = metrics["window_end"] - metrics["window_start"]
-    turns = {s.name: abs(metrics[f"{s.name}.speed_mean"]) * seconds / (2.0 * math.pi) for s in drive.sprockets}
-    driven_by = turns[drive.sprockets[driver(drive)].name]
-    names = [s.name for s in drive.sprockets] + [g.name for g in drive.guides]
-    if driven_by > 0.0:
-        for name in names:
-            row[f"{name}.contact_energy_per_revolution"] = metrics[f"{name}.dissipated"] / driven_by
-        row["contact_energy_per_revolution"] = sum(metrics[f"{name}.dissipated"] for name in names) / driven_by
-    for sprocket in drive.sprockets:
-        passings = sprocket.teeth * turns[sprocket.name]
-        if passings > 0.0:
-            lost = max(metrics[f"{sprocket.name}.dissipated"], 0.0)
-            row[f"{sprocket.name}.impact_impulse"] = math.sqrt(2.0 * drive.chain.mass * lost / passings)
+    for prefix, index, group in of_drive(drive, DESIGN):
+        judged = Judged(drive, metrics, prefix, index)
+        values = {prefix + column.name: column.value(judged) for column in group.columns if column.value}
+        row |= {name: value for name, value in values.items() if value is not None}
     return row
 
 
@@ -190,18 +73,9 @@ def row_of(drive: Drive, schedule: Schedule, sums: dict[str, Any], steps: int, d
     row |= {"window_start": schedule.window_start * schedule.step, "window_end": schedule.window_end * schedule.step}
     if steps <= schedule.window_end or diverged:
         return row
-    duration = (schedule.window_end - schedule.window_start) * schedule.step
-    row |= _chain_row(sums["chain"], drive.chain.links)
-    for name, strand in zip(drive.strand_names, sums["strand"], strict=True):
-        row |= _strand_row(name, strand)
-    names = [s.name for s in drive.sprockets] + [g.name for g in drive.guides]
-    for sprocket, values, mount in zip(drive.sprockets, sums["sprocket"], sums["mount"], strict=True):
-        row |= _sprocket_row(sprocket.name, values, duration)
-        if moves(sprocket):
-            row |= _mount_row(sprocket.name, mount, duration)
-    for name, values in zip(names, sums["contact"], strict=True):
-        row |= _contact_row(name, values)
-    row |= _energy_row(drive, sums["chain"], sums["sprocket"], sums["mount"], sums["contact"])
+    row |= measured_row(drive, sums, (schedule.window_end - schedule.window_start) * schedule.step)
+    balance = energy_balance(drive, sums)
+    row |= {column.name: column.value(balance) for column in BALANCE.columns if column.value}
     return row | design_row(drive, row)
 
 
@@ -209,15 +83,15 @@ def table_of(rows: Sequence[Row]) -> pa.Table:
     """A pyarrow table of rows; a column that a row lacks is null there, and its field says its unit."""
     import pyarrow as pa
 
+    kinds = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}
     names: dict[str, None] = {"variant": None}
     for row in rows:
         names |= dict.fromkeys(row)
     columns, fields = [], []
     for name in names:
         values = range(len(rows)) if name == "variant" else [row.get(name) for row in rows]
-        kind = {"variant": pa.int64(), "diverged": pa.bool_(), "settle_steps": pa.int64()}.get(name, pa.float64())
-        if name.endswith(".impacts"):
-            kind = pa.int64()
+        known = column_of(name)
+        kind = kinds[known.kind if known else float]
         columns.append(pa.array(values, kind))
         fields.append(pa.field(name, kind, metadata={"unit": unit_of(name)}))
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))

@@ -6,7 +6,7 @@ With the ideal angle of a driven sprocket z_d theta_d / z_s forward, K the conta
     engagement impulse       = mean over tooth passings of the integral of F over 2 pi sqrt(m / K) from first touch  (b)
 
 and fatigue (`warpchain.results.fatigue`). (b) asks for several samples in 2 pi sqrt(m / K) of one passing, or for many
-passings. The objectives that the sums of the window hold, for every variant, are `results.metrics.design_row`.
+passings. The objectives that the sums of the window hold, for every variant, are in `results.formulas`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 from warpchain.results.fatigue import Woehler, damage, equivalent_range
-from warpchain.results.metrics import driver
+from warpchain.results.formulas import driver
 from warpchain.results.run import Run, Trajectory
 from warpchain.results.scene import nearest_sprocket
 

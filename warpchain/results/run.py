@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
+from warpchain.results.channels import NAMES
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -17,18 +18,16 @@ if TYPE_CHECKING:
 
     from warpchain.drive import Drive
 
-CHANNELS = (
-    "position",
-    "velocity",
-    "tension",
-    "sprocket_force",
-    "guide_force",
-    "sprocket_angle",
-    "sprocket_speed",
-    "sprocket_moment",
-    "sprocket_center",
-)
-"""Every channel that a trajectory can hold beside its time."""
+
+def check_names(what: str, names: Iterable[str]) -> None:
+    """Refuses names that are no channel's; `what` says whose they are.
+
+    Raises:
+        SimulationError: an unknown name.
+    """
+    for name in names:
+        if name not in NAMES:
+            raise SimulationError(f"{what}: {name!r} is unknown; allowed are {', '.join(NAMES)}")
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Record:
         variants: "all", "none", or the indices of the variants to record.
         rate: samples a second of simulated time [Hz]; None takes each drive's own `run.sample_rate`. The sampling
             interval is rounded to whole steps; frame 0 is t = 0.
-        channels: which of `CHANNELS` to keep; the others are None in the trajectory.
+        channels: which of `results.channels.NAMES` to keep; the others are None in the trajectory.
 
     Raises:
         SimulationError: for an unknown channel, an unknown word, or a rate that is not positive.
@@ -47,16 +46,14 @@ class Record:
 
     variants: Literal["all", "none"] | Sequence[int] = "all"
     rate: float | None = None
-    channels: Sequence[str] = CHANNELS
+    channels: Sequence[str] = NAMES
 
     def __post_init__(self) -> None:
         if isinstance(self.variants, str) and self.variants not in ("all", "none"):
             raise SimulationError(
                 f'record.variants = {self.variants!r}: allowed are "all", "none" or a sequence of variant indices'
             )
-        for channel in self.channels:
-            if channel not in CHANNELS:
-                raise SimulationError(f"record.channels: {channel!r} is unknown; allowed are {', '.join(CHANNELS)}")
+        check_names("record.channels", self.channels)
         if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0.0):
             raise SimulationError(f"record.rate = {self.rate!r}: allowed is a finite number above 0 (Hz), or None")
 
@@ -73,7 +70,17 @@ class Record:
         return tuple(chosen)
 
 
+def _with_channels(kind: type) -> type:
+    """The class with a field for each channel that it does not declare itself."""
+    for name in NAMES:
+        if name not in kind.__annotations__:
+            kind.__annotations__[name] = "NDArray[np.floating] | None"
+            setattr(kind, name, None)
+    return kind
+
+
 @dataclass(frozen=True)
+@_with_channels
 class Trajectory:
     """The recorded motion of one variant; F frames, N rollers and links, S sprockets. A channel not recorded is None.
 
@@ -105,7 +112,7 @@ class Trajectory:
 
     def channels(self) -> dict[str, NDArray[np.floating]]:
         """The recorded channels by name, without time."""
-        held = {f.name: getattr(self, f.name) for f in fields(self) if f.name in CHANNELS}
+        held = {name: getattr(self, name) for name in NAMES}
         return {name: values for name, values in held.items() if values is not None}
 
     def to_arrow(self) -> pa.Table:

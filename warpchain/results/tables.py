@@ -10,38 +10,13 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.errors import WarpchainError
+from warpchain.results.channels import AXES, CHANNEL, UNITS
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import xarray as xr
 
 Array = NDArray[np.floating]
-
-UNITS = {
-    "time": "s",
-    "position": "m",
-    "velocity": "m/s",
-    "tension": "N",
-    "sprocket_force": "N",
-    "guide_force": "N",
-    "sprocket_angle": "rad",
-    "sprocket_speed": "rad/s",
-    "sprocket_moment": "N m",
-    "sprocket_center": "m",
-}
-"""Unit of a trajectory's time and of each channel."""
-DIMENSIONS = {
-    "position": ("time", "roller", "axis"),
-    "velocity": ("time", "roller", "axis"),
-    "tension": ("time", "link"),
-    "sprocket_force": ("time", "roller"),
-    "guide_force": ("time", "roller"),
-    "sprocket_angle": ("time", "sprocket"),
-    "sprocket_speed": ("time", "sprocket"),
-    "sprocket_moment": ("time", "sprocket"),
-    "sprocket_center": ("time", "sprocket", "axis"),
-}
-"""Names of each channel's dimensions."""
 
 
 def to_arrow(time: Array, channels: Mapping[str, Array]) -> pa.Table:
@@ -75,12 +50,12 @@ def to_xarray(time: Array, channels: Mapping[str, Array], drive: Drive) -> xr.Da
     except ImportError:
         raise WarpchainError("to_xarray: needs xarray; install it with: pip install 'warpchain[xarray]'") from None
 
-    variables = {name: (DIMENSIONS[name], values, {"units": UNITS[name]}) for name, values in channels.items()}
+    variables = {name: (CHANNEL[name].dimensions, values, {"units": UNITS[name]}) for name, values in channels.items()}
     labels: dict[str, Any] = {
         "roller": np.arange(drive.chain.links),
         "link": np.arange(drive.chain.links),
         "sprocket": [sprocket.name for sprocket in drive.sprockets],
-        "axis": ["x", "y"],
+        "axis": list(AXES),
     }
     used = {dimension for dimensions, *_ in variables.values() for dimension in dimensions}
     held = {name: values for name, values in labels.items() if name in used}

@@ -105,7 +105,7 @@ class Results:
 
     def unit(self, name: str) -> str:
         """Unit of a column: its field's metadata, or else what the name of a metric says; "" for none."""
-        from warpchain.results.metrics import unit_of
+        from warpchain.results.columns import unit_of
 
         noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
         unit = noted.decode() if noted else unit_of(name) if name in self.metrics else ""

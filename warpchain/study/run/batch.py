@@ -198,8 +198,8 @@ def _attempt(
 
 def _held(study: Study, variants: Sequence[Variant], memory: int) -> bool:
     """Whether the trajectories of the recorded variants find room in half of the memory."""
-    from warpchain.engine.recorder import frame_width
     from warpchain.engine.simulation import schedules_of
+    from warpchain.results.channels import frame_width
     from warpchain.results.run import Record
 
     record, size = Record(rate=study.record.rate), 0

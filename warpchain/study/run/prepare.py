@@ -80,7 +80,7 @@ def _check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLik
     Raises:
         StudyError: one line for each error.
     """
-    from warpchain.engine.sums import metric_names
+    from warpchain.results.columns import metric_names
 
     names, lines = metric_names(drive), []
     for i, pattern in enumerate(study.metrics.keep):

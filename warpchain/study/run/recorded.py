@@ -72,7 +72,7 @@ def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woeh
     """
     import pyarrow as pa
 
-    from warpchain.results.metrics import unit_of
+    from warpchain.results.columns import unit_of
     from warpchain.results.objectives import from_trajectory
 
     starts, ends = results.values("window_start"), results.values("window_end")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from warpchain.drive.part import BARE, Direction, Part, Positive, Problem, Text, Value, allowed, get, numbers
-from warpchain.results.run import CHANNELS
+from warpchain.results.channels import NAMES
 from warpchain.study.spec.factor import Texts, _plain
 
 SAMPLED = ("latin-hypercube", "sobol", "halton")
@@ -185,20 +185,20 @@ class Recording(Part):
         every: every k-th, from 0.
         worst: those with the most extreme value of a metric, simulated a second time when all are known.
         rate: samples a second of simulated time [Hz]; None is each drive's own.
-        channels: of `warpchain.results.run.CHANNELS`.
+        channels: of `warpchain.results.channels.NAMES`.
     """
 
     variants: Wholes = ()
     every: Count | None = None
     worst: Worst | None = None
     rate: Positive | None = None
-    channels: Texts = CHANNELS
+    channels: Texts = NAMES
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         for i, channel in enumerate(get(node, "channels") or ()):
-            if channel not in CHANNELS:
-                yield Problem(("channels", i), channel, f"must be one of {', '.join(CHANNELS)}")
+            if channel not in NAMES:
+                yield Problem(("channels", i), channel, f"must be one of {', '.join(NAMES)}")
 
 
 class Fatigue(Part):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.metrics import unit_of
+from warpchain.results.columns import unit_of
 from warpchain.results.run import Run
 from warpchain.view.chosen import varied_inputs
 from warpchain.view.rerun.chart import Chart, around

@@ -1,0 +1,57 @@
+"""Where the values of a frame are written: once, for the CPU's kernel and the GPU's alike.
+
+Which channels a frame holds and how they lie is not known here: it comes as `frame`, an object with `place(name)`,
+`roller_values` and `sprocket_values` (the package's `results.channels.FrameLayout`), whose numbers the compiler sees as
+constants. A new channel is a row of that table and one line here.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from .structs import BodyState, types
+
+
+@cache
+def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
+    """The functions that write frames of type `Real` that lie as `frame` says."""
+    kinds = types(Real)
+    vec2 = kinds.vec2
+    place = frame.place
+
+    @wp.func
+    def width(n: int, sprockets: int):
+        """Number of values of n rollers and a number of sprockets."""
+        return wp.static(frame.roller_values) * n + wp.static(frame.sprocket_values) * sprockets
+
+    @wp.func
+    def put_pair(frames: wp.array[Real], at: int, n: int, value: vec2):
+        """A roller's vector: its first component at `at`, the second in the row of n values after that."""
+        frames[at] = value[0]
+        frames[at + n] = value[1]
+
+    @wp.func
+    def write_roller(
+        frames: wp.array[Real], at: int, n: int, i: int, position: vec2, velocity: vec2, seen: kinds.Extra
+    ):
+        """Roller i and the link after it, in a frame of n rollers whose first value is at `at`."""
+        mine = at + i
+        put_pair(frames, mine + wp.static(place("position")) * n, n, position)
+        put_pair(frames, mine + wp.static(place("velocity")) * n, n, velocity)
+        frames[mine + wp.static(place("tension")) * n] = seen.tension
+        frames[mine + wp.static(place("sprocket_force")) * n] = seen.sprocket_force
+        frames[mine + wp.static(place("guide_force")) * n] = seen.guide_force
+
+    @wp.func
+    def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: BodyState, moment: wp.float64):
+        """Sprocket s at the frame's instant and the contacts' moment on it [N m], in a frame of n rollers at `at`."""
+        mine = at + width(n, s)
+        frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)
+        frames[mine + wp.static(place("sprocket_speed"))] = Real(body.speed)
+        frames[mine + wp.static(place("sprocket_moment"))] = Real(moment)
+        frames[mine + wp.static(place("sprocket_center"))] = Real(body.center[0])
+        frames[mine + wp.static(place("sprocket_center") + 1)] = Real(body.center[1])
+
+    return SimpleNamespace(width=width, write_roller=write_roller, write_sprocket=write_sprocket)

@@ -1,0 +1,95 @@
+"""The registry of metrics: it names all that `simulate` returns, and what a new metric takes."""
+
+import json
+
+import pytest
+from drives import two_sprockets
+from grown import grown, run_in
+
+from warpchain import Record, dumps_drive, load_drive, simulate
+from warpchain.examples import drive_path, example_names
+from warpchain.results.columns import COLUMNS, METRICS, RECORDED, RUN, column_of, metric_names, title_of, unit_of
+from warpchain.results.objectives import add_objectives
+
+ADDED = {
+    "warpchain/results/columns.py": {
+        '        Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),': (
+            'Column("moment_max", "N m", "largest moment of the contact forces", total("moment_max")),'
+        )
+    },
+    "kernels/sum_structs.py": {"    moment: wp.float64  # [N m s]": "moment_max: wp.float64  # [N m]"},
+    "kernels/sums.py": {
+        "    sums.moment = sums.moment + weight * moment": "sums.moment_max = wp.max(sums.moment_max, moment)"
+    },
+}
+"""A row, the field of its sum, and the line that adds to it, of a metric that is not taken today."""
+
+USED = """
+import json, sys
+import numpy as np
+from warpchain import Record, load_drive, simulate
+from warpchain.results.columns import metric_names, title_of
+
+drive = load_drive(sys.argv[1])
+run = simulate(drive, duration=0.005, step=5e-6, device="cpu", record=Record(rate=2e5))
+inside = run[0].time >= run.metrics["window_start"][0].as_py() - 1e-12
+for s, sprocket in enumerate(drive.sprockets):
+    name = f"{sprocket.name}.moment_max"
+    assert name in metric_names(drive)
+    assert title_of(name) == f"{sprocket.name}: largest moment of the contact forces"
+    assert run.metrics[name][0].as_py() == run[0].sprocket_moment[inside, s].max()
+    assert run.metrics.schema.field(name).metadata == {b"unit": b"N m"}
+print(json.dumps(run.metrics.to_pylist()[0]))
+"""
+
+
+def drives():
+    """Every example, and a drive with a moving sprocket and one that does not settle."""
+    shaken = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-4, "frequency": 40.0}
+    moving = two_sprockets().with_values({"sprockets.driver.mount": shaken})
+    return [*(load_drive(drive_path(name)) for name in example_names()), moving, two_sprockets(settle="false")]
+
+
+def test_adding_a_metric_touches_the_registry_and_its_sum(tmp_path):
+    drive = two_sprockets(settle="false")
+    (tmp_path / "drive.toml").write_text(dumps_drive(drive))
+    printed = run_in(grown(tmp_path, ADDED), USED, tmp_path / "drive.toml")
+    theirs = json.loads(printed.splitlines()[-1])
+    mine = simulate(drive, duration=0.005, step=5e-6, device="cpu", record=Record("none")).metrics.to_pylist()[0]
+    others = {name: value for name, value in theirs.items() if not name.endswith(".moment_max")}
+    assert others == mine
+
+
+@pytest.mark.parametrize("drive", drives(), ids=lambda drive: f"{len(drive.sprockets)}-{drive.chain.links}")
+def test_the_registry_has_every_column(drive):
+    table = simulate(drive, duration=100 * drive.run.step, device="cpu", record=Record("none")).metrics
+    facts = [column.name for column in RUN.columns]
+    assert table.column_names == [*facts, *metric_names(drive)]
+    kinds = {float: "double", int: "int64", bool: "bool"}
+    for field in table.schema:
+        column = column_of(field.name)
+        assert field.metadata == {b"unit": column.unit.encode()}
+        assert str(field.type) == kinds[column.kind]
+        assert title_of(field.name).endswith(column.title)
+
+
+def test_the_registry_has_what_recorded_variants_have():
+    run = simulate(two_sprockets(duration=0.1), device="cpu")
+    added = set(add_objectives(run).column_names) - set(run.metrics.column_names)
+    assert added
+    assert {name.split(".")[-1] for name in added} <= {c.name for group in RECORDED for c in group.columns}
+
+
+def test_one_name_has_one_unit_and_one_title():
+    rows = [c for groups in (*METRICS, (RUN,), RECORDED) for group in groups for c in group.columns]
+    assert all(COLUMNS[row.name] == row for row in rows)
+    ends = {(row.name.rsplit(".", 1)[-1], row.unit, row.kind) for row in rows}
+    assert len({name for name, *_ in ends}) == len(ends)
+
+
+def test_words_for_a_column():
+    assert title_of("tension_max") == "largest link tension"
+    assert title_of("a->b.tension_max") == "a->b: largest link tension"
+    assert title_of("links.dissipated") == "energy dissipated in the links"
+    assert title_of("bar.dissipated") == "bar: energy dissipated in the contacts"
+    assert (title_of("price"), unit_of("price"), column_of("price")) == ("price", "1", None)

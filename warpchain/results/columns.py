@@ -1,0 +1,245 @@
+"""The registry of metrics: every column of a table of metrics, with its unit, its title and how it is formed.
+
+A new metric is a row here; if it needs a sum of its own, also a field of that sum in `kernels/sum_structs.py` and the
+line of `kernels/sums.py` that adds to it. Names, units and kinds of the table, and the lists in `docs/metrics.md`,
+go by the row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from warpchain.drive import Drive
+from warpchain.drive.mounts import moves
+from warpchain.results.formulas import (
+    THINGS,
+    Number,
+    deviation,
+    displacement_std,
+    impact_impulse,
+    mean,
+    peak_factor,
+    per_revolution,
+    rms,
+    total,
+)
+
+
+@dataclass(frozen=True)
+class Column:
+    """One metric.
+
+    Attributes:
+        name: its own; the name of what it is of, and a dot, stand before it: `camshaft.speed_mean`.
+        unit: SI unit, "1" for a count, ratio or flag.
+        title: what it is, in words.
+        value: forms it from what its group gives (`Summed`, `Balance` or `Judged`), or gives None where there is none;
+            left out where the number comes from elsewhere.
+        kind: float, int or bool.
+    """
+
+    name: str
+    unit: str
+    title: str
+    value: Callable[[Any], Number] | None = None
+    kind: type = float
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns of one kind of thing that are formed alike.
+
+    Attributes:
+        of: key of `THINGS`.
+        columns: in the table's order.
+        source: the field of `kernels.sum_structs.Sums` that they are formed from, if it is one.
+        weight: of a row of those sums, from the window's length [s] and the number of rollers; where 0, there is no
+            such thing in the window.
+        where: whether the drive's thing of this index has them.
+    """
+
+    of: str
+    columns: tuple[Column, ...]
+    source: str = ""
+    weight: Callable[[Any, float, int], float] = lambda sums, duration, rollers: duration
+    where: Callable[[Drive, int], bool] = lambda drive, index: True
+
+
+TENSION_MIN = Column("tension_min", "N", "smallest link tension", total("tension_min"))
+TENSION_MAX = Column("tension_max", "N", "largest link tension", total("tension_max"))
+TENSION_MEAN = Column("tension_mean", "N", "mean link tension", mean("tension"))
+TENSION_STD = Column("tension_std", "N", "standard deviation of link tension", deviation("tension"))
+
+CHAIN = Group(
+    "chain",
+    (TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD),
+    source="chain",
+    weight=lambda sums, duration, rollers: float(sums["samples"]) * rollers,
+)
+STRAND_TENSION = Group(
+    "strand",
+    (TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD),
+    source="strand",
+    weight=lambda sums, duration, rollers: float(sums["links"]),
+)
+STRAND_DISPLACEMENT = Group(
+    "strand",
+    (
+        Column("displacement_min", "m", "smallest mid-strand displacement, left positive", total("displacement_min")),
+        Column("displacement_mean", "m", "mean mid-strand displacement", mean("displacement")),
+        Column("displacement_max", "m", "largest mid-strand displacement", total("displacement_max")),
+        Column("displacement_rms", "m", "root mean square of the mid-strand displacement", rms("displacement")),
+    ),
+    source="strand",
+    weight=lambda sums, duration, rollers: float(sums["samples"]),
+)
+SPROCKET = Group(
+    "sprocket",
+    (
+        Column("speed_min", "rad/s", "smallest angular velocity, counter-clockwise", total("speed_min")),
+        Column("speed_mean", "rad/s", "mean angular velocity", mean("speed")),
+        Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),
+        Column("speed_std", "rad/s", "standard deviation of the angular velocity", deviation("speed")),
+        Column("moment_mean", "N m", "mean moment of the contact forces, counter-clockwise", mean("moment")),
+    ),
+    source="sprocket",
+)
+MOUNT = Group(
+    "sprocket",
+    (
+        Column("travel_x_mean", "m", "mean displacement of the center to the right", mean("travel", 0)),
+        Column("travel_y_mean", "m", "mean displacement of the center upward", mean("travel", 1)),
+        Column("travel_max", "m", "largest distance of the center from where it is stated", total("travel_max")),
+        Column("mount_force_mean", "N", "mean magnitude of what holds the center", mean("force")),
+        Column("mount_dissipated", "J", "energy dissipated in the mount's damper", total("dissipated")),
+    ),
+    source="mount",
+    where=lambda drive, index: moves(drive.sprockets[index]),
+)
+CONTACT = Group(
+    "partner",
+    (
+        Column("force_max", "N", "largest contact force on a roller", total("force_max")),
+        Column("impacts", "1", "contacts that began", total("impacts"), kind=int),
+        Column("impulse", "N s", "time integral of the contact forces", total("impulse")),
+        Column("dissipated", "J", "energy dissipated in the contacts", total("dissipated")),
+    ),
+    source="contact",
+)
+BALANCE = Group(
+    "chain",
+    (
+        Column("input_work", "J", "work of what prescribes angles and centers", lambda balance: balance.input),
+        Column("output_work", "J", "work against the loads", lambda balance: balance.output),
+        Column("links.dissipated", "J", "energy dissipated in the links", lambda balance: balance.links),
+        Column("energy_change", "J", "change of the mechanical energy", lambda balance: balance.change),
+        Column("energy_residual", "J", "what the energy balance misses", lambda balance: balance.residual),
+        Column(
+            "energy_residual_relative", "1", "residual over the energy turned over", lambda balance: balance.relative
+        ),
+    ),
+)
+PEAK_FACTOR = Column("peak_factor", "1", "largest over mean tension", peak_factor)
+PER_REVOLUTION = Column(
+    "contact_energy_per_revolution",
+    "J",
+    "wear index: energy that contacts dissipate in a revolution of the driver",
+    per_revolution,
+)
+VIBRATION = Column("displacement_std", "m", "vibration: deviation of the displacement from its mean", displacement_std)
+NOISE = Column(
+    "impact_impulse",
+    "N s",
+    "noise proxy: sqrt(2 m E), the blow that would lose the energy E which a tooth passing loses",
+    impact_impulse,
+)
+RUN = Group(
+    "chain",
+    (
+        Column("variant", "1", "number of the variant", kind=int),
+        Column("diverged", "1", "whether the variant was stopped as diverged", kind=bool),
+        Column("diverged_time", "s", "when it diverged"),
+        Column("window_start", "s", "start of the window that metrics are taken over"),
+        Column("window_end", "s", "its end"),
+    ),
+)
+SETTLING = Group(
+    "chain",
+    (
+        Column("settle_steps", "1", "steps that settling took", kind=int),
+        Column("settle_residual", "1", "largest net force left on a roller over the largest link force"),
+    ),
+    where=lambda drive, index: drive.run.settle,
+)
+RECORDED = (
+    Group(
+        "sprocket",
+        (
+            Column("transmission_error_rms", "rad", "transmission error: root mean square of what the angle misses"),
+            Column("transmission_error_range", "rad", "transmission error: from its smallest to its largest"),
+            Column("engagement_impulse", "N s", "mean impulse of a roller's first touch, over 2 pi sqrt(m/K)"),
+        ),
+    ),
+    Group(
+        "chain",
+        (
+            Column("damage_per_hour_max", "1/h", "Miner damage of the worst link an hour"),
+            Column("damage_per_hour_mean", "1/h", "Miner damage of the mean link an hour"),
+            Column("tension_equivalent_range", "N", "range that does the worst link's damage, once a chain revolution"),
+        ),
+    ),
+)
+"""What only recorded variants have (`results.objectives`)."""
+
+MEASURED = ((CHAIN,), (STRAND_TENSION, STRAND_DISPLACEMENT), (SPROCKET, MOUNT), (CONTACT,))
+"""What the sums of the window give. Groups that stand together go thing by thing: all of one, then all of the next."""
+DESIGN = (
+    (Group("chain", (PEAK_FACTOR,)),),
+    (Group("strand", (PEAK_FACTOR, VIBRATION)),),
+    (Group("partner", (PER_REVOLUTION,)),),
+    (Group("chain", (PER_REVOLUTION,)),),
+    (Group("sprocket", (NOISE,)),),
+)
+"""What designs are judged by, formed from the other metrics."""
+
+Blocks = tuple[tuple[Group, ...], ...]
+METRICS: Blocks = (*MEASURED, (BALANCE,), *DESIGN, (SETTLING,))
+"""The metrics of a variant that ran to its end, in the table's order."""
+COLUMNS = {c.name: c for groups in (*METRICS, (RUN,), RECORDED) for group in groups for c in group.columns}
+"""Every column by its own name."""
+
+
+def of_drive(drive: Drive, blocks: Blocks = METRICS) -> Iterator[tuple[str, int, Group]]:
+    """The groups that a drive has, in order: what stands before their names, the thing's index, the group."""
+    for groups in blocks:
+        for index, prefix in enumerate(THINGS[groups[0].of](drive)):
+            for group in groups:
+                if group.where(drive, index):
+                    yield prefix, index, group
+
+
+def metric_names(drive: Drive) -> list[str]:
+    """Names of the metrics that a drive has."""
+    return [prefix + column.name for prefix, _, group in of_drive(drive) for column in group.columns]
+
+
+def column_of(name: str) -> Column | None:
+    """The registry's row of a table's column, None for a column of other origin."""
+    return COLUMNS.get(name) or COLUMNS.get(name.rsplit(".", 1)[-1])
+
+
+def unit_of(name: str) -> str:
+    """Unit of a metric's column, "1" for a count, ratio or flag."""
+    column = column_of(name)
+    return column.unit if column else "1"
+
+
+def title_of(name: str) -> str:
+    """What a metric's column is, in words: "camshaft: mean angular velocity"; its name for a column of other origin."""
+    column = column_of(name)
+    if column is None:
+        return name
+    prefix = name.removesuffix(column.name).removesuffix(".")
+    return f"{prefix}: {column.title}" if prefix else column.title
