@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from warpchain.archive.mcap_write import MAGIC
 from warpchain.errors import ArchiveError
+from warpchain.files import reason
 
 SCHEMA, CHANNEL, CHUNK, CHUNK_INDEX = 0x03, 0x04, 0x06, 0x08
 ATTACHMENT, ATTACHMENT_INDEX, METADATA, METADATA_INDEX = 0x09, 0x0A, 0x0C, 0x0D
@@ -158,7 +159,7 @@ def told(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ArchiveError(f"{path}: cannot be read ({error.strerror or error})") from None
+        raise ArchiveError(f"{path}: cannot be read ({reason(error)})") from None
     except (ValueError, IndexError, struct.error, MemoryError) as error:
         raise ArchiveError(f"{path}: is damaged ({error}); see warpchain recover") from None
 

@@ -5,8 +5,8 @@ The records' bytes come from the mcap package; chunks come compressed, so that c
 
 from __future__ import annotations
 
-import contextlib
 import os
+import secrets
 import struct
 import zlib
 from collections.abc import Callable, Mapping
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import ArchiveError
+from warpchain.files import WholeFile, refusals
 
 ZSTD_LEVEL = 1
 """On trajectories as small as the default level 3, and faster."""
@@ -66,9 +67,22 @@ def make_chunk(records: Any, indexes: Mapping[int, NDArray[np.uint64]], compress
     return Chunk(name, data, len(records), zlib.crc32(records), int(times.min()), int(times.max()), indexes)
 
 
-def refused(path: Path, error: OSError) -> ArchiveError:
-    """A refusal of the file system, in one line."""
-    return ArchiveError(f"{path}: cannot be written ({error.strerror or error})")
+def taken(path: Path) -> ArchiveError:
+    """The refusal to replace a file."""
+    return ArchiveError(f"{path}: exists already; give another name, or --overwrite (overwrite=True)")
+
+
+def partial_file(path: Path, overwrite: bool) -> WholeFile:
+    """A file under the temporary name `NAME.PID.partial`, by which a user finds what a killed process left.
+
+    Where an earlier process of that PID left one, more digits follow, so that it stays.
+    """
+    number = f"{os.getpid()}"
+    while True:
+        try:
+            return WholeFile(path, overwrite, path.with_name(f"{path.name}.{number}.partial"))
+        except FileExistsError:
+            number = f"{os.getpid()}{secrets.randbelow(10**6):06d}"
 
 
 class McapFile:
@@ -77,30 +91,37 @@ class McapFile:
     Args:
         path: the file's name when whole.
         library: name of the writing program, for the header.
+        overwrite: replace a file of that name.
 
     Raises:
-        ArchiveError: here and in every method, a folder or disk that refuses.
+        ArchiveError: here and in every method, a folder or disk that refuses; in `finish`, a file of that name.
     """
 
-    def __init__(self, path: Path, library: str) -> None:
+    def __init__(self, path: Path, library: str, overwrite: bool = True) -> None:
         from mcap import records
 
         self.path, self._kinds = path, records
-        self.partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
         self._at = 0
-        self.finished = False
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
         self._chunks: list[Any] = []
         self._attachments: list[Any] = []
         self._metadata: list[Any] = []
         self._counts: dict[int, int] = {}
-        try:
-            self._stream: Any = self.partial.open("wb")
-        except OSError as error:
-            raise refused(path, error) from None
+        with refusals(path, ArchiveError):
+            self._file = partial_file(path, overwrite)
         self._put(MAGIC)
         self._record(records.Header(profile="", library=library))
+
+    @property
+    def partial(self) -> Path:
+        """The temporary name."""
+        return self._file.partial
+
+    @property
+    def finished(self) -> bool:
+        """Whether the file has its own name."""
+        return self._file.finished
 
     @property
     def size(self) -> int:
@@ -115,10 +136,8 @@ class McapFile:
     def _put(self, data: Any) -> int:
         """Appends bytes; returns where they begin."""
         at = self._at
-        try:
-            self._stream.write(data)
-        except OSError as error:
-            raise refused(self.path, error) from None
+        with refusals(self.path, ArchiveError):
+            self._file.stream.write(data)
         self._at += len(data)
         return at
 
@@ -200,24 +219,18 @@ class McapFile:
 
     def _flush(self) -> None:
         """Hands what is buffered to the system, so that a killed process leaves whole chunks."""
-        try:
-            self._stream.flush()
-        except OSError as error:
-            raise refused(self.path, error) from None
+        with refusals(self.path, ArchiveError):
+            self._file.stream.flush()
 
     def finish(self) -> None:
         """Writes the summary, flushes to the disk and gives the file its name."""
         self._put(_bytes(self._kinds.DataEnd(data_section_crc=0)))
         self._put(self._summary())
-        try:
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
-            self.partial.replace(self.path)
-            self.finished = True
-            sync_folder(self.path.parent)
-        except OSError as error:
-            raise refused(self.path, error) from None
+        with refusals(self.path, ArchiveError):
+            try:
+                self._file.finish()
+            except FileExistsError:
+                raise taken(self.path) from None
 
     def _summary(self) -> bytes:
         """The summary section, the footer and the closing magic."""
@@ -252,10 +265,7 @@ class McapFile:
 
     def close(self, keep: bool = False) -> None:
         """Ends an unfinished file: drops it, or keeps it under its temporary name."""
-        with contextlib.suppress(OSError):  # a full disk, which was told already
-            self._stream.close()
-        if not keep:
-            self.partial.unlink(missing_ok=True)
+        self._file.drop(keep)
 
 
 def _bytes(record: Any) -> bytes:
@@ -270,15 +280,3 @@ def _index_bytes(channel: int, index: NDArray[np.uint64]) -> bytes:
     """A MessageIndex record."""
     data = np.ascontiguousarray(index, dtype="<u8").tobytes()
     return struct.pack("<BQHI", 0x07, 6 + len(data), channel, len(data)) + data
-
-
-def sync_folder(folder: Path) -> None:
-    """Flushes a folder's entries, where the system lets one."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -33,9 +33,10 @@ from warpchain.archive.mcap_read import (
     records,
     schema_of,
 )
-from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile
+from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile, taken
 from warpchain.archive.parts import PART, archive_files, cut_files, part_files, part_path
 from warpchain.errors import ArchiveError
+from warpchain.files import reason
 
 KNOWN = range(0x01, 0x10)
 """Opcodes of MCAP; another one means that the bytes are not records any more."""
@@ -92,9 +93,9 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
     source, target = Path(broken), Path(output)
     sources = _sources(source)
     split = len(sources) > 1
-    taken = [target] if target.exists() else part_files(target)
-    if taken and not overwrite:
-        raise ArchiveError(f"{taken[0]}: exists already; give another name, or --overwrite (overwrite=True)")
+    there = [target] if target.exists() else part_files(target)
+    if there and not overwrite:
+        raise taken(there[0])
     if target.is_dir():
         raise ArchiveError(f"{target}: is a folder; give a file name such as {target / 'fixed.mcap'}")
     result = Recovered(target)
@@ -102,7 +103,7 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
     try:
         for path in sources:
             number = len(copies)
-            file = McapFile(part_path(target, number) if split else target, "warpchain recover")
+            file = McapFile(part_path(target, number) if split else target, "warpchain recover", overwrite)
             copies.append(_Copy(path, file, result, number))
             if not copies[-1].run() and number and path.suffix == ".partial":
                 copies.pop().file.close()  # a part that had only just begun
@@ -253,4 +254,4 @@ def _mapped(path: Path) -> memoryview:
     except ValueError:  # an empty file
         return memoryview(b"")
     except OSError as error:
-        raise ArchiveError(f"{path}: cannot be read ({error.strerror})") from None
+        raise ArchiveError(f"{path}: cannot be read ({reason(error)})") from None
