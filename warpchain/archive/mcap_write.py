@@ -14,6 +14,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from mcap import records as kinds
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from warpchain.errors import ArchiveError
@@ -98,9 +101,7 @@ class McapFile:
     """
 
     def __init__(self, path: Path, library: str, overwrite: bool = True) -> None:
-        from mcap import records
-
-        self.path, self._kinds = path, records
+        self.path = path
         self._at = 0
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
@@ -111,7 +112,7 @@ class McapFile:
         with refusals(path, ArchiveError):
             self._file = partial_file(path, overwrite)
         self._put(MAGIC)
-        self._record(records.Header(profile="", library=library))
+        self._record(kinds.Header(profile="", library=library))
 
     @property
     def partial(self) -> Path:
@@ -148,7 +149,7 @@ class McapFile:
 
     def schema(self, number: int, name: str, encoding: str, data: bytes) -> None:
         """Describes a message type."""
-        self._schemas[number] = self._kinds.Schema(id=number, name=name, encoding=encoding, data=data)
+        self._schemas[number] = kinds.Schema(id=number, name=name, encoding=encoding, data=data)
         self._record(self._schemas[number])
 
     def has_schema(self, number: int) -> bool:
@@ -157,7 +158,7 @@ class McapFile:
 
     def channel(self, number: int, schema: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> None:
         """Opens a topic."""
-        record = self._kinds.Channel(
+        record = kinds.Channel(
             id=number, schema_id=schema, topic=topic, message_encoding=encoding, metadata=dict(metadata)
         )
         self._channels[number] = record
@@ -170,7 +171,6 @@ class McapFile:
 
     def attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Appends an attachment."""
-        kinds = self._kinds
         record = kinds.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
         offset, length = self._record(record)
         self._attachments.append(
@@ -187,15 +187,18 @@ class McapFile:
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Appends a metadata record."""
-        offset, length = self._record(self._kinds.Metadata(name=name, metadata=dict(values)))
-        self._metadata.append(self._kinds.MetadataIndex(offset=offset, length=length, name=name))
+        offset, length = self._record(kinds.Metadata(name=name, metadata=dict(values)))
+        self._metadata.append(kinds.MetadataIndex(offset=offset, length=length, name=name))
 
     def chunk(self, chunk: Chunk) -> None:
-        """Appends a chunk and the index of its messages."""
+        """Appends a chunk and the index of its messages.
+
+        Their bytes are put together here: `mcap.records` would copy the data and take the index as a list of pairs.
+        """
         name = chunk.compression.encode()
         inner = struct.pack("<QQQII", chunk.start, chunk.end, chunk.size, chunk.crc, len(name)) + name
         inner += struct.pack("<Q", len(chunk.data))
-        head = struct.pack("<BQ", 0x06, len(inner) + len(chunk.data)) + inner
+        head = struct.pack("<BQ", Opcode.CHUNK, len(inner) + len(chunk.data)) + inner
         offset = self._put(head)
         self._put(chunk.data)
         offsets, begin = {}, self._at
@@ -204,7 +207,7 @@ class McapFile:
             self._counts[number] += len(index)
         self._flush()
         self._chunks.append(
-            self._kinds.ChunkIndex(
+            kinds.ChunkIndex(
                 chunk_length=len(head) + len(chunk.data),
                 chunk_start_offset=offset,
                 compression=chunk.compression,
@@ -224,7 +227,7 @@ class McapFile:
 
     def finish(self) -> None:
         """Writes the summary, flushes to the disk and gives the file its name."""
-        self._put(_bytes(self._kinds.DataEnd(data_section_crc=0)))
+        self._put(_bytes(kinds.DataEnd(data_section_crc=0)))
         self._put(self._summary())
         with refusals(self.path, ArchiveError):
             try:
@@ -242,16 +245,14 @@ class McapFile:
                 for record in group:
                     data += _bytes(record)
                 length = len(data) - begin
-                offset = self._kinds.SummaryOffset(
-                    group_opcode=data[begin], group_start=start + begin, group_length=length
-                )
+                offset = kinds.SummaryOffset(group_opcode=data[begin], group_start=start + begin, group_length=length)
                 offsets += _bytes(offset)
-        offset_start = start + len(data)
-        data += offsets + struct.pack("<BQQQ", 0x02, 20, start, offset_start)
+        footer = kinds.Footer(summary_start=start, summary_offset_start=start + len(data), summary_crc=0)
+        data += offsets + _bytes(footer)[:-4]  # its CRC covers all before it
         return bytes(data) + struct.pack("<I", zlib.crc32(data)) + MAGIC
 
     def _statistics(self) -> Any:
-        return self._kinds.Statistics(
+        return kinds.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
@@ -269,8 +270,6 @@ class McapFile:
 
 
 def _bytes(record: Any) -> bytes:
-    from mcap.data_stream import RecordBuilder
-
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())
@@ -279,4 +278,4 @@ def _bytes(record: Any) -> bytes:
 def _index_bytes(channel: int, index: NDArray[np.uint64]) -> bytes:
     """A MessageIndex record."""
     data = np.ascontiguousarray(index, dtype="<u8").tobytes()
-    return struct.pack("<BQHI", 0x07, 6 + len(data), channel, len(data)) + data
+    return struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(data), channel, len(data)) + data
