@@ -135,7 +135,7 @@ class Sparse(McapFile):
         if len(data) < 2**20 or data[0] != 0:
             return super()._put(data)
         at, self._at = self._at, self._at + len(data)
-        self._stream.seek(self._at)
+        self._file.stream.seek(self._at)
         return at
 
 

@@ -4,6 +4,7 @@ import pickle
 import tomllib
 import warnings
 
+import tomlkit
 from drives import MARINE
 from hypothesis import given
 from hypothesis import strategies as st
@@ -112,7 +113,9 @@ def test_any_wrong_value_anywhere_is_a_drive_error_or_nothing(value, data):
 @given(st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False) | st.integers() | st.text() | st.booleans()
                        | st.lists(st.text(max_size=5), max_size=3)))  # fmt: skip
 def test_written_values_read_back(table):
-    assert tomllib.loads(drive_toml.dumps({"table": table, "list": [table, {}]})) == {
-        "table": table,
-        "list": [table, {}],
-    }
+    values = {"table": table, "list": [table, {}]}
+    text = drive_toml.dumps(values)
+    assert tomllib.loads(text) == values
+    document = tomlkit.parse(text)  # with which `warpchain fit` edits drive files
+    assert document.unwrap() == values
+    assert tomlkit.dumps(document) == text

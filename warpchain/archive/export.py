@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from warpchain.errors import ArchiveError
+from warpchain.files import refusals, whole_file
 
 
 def export_npz(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
@@ -16,7 +16,7 @@ def export_npz(archive: str | Path, output: str | Path, variant: int | None = No
 
     Args:
         archive: the MCAP archive.
-        output: the .npz file; written under a temporary name and renamed when whole.
+        output: the .npz file; it appears under this name only when whole.
         variant: which variant; None is the first recorded.
 
     Returns:
@@ -34,15 +34,7 @@ def export_npz(archive: str | Path, output: str | Path, variant: int | None = No
         raise ArchiveError(f"{archive}: holds no trajectory to export")
     trajectory = run[recorded[0] if variant is None else variant]
     path = Path(output)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        with partial.open("wb") as file:
-            arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
-            np.savez_compressed(file, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise ArchiveError(f"{path}: cannot be written ({error.strerror})") from None
+    arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
+    with refusals(path, ArchiveError), whole_file(path) as file:
+        np.savez_compressed(file, **arrays)
     return path

@@ -5,8 +5,8 @@ The records' bytes come from the mcap package; chunks come compressed, so that c
 
 from __future__ import annotations
 
-import contextlib
 import os
+import secrets
 import struct
 import zlib
 from collections.abc import Callable, Mapping
@@ -14,9 +14,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from mcap import records as kinds
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from warpchain.errors import ArchiveError
+from warpchain.files import WholeFile, refusals
 
 ZSTD_LEVEL = 1
 """On trajectories as small as the default level 3, and faster."""
@@ -66,9 +70,22 @@ def make_chunk(records: Any, indexes: Mapping[int, NDArray[np.uint64]], compress
     return Chunk(name, data, len(records), zlib.crc32(records), int(times.min()), int(times.max()), indexes)
 
 
-def refused(path: Path, error: OSError) -> ArchiveError:
-    """A refusal of the file system, in one line."""
-    return ArchiveError(f"{path}: cannot be written ({error.strerror or error})")
+def taken(path: Path) -> ArchiveError:
+    """The refusal to replace a file."""
+    return ArchiveError(f"{path}: exists already; give another name, or --overwrite (overwrite=True)")
+
+
+def partial_file(path: Path, overwrite: bool) -> WholeFile:
+    """A file under the temporary name `NAME.PID.partial`, by which a user finds what a killed process left.
+
+    Where an earlier process of that PID left one, more digits follow, so that it stays.
+    """
+    number = f"{os.getpid()}"
+    while True:
+        try:
+            return WholeFile(path, overwrite, path.with_name(f"{path.name}.{number}.partial"))
+        except FileExistsError:
+            number = f"{os.getpid()}{secrets.randbelow(10**6):06d}"
 
 
 class McapFile:
@@ -77,30 +94,35 @@ class McapFile:
     Args:
         path: the file's name when whole.
         library: name of the writing program, for the header.
+        overwrite: replace a file of that name.
 
     Raises:
-        ArchiveError: here and in every method, a folder or disk that refuses.
+        ArchiveError: here and in every method, a folder or disk that refuses; in `finish`, a file of that name.
     """
 
-    def __init__(self, path: Path, library: str) -> None:
-        from mcap import records
-
-        self.path, self._kinds = path, records
-        self.partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    def __init__(self, path: Path, library: str, overwrite: bool = True) -> None:
+        self.path = path
         self._at = 0
-        self.finished = False
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
         self._chunks: list[Any] = []
         self._attachments: list[Any] = []
         self._metadata: list[Any] = []
         self._counts: dict[int, int] = {}
-        try:
-            self._stream: Any = self.partial.open("wb")
-        except OSError as error:
-            raise refused(path, error) from None
+        with refusals(path, ArchiveError):
+            self._file = partial_file(path, overwrite)
         self._put(MAGIC)
-        self._record(records.Header(profile="", library=library))
+        self._record(kinds.Header(profile="", library=library))
+
+    @property
+    def partial(self) -> Path:
+        """The temporary name."""
+        return self._file.partial
+
+    @property
+    def finished(self) -> bool:
+        """Whether the file has its own name."""
+        return self._file.finished
 
     @property
     def size(self) -> int:
@@ -115,10 +137,8 @@ class McapFile:
     def _put(self, data: Any) -> int:
         """Appends bytes; returns where they begin."""
         at = self._at
-        try:
-            self._stream.write(data)
-        except OSError as error:
-            raise refused(self.path, error) from None
+        with refusals(self.path, ArchiveError):
+            self._file.stream.write(data)
         self._at += len(data)
         return at
 
@@ -129,7 +149,7 @@ class McapFile:
 
     def schema(self, number: int, name: str, encoding: str, data: bytes) -> None:
         """Describes a message type."""
-        self._schemas[number] = self._kinds.Schema(id=number, name=name, encoding=encoding, data=data)
+        self._schemas[number] = kinds.Schema(id=number, name=name, encoding=encoding, data=data)
         self._record(self._schemas[number])
 
     def has_schema(self, number: int) -> bool:
@@ -138,7 +158,7 @@ class McapFile:
 
     def channel(self, number: int, schema: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> None:
         """Opens a topic."""
-        record = self._kinds.Channel(
+        record = kinds.Channel(
             id=number, schema_id=schema, topic=topic, message_encoding=encoding, metadata=dict(metadata)
         )
         self._channels[number] = record
@@ -151,7 +171,6 @@ class McapFile:
 
     def attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Appends an attachment."""
-        kinds = self._kinds
         record = kinds.Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
         offset, length = self._record(record)
         self._attachments.append(
@@ -168,15 +187,18 @@ class McapFile:
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Appends a metadata record."""
-        offset, length = self._record(self._kinds.Metadata(name=name, metadata=dict(values)))
-        self._metadata.append(self._kinds.MetadataIndex(offset=offset, length=length, name=name))
+        offset, length = self._record(kinds.Metadata(name=name, metadata=dict(values)))
+        self._metadata.append(kinds.MetadataIndex(offset=offset, length=length, name=name))
 
     def chunk(self, chunk: Chunk) -> None:
-        """Appends a chunk and the index of its messages."""
+        """Appends a chunk and the index of its messages.
+
+        Their bytes are put together here: `mcap.records` would copy the data and take the index as a list of pairs.
+        """
         name = chunk.compression.encode()
         inner = struct.pack("<QQQII", chunk.start, chunk.end, chunk.size, chunk.crc, len(name)) + name
         inner += struct.pack("<Q", len(chunk.data))
-        head = struct.pack("<BQ", 0x06, len(inner) + len(chunk.data)) + inner
+        head = struct.pack("<BQ", Opcode.CHUNK, len(inner) + len(chunk.data)) + inner
         offset = self._put(head)
         self._put(chunk.data)
         offsets, begin = {}, self._at
@@ -185,7 +207,7 @@ class McapFile:
             self._counts[number] += len(index)
         self._flush()
         self._chunks.append(
-            self._kinds.ChunkIndex(
+            kinds.ChunkIndex(
                 chunk_length=len(head) + len(chunk.data),
                 chunk_start_offset=offset,
                 compression=chunk.compression,
@@ -200,24 +222,18 @@ class McapFile:
 
     def _flush(self) -> None:
         """Hands what is buffered to the system, so that a killed process leaves whole chunks."""
-        try:
-            self._stream.flush()
-        except OSError as error:
-            raise refused(self.path, error) from None
+        with refusals(self.path, ArchiveError):
+            self._file.stream.flush()
 
     def finish(self) -> None:
         """Writes the summary, flushes to the disk and gives the file its name."""
-        self._put(_bytes(self._kinds.DataEnd(data_section_crc=0)))
+        self._put(_bytes(kinds.DataEnd(data_section_crc=0)))
         self._put(self._summary())
-        try:
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
-            self.partial.replace(self.path)
-            self.finished = True
-            sync_folder(self.path.parent)
-        except OSError as error:
-            raise refused(self.path, error) from None
+        with refusals(self.path, ArchiveError):
+            try:
+                self._file.finish()
+            except FileExistsError:
+                raise taken(self.path) from None
 
     def _summary(self) -> bytes:
         """The summary section, the footer and the closing magic."""
@@ -229,16 +245,14 @@ class McapFile:
                 for record in group:
                     data += _bytes(record)
                 length = len(data) - begin
-                offset = self._kinds.SummaryOffset(
-                    group_opcode=data[begin], group_start=start + begin, group_length=length
-                )
+                offset = kinds.SummaryOffset(group_opcode=data[begin], group_start=start + begin, group_length=length)
                 offsets += _bytes(offset)
-        offset_start = start + len(data)
-        data += offsets + struct.pack("<BQQQ", 0x02, 20, start, offset_start)
+        footer = kinds.Footer(summary_start=start, summary_offset_start=start + len(data), summary_crc=0)
+        data += offsets + _bytes(footer)[:-4]  # its CRC covers all before it
         return bytes(data) + struct.pack("<I", zlib.crc32(data)) + MAGIC
 
     def _statistics(self) -> Any:
-        return self._kinds.Statistics(
+        return kinds.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
@@ -252,15 +266,10 @@ class McapFile:
 
     def close(self, keep: bool = False) -> None:
         """Ends an unfinished file: drops it, or keeps it under its temporary name."""
-        with contextlib.suppress(OSError):  # a full disk, which was told already
-            self._stream.close()
-        if not keep:
-            self.partial.unlink(missing_ok=True)
+        self._file.drop(keep)
 
 
 def _bytes(record: Any) -> bytes:
-    from mcap.data_stream import RecordBuilder
-
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())
@@ -269,16 +278,4 @@ def _bytes(record: Any) -> bytes:
 def _index_bytes(channel: int, index: NDArray[np.uint64]) -> bytes:
     """A MessageIndex record."""
     data = np.ascontiguousarray(index, dtype="<u8").tobytes()
-    return struct.pack("<BQHI", 0x07, 6 + len(data), channel, len(data)) + data
-
-
-def sync_folder(folder: Path) -> None:
-    """Flushes a folder's entries, where the system lets one."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    return struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(data), channel, len(data)) + data

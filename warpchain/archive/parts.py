@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 
 from warpchain.archive import schema
 from warpchain.archive.layout import Form
-from warpchain.archive.mcap_write import McapFile, refused
+from warpchain.archive.mcap_write import McapFile, taken
 from warpchain.archive.options import ArchiveOptions
 from warpchain.drive import Drive, dumps_drive
 from warpchain.errors import ArchiveError
+from warpchain.files import refusals
 from warpchain.results.run import RunInfo
 
 if TYPE_CHECKING:
@@ -160,15 +161,15 @@ class Parts:
             raise ArchiveError(f"{self.path}: is a folder; give a file name such as {self.path / 'run.mcap'}")
         mine = [part.file.path for part in self._parts if part.file.finished]
         there = [self.path] if self.path.exists() else part_files(self.path)
-        taken = [file for file in there if file not in mine]
-        if taken and not self.overwrite:
-            raise ArchiveError(f"{taken[0]}: exists already; give another name, or --overwrite (overwrite=True)")
+        others = [file for file in there if file not in mine]
+        if others and not self.overwrite:
+            raise taken(others[0])
 
     def _open(self) -> Part:
         """Begins the next file."""
         number = len(self._parts)
         path = part_path(self.path, number) if self._split else self.path
-        part = Part(McapFile(path, f"warpchain {self._info.version}"), drives=number == 0)
+        part = Part(McapFile(path, f"warpchain {self._info.version}", self.overwrite), drives=number == 0)
         self._parts.append(part)
         part.file.metadata(schema.RUN_METADATA, self._head | {"part": str(number)} | _made(self._info))
         return part
@@ -206,12 +207,10 @@ class Parts:
         last.file.attachment(schema.METRICS_ATTACHMENT, media_type(schema.METRICS_ATTACHMENT), _arrow_bytes(metrics))
         end = {"ended": info.ended, "wall_time": repr(float(info.wall_time)), "parts": str(len(self._parts))}
         self._finish_part(last, end)
-        try:
+        with refusals(self.path, ArchiveError):
             for file in stale:
                 if file not in [part.file.path for part in self._parts]:
                     file.unlink()
-        except OSError as error:
-            raise refused(self.path, error) from None
 
     def refusal(self, error: ArchiveError) -> ArchiveError:
         """The error to raise when the disk refuses: with `salvage` it names the files that hold what was written."""

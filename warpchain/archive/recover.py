@@ -14,32 +14,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap import records as kinds
+from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from warpchain.archive import schema
 from warpchain.archive.layout import LENGTH_STARTS, MESSAGE
-from warpchain.archive.mcap_read import (
-    ATTACHMENT,
-    CHANNEL,
-    CHUNK,
-    METADATA,
-    RECORD,
-    SCHEMA,
-    attachment_of,
-    channel_of,
-    chunk_of,
-    decompressed,
-    metadata_of,
-    records,
-    schema_of,
-)
-from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile
+from warpchain.archive.mcap_read import RECORD, Content, attachment_of, decompressed, records
+from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile, taken
 from warpchain.archive.parts import PART, archive_files, cut_files, part_files, part_path
 from warpchain.errors import ArchiveError
+from warpchain.files import reason
 
-KNOWN = range(0x01, 0x10)
+KNOWN = frozenset(Opcode)
 """Opcodes of MCAP; another one means that the bytes are not records any more."""
-DATA_END = 0x0F
 
 
 @dataclass
@@ -92,9 +80,9 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
     source, target = Path(broken), Path(output)
     sources = _sources(source)
     split = len(sources) > 1
-    taken = [target] if target.exists() else part_files(target)
-    if taken and not overwrite:
-        raise ArchiveError(f"{taken[0]}: exists already; give another name, or --overwrite (overwrite=True)")
+    there = [target] if target.exists() else part_files(target)
+    if there and not overwrite:
+        raise taken(there[0])
     if target.is_dir():
         raise ArchiveError(f"{target}: is a folder; give a file name such as {target / 'fixed.mcap'}")
     result = Recovered(target)
@@ -102,7 +90,7 @@ def recover_archive(broken: str | Path, output: str | Path, overwrite: bool = Fa
     try:
         for path in sources:
             number = len(copies)
-            file = McapFile(part_path(target, number) if split else target, "warpchain recover")
+            file = McapFile(part_path(target, number) if split else target, "warpchain recover", overwrite)
             copies.append(_Copy(path, file, result, number))
             if not copies[-1].run() and number and path.suffix == ".partial":
                 copies.pop().file.close()  # a part that had only just begun
@@ -151,7 +139,7 @@ class _Copy:
             raise ArchiveError(f"{self.path}: is not an MCAP file")
         at = len(MAGIC)
         for opcode, begin, end in _whole(data):
-            if opcode == DATA_END:
+            if opcode == Opcode.DATA_END:
                 at = len(data)
                 break
             self._take(opcode, data[begin:end])
@@ -176,22 +164,28 @@ class _Copy:
     def _take(self, opcode: int, data: Any) -> None:
         """Copies a record, if it is worth it and right."""
         try:
-            if opcode == METADATA:
-                self._take_metadata(*metadata_of(data))
-            elif opcode == ATTACHMENT:
-                self.file.attachment(*attachment_of(data))
-            elif opcode == SCHEMA:
-                self.file.schema(*schema_of(data))
-            elif opcode == CHANNEL:
-                channel = channel_of(data)
-                self.file.channel(*channel)
-                named = schema.variant_of(channel.topic)
-                if named and named[1] == "state":
-                    self._variants[channel.number] = named[0]
-            elif opcode == CHUNK:
-                self._take_chunk(data)
+            if opcode == Opcode.METADATA:
+                metadata = kinds.Metadata.read(Content(data))
+                self._take_metadata(metadata.name, metadata.metadata)
+            elif opcode == Opcode.ATTACHMENT:
+                attached = attachment_of(data)
+                self.file.attachment(attached.name, attached.media_type, attached.data)
+            elif opcode == Opcode.SCHEMA:
+                kind = kinds.Schema.read(Content(data))
+                self.file.schema(kind.id, kind.name, kind.encoding, bytes(kind.data))
+            elif opcode == Opcode.CHANNEL:
+                self._take_channel(kinds.Channel.read(Content(data)))
+            elif opcode == Opcode.CHUNK:
+                self._take_chunk(kinds.Chunk.read(Content(data)))
         except (ValueError, struct.error, IndexError):
             self.result.damaged += 1
+
+    def _take_channel(self, channel: kinds.Channel) -> None:
+        encoding = channel.message_encoding
+        self.file.channel(channel.id, channel.schema_id, channel.topic, encoding, channel.metadata)
+        named = schema.variant_of(channel.topic)
+        if named and named[1] == "state":
+            self._variants[channel.id] = named[0]
 
     def _take_metadata(self, name: str, values: dict[str, str]) -> None:
         if name == schema.RUN_METADATA:
@@ -209,12 +203,13 @@ class _Copy:
         else:
             self.file.metadata(name, values)
 
-    def _take_chunk(self, data: Any) -> None:
-        compression, packed, size, crc, start, end = chunk_of(data)
-        indexes = message_index(decompressed(compression, packed, size, crc))
+    def _take_chunk(self, chunk: kinds.Chunk) -> None:
+        indexes = message_index(decompressed(chunk))
         if not all(self.file.has_channel(number) for number in indexes):
             raise ValueError("its topic is not described")  # the description was damaged
-        self.file.chunk(Chunk(compression, packed, size, crc, start, end, indexes))
+        size, crc = chunk.uncompressed_size, chunk.uncompressed_crc
+        start, end = chunk.message_start_time, chunk.message_end_time
+        self.file.chunk(Chunk(chunk.compression, chunk.data, size, crc, start, end, indexes))
         self.result.chunks += any(channel in self._variants for channel in indexes)
         for channel, index in indexes.items():
             if channel in self._variants:
@@ -223,7 +218,10 @@ class _Copy:
 
 
 def message_index(content: Any) -> dict[int, NDArray[np.uint64]]:
-    """Log times and offsets of each channel's messages in a chunk's records."""
+    """Log times and offsets of each channel's messages in a chunk's records.
+
+    Only the messages' heads are looked at: `mcap.records` would copy what they hold.
+    """
     found: dict[int, list[tuple[int, int]]] = {}
     for opcode, begin, _ in records(content):
         if opcode == MESSAGE:
@@ -253,4 +251,4 @@ def _mapped(path: Path) -> memoryview:
     except ValueError:  # an empty file
         return memoryview(b"")
     except OSError as error:
-        raise ArchiveError(f"{path}: cannot be read ({error.strerror})") from None
+        raise ArchiveError(f"{path}: cannot be read ({reason(error)})") from None

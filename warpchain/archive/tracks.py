@@ -9,10 +9,11 @@ from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
+from mcap.records import Channel
 
 from warpchain.archive import schema
 from warpchain.archive.layout import HEADER, LENGTH_STARTS, MESSAGE, Form, FrameLayout, frame_layout
-from warpchain.archive.mcap_read import ChannelInfo, ChunkEntry, McapIndex, records, told
+from warpchain.archive.mcap_read import ChunkEntry, McapIndex, records, told
 from warpchain.drive import Drive, loads_drive
 from warpchain.errors import ArchiveError, DriveError
 from warpchain.results.channels import NAMES
@@ -65,7 +66,7 @@ class Place:
     """A variant's topics and chunks in one file."""
 
     file: McapIndex
-    rollers: ChannelInfo
+    rollers: Channel
     numbers: Mapping[str, int]
     chunks: list[ChunkEntry] = field(default_factory=list)
 
@@ -93,7 +94,7 @@ class Tracks(Mapping[int, Trajectory]):
             for channel in file.channels.values():
                 named = schema.variant_of(channel.topic)
                 if named:
-                    numbers.setdefault(named[0], {})[named[1]] = channel.number
+                    numbers.setdefault(named[0], {})[named[1]] = channel.id
             here = {}
             for variant, topics in numbers.items():
                 if "rollers" in topics and "state" in topics:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.errors import StudyError
+from warpchain.files import read_text
 
 if TYPE_CHECKING:
     from warpchain.study.results import Results
@@ -141,8 +142,8 @@ def table_path(source: Path) -> Path:
 def about(folder: Path) -> dict[str, str]:
     """What a study's folder says of itself, in words: its name, design and run settings; nothing where it says none."""
     try:
-        study = tomllib.loads((folder / "study.toml").read_text())
-    except (OSError, ValueError):
+        study = tomllib.loads(read_text(folder / "study.toml", "TOML", StudyError))
+    except (StudyError, ValueError):
         return {}
     found = {key: str(value) for key, value in study.get("study", {}).items() if key == "name"}
     for key in ("design", "run", "adjust"):

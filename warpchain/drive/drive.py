@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import os
-import secrets
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -51,6 +50,7 @@ from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.table import SpeedTable, TorqueTable, with_files
 from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 from warpchain.errors import DriveError, drive_error
+from warpchain.files import read_text, reason, write_text
 
 __all__ = [
     "BalanceWheel",
@@ -281,16 +281,7 @@ def read_drive_text(path: str | os.PathLike[str]) -> str:
     Raises:
         DriveError: if it cannot be read or is not UTF-8.
     """
-    try:
-        return Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise drive_error([f"cannot be read: {_reason(error)}"], str(path)) from None
-    except UnicodeDecodeError as error:
-        raise drive_error([f"not TOML: byte {error.start} is not UTF-8"], str(path)) from None
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
+    return read_text(path, "TOML", lambda reason: drive_error([reason], str(path)))
 
 
 def dumps_drive(drive: Drive) -> str:
@@ -320,15 +311,7 @@ def write_drive_text(text: str, path: str | os.PathLike[str]) -> None:
     Raises:
         DriveError: if it cannot be written.
     """
-    target = Path(path)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}")
     try:
-        with open(temporary, "x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
+        write_text(Path(path), text)
     except OSError as error:
-        raise drive_error([f"cannot be written: {_reason(error)}"], str(path)) from None
-    finally:
-        temporary.unlink(missing_ok=True)
+        raise drive_error([f"cannot be written: {reason(error).lower()}"], str(path)) from None

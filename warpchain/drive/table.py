@@ -15,6 +15,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from warpchain.drive.part import BARE, Column, Finite, Name, Part, Problem, Value, elements, get, numbers
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, drive_error
+from warpchain.files import read_text
 
 Interpolation = Annotated[Literal["linear", "cubic"], Value('must be "linear" or "cubic" (monotone between rows)')]
 Factor = Finite
@@ -184,13 +185,7 @@ def read_csv(path: Path) -> dict[str, list[float]]:
     Raises:
         DriveError: in one line, with the row's number in the file.
     """
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise DriveError(f"cannot be read: {(error.strerror or str(error)).lower()}") from None
-    except UnicodeDecodeError as error:
-        raise DriveError(f"not CSV: byte {error.start} is not UTF-8") from None
-    lines = text.splitlines()
+    lines = read_text(path, "CSV", DriveError).splitlines()
     rows = [
         (number, [cell.strip() for cell in next(csv.reader([line]))])
         for number, line in enumerate(lines, 1)

@@ -1,4 +1,9 @@
-"""TOML text of nested tables, as drive files have them: written here, since the standard library only reads TOML."""
+"""TOML text of nested tables, as drive files have them.
+
+Written here, since the standard library only reads TOML, and tomlkit, which `warpchain fit` edits files with, spaces
+inline tables otherwise (drives in archives keep their text), takes 25 times as long for a drive, of which an archive
+may hold thousands, and time that grows with the square of an array's length.
+"""
 
 from __future__ import annotations
 

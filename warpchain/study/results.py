@@ -7,13 +7,14 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
-from warpchain.study.tables import read_table, write_whole
+from warpchain.files import refusals, whole_file
+from warpchain.study.tables import read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -219,15 +220,13 @@ def export_table(table: pa.Table, path: str | Path) -> Path:
     if target.suffix not in (".parquet", ".csv"):
         raise StudyError(f"{target}: allowed endings are .parquet and .csv")
 
-    def write(file: Any) -> None:
+    with refusals(target, StudyError), whole_file(target) as file:
         if target.suffix == ".csv":
             from pyarrow import csv
 
             csv.write_csv(table, file)
         else:
-            import pyarrow.parquet as parquet
+            from pyarrow import parquet
 
             parquet.write_table(table, file)
-
-    write_whole(target, write)
     return target

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import secrets
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from warpchain import files
 from warpchain.errors import StudyError
+from warpchain.files import reason, refusals, whole_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -32,70 +33,43 @@ def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
 
             return csv.read_csv(path)
     except OSError as error:
-        raise StudyError(f"{path}: cannot be read ({error.strerror or str(error).splitlines()[0]})") from None
+        raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
     except pa.ArrowException as error:
         raise StudyError(f"{path}: not a table ({str(error).splitlines()[0]})") from None
     raise StudyError(f"{path}: allowed are tables that end in .parquet or .csv")
 
 
-def write_whole(path: Path, write: Callable[[Any], None], keep: bool = False) -> None:
-    """Writes a file under a temporary name, flushes it to the disk and renames it.
-
-    Args:
-        path: its name.
-        write: is given the open binary file.
-        keep: leave a file of that name as it is, so that of several processes the first one decides.
-
-    Raises:
-        StudyError: a folder or disk that refuses.
-    """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}.partial")
-    try:
-        with partial.open("xb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        if keep:
-            _first(partial, path)
-        else:
-            partial.replace(path)
-        handle = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be written ({error.strerror or error})") from None
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _first(partial: Path, path: Path) -> None:
-    """Gives a file its name unless that is taken."""
-    try:
-        os.link(partial, path)
-    except FileExistsError:
-        return
-    except OSError:  # a file system without links: the last of those that write at the same moment decides
-        if not path.exists():
-            partial.replace(path)
-
-
 def write_table(path: Path, table: pa.Table, keep: bool = False) -> None:
     """Writes a Parquet file, whole or not at all.
+
+    Args:
+        keep: leave a file of that name as it is, so that of several processes the first one decides.
 
     Raises:
         StudyError: a folder or disk that refuses.
     """
     from pyarrow import parquet
 
-    write_whole(path, lambda file: parquet.write_table(table, file, compression="zstd"), keep)
+    with _kept(path, keep), whole_file(path, not keep) as file:
+        parquet.write_table(table, file, compression="zstd")
 
 
 def write_text(path: Path, text: str, keep: bool = False) -> None:
-    """Writes a text file, whole or not at all.
+    """Writes a text file, whole or not at all; see `write_table`.
 
     Raises:
         StudyError: a folder or disk that refuses.
     """
-    write_whole(path, lambda file: file.write(text.encode()), keep)
+    with _kept(path, keep):
+        files.write_text(path, text, not keep)
+
+
+@contextmanager
+def _kept(path: Path, keep: bool) -> Iterator[None]:
+    """What the system refuses in one line; that a file to be kept is there is no refusal."""
+    with refusals(path, StudyError):
+        try:
+            yield
+        except FileExistsError:
+            if not keep:
+                raise

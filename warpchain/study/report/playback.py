@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.errors import StudyError
+from warpchain.files import refusals, whole_file
 from warpchain.results.run import Trajectory
 from warpchain.study.analysis.pareto import pareto_front
 from warpchain.study.report.report import telling_metrics
 from warpchain.study.results import Results
-from warpchain.study.tables import write_whole
 from warpchain.view.chosen import NEEDED
 from warpchain.view.rerun.chart import BACKGROUND, Chart, around
 from warpchain.view.rerun.columns import entity
@@ -74,18 +73,11 @@ def view_study(
             stream.disconnect()
         return
     target = Path(save)
-    written = target.with_name(f".{target.stem}.{os.getpid()}.rrd")
-    try:
-        written.touch()
-        stream.save(written)
+    with refusals(target, StudyError), whole_file(target) as file:
+        stream.save(file.name)
         stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
         stream.flush()
         stream.disconnect()
-        write_whole(target, lambda file: file.write(written.read_bytes()))
-    except OSError as error:
-        raise StudyError(f"{target}: cannot be written ({error.strerror or error})") from None
-    finally:
-        written.unlink(missing_ok=True)
 
 
 def log_study(

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated, Any
 
 from warpchain.drive import Drive
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.part import Allowed, Part, Problem, Text
 from warpchain.errors import DriveError, StudyError
+from warpchain.files import read_text
 from warpchain.study.spec.factor import Factor
 from warpchain.study.spec.parts import Adjust, Constraint, Design, Fatigue, Keep, Recording, RunOptions
 from warpchain.study.spec.rules import design_rules, expression_rules, fatigue_rules, name_rules
@@ -96,13 +96,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     Raises:
         StudyError: if it cannot be read, in one line, or with one line for each of its errors.
     """
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}") from None
-    except UnicodeDecodeError as error:
-        raise StudyError(f"{path}: not TOML: byte {error.start} is not UTF-8") from None
-    return loads_study(text, str(path))
+    return loads_study(read_text(path, "TOML", lambda reason: StudyError(f"{path}: {reason}")), str(path))
 
 
 def dumps_study(study: Study) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from warpchain.archive.schema import tension_color
 from warpchain.drive import Drive
 from warpchain.errors import ArchiveError, SimulationError
+from warpchain.files import refusals, whole_file
 from warpchain.results.signals import peak_frames
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def tension_colors() -> ListedColormap:
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str | Sequence[str]) -> list[Path]:
-    """Writes figures under their names, each under a temporary name first.
+    """Writes figures; each appears under its name only when whole.
 
     Args:
         kinds: "png", "svg", or both; text in SVG stays text.
@@ -89,18 +89,13 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str |
         if kind not in KINDS:
             raise SimulationError(f"format {kind!r}: allowed are {', '.join(KINDS)}")
     target, paths = Path(folder), []
-    try:
+    with refusals(target, ArchiveError):
         target.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():
             for kind in wanted:
-                path, partial = target / f"{name}.{kind}", target / f".{name}.{os.getpid()}.{kind}"
-                try:
-                    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
-                        figure.savefig(partial, dpi=130, metadata={"Date": None} if kind == "svg" else None)
-                    partial.replace(path)
-                finally:
-                    partial.unlink(missing_ok=True)
-                paths.append(path)
-    except OSError as error:
-        raise ArchiveError(f"{target}: cannot be written ({error.strerror})") from None
+                look = matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name})
+                paths.append(target / f"{name}.{kind}")
+                with look, whole_file(paths[-1]) as file:
+                    metadata = {"Date": None} if kind == "svg" else None
+                    figure.savefig(file, format=kind, dpi=130, metadata=metadata)
     return paths

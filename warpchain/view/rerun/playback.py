@@ -7,12 +7,12 @@ analytics are Rerun's own setting (`rerun analytics disable`); nothing here turn
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from warpchain.errors import ArchiveError, SimulationError
+from warpchain.files import refusals, whole_file
 from warpchain.results.run import Run
 from warpchain.view.chosen import NEEDED, Recorded, to_compare
 from warpchain.view.rerun.chart import Chart
@@ -130,18 +130,9 @@ def _stream() -> rr.RecordingStream:
 
 
 def _save(shown: Sequence[Recorded], target: Path, frames: int, tab: str | None) -> None:
-    partial = target.with_name(f".{target.stem}.{os.getpid()}{target.suffix or '.rrd'}")
     stream = _stream()
-    try:
-        partial.touch()
-        stream.save(partial)
+    with refusals(target, ArchiveError), whole_file(target) as file:
+        stream.save(file.name)
         stream.send_blueprint(log_recording(stream, shown, frames, tab))
         stream.flush()
         stream.disconnect()
-        with partial.open("rb") as written:
-            os.fsync(written.fileno())
-        partial.replace(target)
-    except OSError as error:
-        raise ArchiveError(f"{target}: cannot be written ({error.strerror or error})") from None
-    finally:
-        partial.unlink(missing_ok=True)
