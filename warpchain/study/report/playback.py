@@ -17,10 +17,10 @@ from warpchain.study.report.report import telling_metrics
 from warpchain.study.results import Results
 from warpchain.study.tables import write_whole
 from warpchain.view.chosen import NEEDED
+from warpchain.view.colors import BEST, CURVES, OTHERS, SHOWN
 from warpchain.view.rerun.chart import BACKGROUND, Chart, around
 from warpchain.view.rerun.columns import entity
 from warpchain.view.rerun.drive import log_drive, shown_frames, tension_top
-from warpchain.view.rerun.playback import COLORS
 from warpchain.view.rerun.series import GROUPS, log_curves
 
 if TYPE_CHECKING:
@@ -32,9 +32,9 @@ INPUTS, METRICS = 3, 4
 FRAMES = 400
 """Frames that a recorded variant is drawn with; its curves keep their peaks."""
 KINDS = {
-    "variants": ((140, 140, 140), 2.5),
-    "Pareto front": ((240, 200, 60), 4.0),
-    "recorded variants": ((240, 90, 60), 5.0),
+    "variants": (OTHERS, 2.5),
+    "Pareto front": (BEST, 4.0),
+    "recorded variants": (SHOWN, 5.0),
 }
 """Color and size of each kind of dot."""
 
@@ -115,7 +115,7 @@ def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory)
         raise StudyError(f"{name} was recorded without {', '.join(missing)}, which this needs")
     drawn, top = shown_frames(trajectory, FRAMES), tension_top(trajectory)
     log_drive(stream, name, drawn, top)
-    log_curves(stream, name, trajectory, FRAMES, COLORS, own=False)
+    log_curves(stream, name, trajectory, FRAMES, CURVES, own=False)
     title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
     moving = rrb.Spatial2DView(origin=entity(name, "drive"), name=title, background=BACKGROUND)
     over_time = rrb.TimeSeriesView(origin=entity(name, "curves", "tension"), name=GROUPS["tension"])

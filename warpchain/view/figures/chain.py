@@ -15,7 +15,8 @@ from warpchain.results.signals import (
     strand_tension,
     transmission_error,
 )
-from warpchain.view.figures.style import LINES, arrowed, panels, tension_colors
+from warpchain.view.colors import tension_colormap
+from warpchain.view.figures.style import LINES, arrowed, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +37,7 @@ def waterfall_figure(trajectory: Trajectory) -> Figure:
     top = 1e-3 * max(float(np.nanpercentile(trajectory.tension, 99.9)), 1.0)
     extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
     image = axis.imshow(
-        1e-3 * rows, aspect="auto", extent=extent, cmap=tension_colors(), vmin=0.0, vmax=top, interpolation="nearest"
+        1e-3 * rows, aspect="auto", extent=extent, cmap=tension_colormap(), vmin=0.0, vmax=top, interpolation="nearest"
     )
     axis.grid(False)
     axis.set_xlabel("link number")

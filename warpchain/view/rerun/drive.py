@@ -10,17 +10,8 @@ from numpy.typing import NDArray
 from warpchain.results.run import Trajectory
 from warpchain.results.scene import guide_outline, pressing, tooth_outline
 from warpchain.view.chosen import part_of
-from warpchain.view.rerun.columns import (
-    Column,
-    entity,
-    flipped,
-    packed_colors,
-    rows,
-    send,
-    strips,
-    tension_steps,
-    vectors,
-)
+from warpchain.view.colors import packed_colors, tension_steps
+from warpchain.view.rerun.columns import Column, entity, flipped, rows, send, strips, vectors
 
 if TYPE_CHECKING:
     import rerun as rr

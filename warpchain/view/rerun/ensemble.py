@@ -12,6 +12,7 @@ from warpchain.drive import Drive
 from warpchain.results.metrics import unit_of
 from warpchain.results.run import Run
 from warpchain.view.chosen import varied_inputs
+from warpchain.view.colors import OTHERS, RECORDED, SHOWN
 from warpchain.view.rerun.chart import Chart, around
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 INPUTS, METRICS = 3, 4
 """Most inputs and metrics that scatters are drawn for."""
-SHOWN, RECORDED, OTHERS = (240, 90, 60), (90, 170, 240), (140, 140, 140)
 
 Values = dict[str, NDArray[np.float64]]
 

@@ -18,13 +18,12 @@ from warpchain.results.signals import (
     strand_tension,
     transmission_error,
 )
+from warpchain.view.colors import Color, packed_colors, tension_steps
 from warpchain.view.rerun.chart import WIDE, Axis, Chart
-from warpchain.view.rerun.columns import Column, entity, packed_colors, rows, send, tension_steps
+from warpchain.view.rerun.columns import Column, entity, rows, send
 
 if TYPE_CHECKING:
     import rerun as rr
-
-Color = tuple[int, int, int]
 
 GROUPS = {
     "tension": "link tension [N]",
