@@ -143,11 +143,6 @@ def _energy_row(drive: Drive, chain: Any, sprockets: Any, mounts: Any, contacts:
     }
 
 
-def driver(drive: Drive) -> int:
-    """Index of the first prescribed sprocket, which revolutions are counted by."""
-    return next(s for s, sprocket in enumerate(drive.sprockets) if sprocket.prescribed is not None)
-
-
 def design_row(drive: Drive, metrics: Row) -> Row:
     """What designs are judged by, from the other metrics of a variant; see the module's (a) to (c).
 
@@ -165,7 +160,7 @@ def design_row(drive: Drive, metrics: Row) -> Row:
             row[f"{strand}.displacement_std"] = math.sqrt(max(rms * rms - mean * mean, 0.0))
     seconds = metrics["window_end"] - metrics["window_start"]
     turns = {s.name: abs(metrics[f"{s.name}.speed_mean"]) * seconds / (2.0 * math.pi) for s in drive.sprockets}
-    driven_by = turns[drive.sprockets[driver(drive)].name]
+    driven_by = turns[drive.sprockets[drive.driver].name]
     names = [s.name for s in drive.sprockets] + [g.name for g in drive.guides]
     if driven_by > 0.0:
         for name in names:

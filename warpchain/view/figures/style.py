@@ -36,8 +36,13 @@ def about(drive: Drive) -> str:
     assert travel is not None
     return (
         f"{drive.chain.links} links of {1e3 * drive.chain.pitch:g} mm, "
-        f"{drive.sprockets[drive.driver].name} at {travel.top_speed * 30.0 / np.pi:.4g} rpm"
+        f"{drive.sprockets[drive.driver].name} at {rpm(travel.top_speed):.4g} rpm"
     )
+
+
+def rpm(speed: float) -> float:
+    """An angular speed [rad/s] in revolutions a minute."""
+    return speed * 30.0 / np.pi
 
 
 def panels(rows: int, height: float, title: str, drive: Drive | None, share: bool = True) -> tuple[Figure, list[Any]]:

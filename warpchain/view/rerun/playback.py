@@ -21,7 +21,7 @@ from warpchain.view.rerun.columns import entity
 from warpchain.view.rerun.drive import log_drive, log_outline, shown_frames, tension_top
 from warpchain.view.rerun.ensemble import log_ensemble
 from warpchain.view.rerun.layout import blueprint
-from warpchain.view.rerun.series import Spectrum, log_curves, log_spectra, log_tension_image, spectra
+from warpchain.view.rerun.series import Line, log_curves, log_spectra, log_tension_image, spectra
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -84,7 +84,7 @@ def log_recording(
     """Logs the variants, with what compares them and the ensemble of the first one's run; returns the layout."""
     several = len(shown) > 1
     top = max(tension_top(one.trajectory) for one in shown)
-    images, lines = [], dict[str, list[Spectrum]]()
+    images, lines = [], dict[str, list[Line]]()
     for k, one in enumerate(shown):
         color = CURVES[k % len(CURVES)]
         images.append(log_variant(stream, one, frames, top, color if several else None))
