@@ -33,7 +33,15 @@ KERNEL_LEVELS = (
     ("sums", "relaxation"),
     ("cpu", "gpu"),
 )
-STUDY_LEVELS = (("tables",), ("results",), ("spec",), ("design",), ("run",), ("analysis",), ("report",))
+STUDY_LEVELS = (
+    ("columns", "reasons", "store"),
+    ("results",),
+    ("spec",),
+    ("design",),
+    ("run",),
+    ("analysis",),
+    ("report",),
+)
 WITHOUT_WARP = ("drive", "assembly", "results", "archive", "view")
 
 

@@ -77,7 +77,7 @@ def report(arguments: argparse.Namespace) -> int:
     notes = about(path.parent)
     if arguments.recorded or arguments.fatigue is not None:
         from warpchain.results.fatigue import Woehler
-        from warpchain.study.run.recorded import with_recorded_objectives
+        from warpchain.study.run.recordings import with_recorded_objectives
 
         curve = None if arguments.fatigue is None else Woehler(*arguments.fatigue)
         results = with_recorded_objectives(results, path.parent, curve)
@@ -98,8 +98,8 @@ def report(arguments: argparse.Namespace) -> int:
 
 def view(arguments: argparse.Namespace) -> int:
     """Body of `warpchain study view`."""
-    from warpchain.study.report.playback import view_study
-    from warpchain.study.run.recorded import recorded_variants
+    from warpchain.study.report.scatters import view_study
+    from warpchain.study.run.recordings import recorded_variants
 
     path, results = _read(arguments)
     asked = arguments.variant is not None

@@ -9,7 +9,7 @@ import numpy as np
 from warpchain.drive import Drive
 from warpchain.engine.packed import Packed
 from warpchain.kernels import sum_structs
-from warpchain.results.metrics import row_of
+from warpchain.results.metrics import RUN_COLUMNS, SETTLING_COLUMNS, row_of
 from warpchain.results.schedule import Schedule
 
 
@@ -40,6 +40,5 @@ def metric_names(drive: Drive) -> list[str]:
     }
     sums = {name: np.ones(count, kind.numpy_dtype()) for name, (count, kind) in kinds.items()}
     row = row_of(drive, Schedule(1e-6, 2, 0, 1, 0), sums, 3, False)
-    dropped = ("diverged", "diverged_time", "window_start", "window_end")
-    settled = ["settle_steps", "settle_residual"] if drive.run.settle else []
-    return [name for name in row if name not in dropped] + settled
+    settled = SETTLING_COLUMNS if drive.run.settle else ()
+    return [*(name for name in row if name not in RUN_COLUMNS), *settled]

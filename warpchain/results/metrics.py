@@ -48,6 +48,12 @@ UNITS = {
 """Unit by the first of these words that a column's own name holds."""
 
 
+RUN_COLUMNS = ("diverged", "diverged_time", "window_start", "window_end")
+"""Columns that tell how far a variant ran and which window its metrics are of."""
+SETTLING_COLUMNS = ("settle_steps", "settle_residual")
+"""Columns that tell how the start was settled, where it was."""
+
+
 def unit_of(column: str) -> str:
     """Unit of a metric's column, "1" for a count, ratio or flag."""
     name = column.rsplit(".", 1)[-1]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,18 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
-from warpchain.study.tables import read_table, write_whole
+from warpchain.study.columns import BOOKKEEPING
+from warpchain.study.reasons import common_reasons
+from warpchain.study.store import read_table, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
 STATUSES = ("ok", "infeasible", "diverged")
-BOOKKEEPING = (
-    *("variant", "status", "reason", "archive", "archive_variant", "adjusted_links", "adjusted_travel"),
-    *("diverged", "diverged_time", "window_start", "window_end", "settle_steps", "settle_residual"),
-)
-"""Columns that are neither a factor nor a metric."""
 
 
 @dataclass(frozen=True)
@@ -66,14 +61,8 @@ class Results:
         Reasons that differ in their numbers only count as one, told by its first.
         """
         reasons = self.table["reason"].to_pylist() if "reason" in self.table.column_names else [None] * len(self.status)
-        counts: Counter[tuple[str, str]] = Counter()
-        first: dict[tuple[str, str], str] = {}
-        for status, reason in zip(self.status, reasons, strict=True):
-            if status != "ok":
-                alike = status, re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", reason or "not told")
-                counts[alike] += 1
-                first.setdefault(alike, reason or "not told")
-        return [(alike[0], first[alike], count) for alike, count in counts.most_common()]
+        ended = zip(self.status, reasons, strict=True)
+        return common_reasons((status, reason or "not told") for status, reason in ended if status != "ok")
 
     def numeric(self, name: str) -> bool:
         """Whether a column holds numbers.

@@ -13,9 +13,9 @@ import numpy as np
 from warpchain.errors import StudyError
 from warpchain.results.run import Trajectory
 from warpchain.study.analysis.pareto import pareto_front
-from warpchain.study.report.report import telling_metrics
+from warpchain.study.report.sections import telling_metrics
 from warpchain.study.results import Results
-from warpchain.study.tables import write_whole
+from warpchain.study.store import write_whole
 from warpchain.view.chosen import NEEDED
 from warpchain.view.colors import BEST, CURVES, OTHERS, SHOWN
 from warpchain.view.rerun.chart import BACKGROUND, Chart
@@ -46,7 +46,7 @@ def view_study(
 
     Args:
         results: the study's results.
-        recorded: trajectories to play, by the study's variant (see `study.recorded.recorded_variants`).
+        recorded: trajectories to play, by the study's variant (see `study.run.recordings.recorded_variants`).
         factors: across the scatters; none takes the numeric ones that explain most.
         metrics: up the scatters; none takes the telling ones.
         objectives: "min" or "max" by metric: marks the Pareto front.
