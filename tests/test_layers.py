@@ -153,7 +153,7 @@ def test_arrows_point_down_in_a_study():
 
 def test_only_the_engine_calls_kernels():
     users = {name.split(".")[1] for name in PACKAGE if ARROWS[name] & set(KERNEL_MODULES)}
-    assert users == {"engine", "results"}  # results: rainflow counting
+    assert users == {"engine"}
 
 
 @pytest.mark.parametrize("path", [*PACKAGE.values(), *KERNEL_MODULES.values()], ids=lambda path: path.stem)

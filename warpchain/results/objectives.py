@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
-from warpchain.results.fatigue import Woehler, damage, equivalent_range
+from warpchain.results.fatigue import Woehler, count_links, damage, equivalent_range
 from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import nearest_sprocket
 
@@ -115,7 +115,8 @@ def _fatigue(part: Trajectory, woehler: Woehler) -> Row:
     """Damage of the worst and the mean link an hour, and the range that does it once a chain revolution."""
     assert part.tension is not None
     seconds = float(part.time[-1] - part.time[0])
-    found = damage(part.tension, woehler)
+    cycles = count_links(part.tension)
+    found = damage(part.tension, woehler, cycles)
     row = {
         "damage_per_hour_max": float(found.max()) * 3600.0 / seconds,
         "damage_per_hour_mean": float(found.mean()) * 3600.0 / seconds,
@@ -125,7 +126,7 @@ def _fatigue(part: Trajectory, woehler: Woehler) -> Row:
         turns = abs(float(part.sprocket_angle[-1, d] - part.sprocket_angle[0, d])) / (2.0 * math.pi)
         revolutions = turns * part.drive.sprockets[d].teeth / part.drive.chain.links
         if revolutions > 0.0:
-            ranges = equivalent_range(part.tension, woehler.exponent, revolutions)
+            ranges = equivalent_range(part.tension, woehler.exponent, revolutions, cycles)
             row["tension_equivalent_range"] = float(ranges.max())
     return row
 

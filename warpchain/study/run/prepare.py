@@ -12,6 +12,7 @@ from warpchain.drive import Drive, load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, StudyError
+from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
 from warpchain.study.run.folder import Folder, make_folder
 from warpchain.study.spec import Study, check_drive, load_study
@@ -38,6 +39,8 @@ def prepare(
     except DriveError as error:
         raise StudyError("\n".join(f'{source}: study.drive = "{word}": {line}' for line in error.errors)) from None
     check_drive(study, drive, str(source))
+    if study.fatigue is not None:
+        rainflow_counter()  # refused now, not when all variants have run
     design = make_design(study, Path(source))
     _check_names(study, drive, design.num_rows, source)
     size = study.run.shard or shard_size(study, drive, design.num_rows, parts, workers or available_cores(), memory)
