@@ -10,6 +10,15 @@ ANCHORS = np.array([(45, 85, 215), (0, 170, 220), (70, 195, 95), (245, 205, 50),
 UNKNOWN = (150, 150, 150)
 """Color (RGB) where the tension is not recorded or not finite."""
 
+PERCENTILE = 99.9
+"""Percentile of the tensions that the scale ends at: rare impacts may reach further."""
+
+
+def full_scale(tension: NDArray[np.floating]) -> float:
+    """Where the scale of link tensions (...) ends [N], 1 N at least; what is not finite does not count."""
+    finite = tension[np.isfinite(tension)]
+    return max(float(np.percentile(finite, PERCENTILE)), 1.0) if finite.size else 1.0
+
 
 def tension_color(tension: NDArray[np.floating], full_scale: float) -> NDArray[np.uint8]:
     """Colors of link tensions.

@@ -75,7 +75,7 @@ class Results:
 
     def _known(self, name: str) -> None:
         if name not in self.table.column_names:
-            raise StudyError(f"column {name!r}: not in the table; it has {_some(self.table.column_names)}")
+            raise StudyError(f"column {name!r}: not in the table; it has {some_of(self.table.column_names)}")
 
     def values(self, name: str) -> Array:
         """A numeric column (R,), NaN where it is empty.
@@ -147,7 +147,8 @@ def varies(values: Array) -> bool:
     return len(finite) > 1 and bool(np.ptp(finite) > 1e-12 * np.abs(finite).max())
 
 
-def _some(names: Iterable[str], most: int = 12) -> str:
+def some_of(names: Iterable[str], most: int = 12) -> str:
+    """The first names for a message, and how many more there are."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
@@ -177,7 +178,9 @@ def read_results(
     table = source if isinstance(source, pa.Table) else read_table(Path(source))
     chosen = tuple(factors) if factors is not None else _with_role(table, b"factor")
     if not chosen:
-        raise StudyError(f"factors: none given, and the table marks none; its columns are {_some(table.column_names)}")
+        raise StudyError(
+            f"factors: none given, and the table marks none; its columns are {some_of(table.column_names)}"
+        )
     noted = _with_role(table, b"metric")
     if metrics is not None:
         measured = tuple(metrics)
@@ -187,7 +190,7 @@ def read_results(
     for kind, names in (("factors", chosen), ("metrics", measured)):
         for name in names:
             if name not in table.column_names:
-                raise StudyError(f"{kind}: {name!r} is not in the table; it has {_some(table.column_names)}")
+                raise StudyError(f"{kind}: {name!r} is not in the table; it has {some_of(table.column_names)}")
     results = Results(table, chosen, measured)
     for word in sorted(set(results.status) - set(STATUSES)):
         raise StudyError(f"column 'status': {word!r} is unknown; allowed are {', '.join(STATUSES)}")

@@ -21,15 +21,13 @@ from warpchain.view.colors import BEST, CURVES, OTHERS, SHOWN
 from warpchain.view.rerun.chart import BACKGROUND, Chart
 from warpchain.view.rerun.columns import entity
 from warpchain.view.rerun.drive import log_drive, shown_frames, tension_top
-from warpchain.view.rerun.scatter import Dots, Quantity, log_scatter
+from warpchain.view.rerun.scatter import INPUTS, METRICS, Dots, Quantity, log_scatter
 from warpchain.view.rerun.series import GROUPS, log_curves
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-INPUTS, METRICS = 3, 4
-"""Most factors and metrics that scatters are drawn for when not told."""
 FRAMES = 400
 """Frames that a recorded variant is drawn with; its curves keep their peaks."""
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from warpchain.results.colors import full_scale
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import (
     SPECTRUM_FLOOR,
@@ -33,7 +34,7 @@ def waterfall_figure(trajectory: Trajectory) -> Figure:
     assert trajectory.tension is not None
     figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory.drive)
     _, rows = peaks_over_time(trajectory.tension, ROWS)
-    top = 1e-3 * max(float(np.nanpercentile(trajectory.tension, 99.9)), 1.0)
+    top = 1e-3 * full_scale(trajectory.tension)
     extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
     image = axis.imshow(
         1e-3 * rows, aspect="auto", extent=extent, cmap=tension_colormap(), vmin=0.0, vmax=top, interpolation="nearest"

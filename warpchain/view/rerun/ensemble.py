@@ -14,13 +14,10 @@ from warpchain.results.run import Run
 from warpchain.view.chosen import varied_inputs
 from warpchain.view.colors import OTHERS, RECORDED, SHOWN
 from warpchain.view.rerun.chart import Chart
-from warpchain.view.rerun.scatter import Dots, Quantity, log_scatter
+from warpchain.view.rerun.scatter import INPUTS, METRICS, Dots, Quantity, log_scatter
 
 if TYPE_CHECKING:
     import rerun as rr
-
-INPUTS, METRICS = 3, 4
-"""Most inputs and metrics that scatters are drawn for."""
 
 Values = dict[str, NDArray[np.float64]]
 

@@ -15,6 +15,8 @@ from warpchain.view.rerun.chart import Chart, around
 if TYPE_CHECKING:
     import rerun as rr
 
+INPUTS, METRICS = 3, 4
+"""Most inputs and metrics that scatters are drawn for when not told which."""
 WIDTH = 1.1
 """Width of a scatter over its height."""
 
