@@ -21,26 +21,12 @@ from warpchain.errors import SimulationError
 from warpchain.results.fatigue import Woehler, count_links, damage, equivalent_range
 from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import nearest_sprocket
+from warpchain.results.signals import transmission_error
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Row = dict[str, float]
-
-
-def transmission_error(trajectory: Trajectory, s: int) -> NDArray[np.float64]:
-    """How far a sprocket runs ahead of where the driver's angle puts it (F,) [rad], forward, less its mean (a).
-
-    Raises:
-        SimulationError: recorded without sprocket angles.
-    """
-    need(trajectory, "sprocket_angle")
-    assert trajectory.sprocket_angle is not None
-    drive, d = trajectory.drive, trajectory.drive.driver
-    turned = np.asarray(trajectory.sprocket_angle - trajectory.sprocket_angle[:1], dtype=float)
-    ideal = drive.sprockets[d].sign * turned[:, d] * drive.sprockets[d].teeth / drive.sprockets[s].teeth
-    error = drive.sprockets[s].sign * turned[:, s] - ideal
-    return error - error.mean()
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:

@@ -84,8 +84,8 @@ def transmission_error(trajectory: Trajectory, s: int) -> Array:
     assert trajectory.sprocket_angle is not None
     drive = trajectory.drive
     own, driver = (forward(drive, trajectory.sprocket_angle, k) for k in (s, drive.driver))
-    gear = drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
-    ahead = own - own[0] - gear * (driver - driver[0])
+    ideal = (driver - driver[0]) * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
+    ahead = own - own[0] - ideal
     return ahead - ahead.mean()
 
 
