@@ -18,9 +18,10 @@ import rerun as rr
 
 from warpchain import Record, Trajectory, loads_drive, simulate
 from warpchain.view.chosen import recorded
+from warpchain.view.colors import CURVES
 from warpchain.view.rerun.columns import TIMELINE, flipped
 from warpchain.view.rerun.drive import log_drive, tension_top
-from warpchain.view.rerun.playback import COLORS, log_recording, log_variant
+from warpchain.view.rerun.playback import log_recording, log_variant
 from warpchain.view.rerun.series import log_curves, log_spectra, log_tension_image, spectra
 
 DRIVE = """
@@ -92,10 +93,10 @@ def main() -> None:
     top = tension_top(trajectory)
     parts: dict[str, Callable[[rr.RecordingStream], object]] = {
         "drive in motion": lambda stream: log_drive(stream, "a", trajectory, top),
-        "curves": lambda stream: log_curves(stream, "a", trajectory, frames, COLORS, False),
+        "curves": lambda stream: log_curves(stream, "a", trajectory, frames, CURVES, False),
         "tension image": lambda stream: log_tension_image(stream, "a", trajectory, trajectory, frames, top),
         "a variant (the three)": lambda stream: log_variant(stream, one, frames, top),
-        "spectra": lambda stream: log_spectra(stream, spectra(trajectory, COLORS), [30]),
+        "spectra": lambda stream: log_spectra(stream, spectra(trajectory, CURVES), [30]),
         "whole recording with layout": lambda stream: log_recording(stream, [one], frames),
         "rollers by archetypes' columns": lambda stream: archetypes(stream, trajectory),
         "rollers frame by frame": lambda stream: frame_by_frame(stream, trajectory),

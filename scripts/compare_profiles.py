@@ -88,7 +88,7 @@ def approach_speeds(trajectory: Trajectory, s: int) -> np.ndarray:
     frames, rollers = np.array(met, dtype=np.intp).reshape(-1, 2).T
     arm = trajectory.position[frames, rollers] - trajectory.sprocket_center[frames, s]
     surface = trajectory.sprocket_speed[frames, s, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-    normals = sprocket_normals(trajectory, frames, rollers)
+    normals = sprocket_normals(trajectory, s, frames, rollers)
     return ((surface - trajectory.velocity[frames, rollers]) * normals).sum(axis=1)
 
 

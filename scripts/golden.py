@@ -14,8 +14,8 @@ older commit, store with that tree and its own script (or copies of these, where
     PYTHONPATH=. python scripts/golden.py --compare -o out/before
     git worktree remove ../before
 
-The first line printed tells which tree's package ran. The cases are in `golden_cases.py` and `golden_blocks.py`, their
-drives in `golden_drives.py`; when a redesign moves modules, only the imports of these three follow.
+The first line printed tells which tree's package ran. The cases are in `golden_runs/cases.py` and `blocks.py`, their
+drives in `drives.py`; when a redesign moves modules, only the imports of these three follow.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import warp as wp
-from golden_cases import CASES
+from golden_runs.cases import CASES
 
 import warpchain
 from warpchain import Run, Trajectory
@@ -108,13 +108,18 @@ def compare(path: Path, new: dict[str, np.ndarray], most: int = 5) -> str:
     return "; ".join(found[:most]) + (f"; and {len(found) - most} more" if len(found) > most else "")
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--compare", action="store_true", help="compare with what is stored")
+    made.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("out/golden"), help="the store")
+    made.add_argument("--only", nargs="+", metavar="NAME", choices=CASES, default=list(CASES), help="cases to run")
+    return made
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Runs the cases; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--compare", action="store_true", help="compare with what is stored")
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("out/golden"), help="the store")
-    parser.add_argument("--only", nargs="+", metavar="NAME", choices=CASES, default=list(CASES), help="cases to run")
-    arguments = parser.parse_args(words)
+    arguments = parser().parse_args(words)
     wp.config.log_level = wp.LOG_ERROR
     wp.init()
     print(f"warpchain of {Path(warpchain.__file__).parent}", flush=True)

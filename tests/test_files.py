@@ -20,7 +20,7 @@ from warpchain.archive.export import export_npz
 from warpchain.archive.mcap_write import McapFile
 from warpchain.errors import ArchiveError, DriveError
 from warpchain.files import WholeFile, read_text, refusals, whole_file, write_text
-from warpchain.study.tables import write_text as write_study_text
+from warpchain.study.store import write_text as write_study_text
 
 OLD, NEW = b"old", b"new" * 100_000
 

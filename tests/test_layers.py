@@ -34,7 +34,15 @@ KERNEL_LEVELS = (
     ("sums", "relaxation", "frames"),
     ("cpu", "gpu"),
 )
-STUDY_LEVELS = (("tables",), ("results",), ("spec",), ("design",), ("run",), ("analysis",), ("report",))
+STUDY_LEVELS = (
+    ("columns", "reasons", "store"),
+    ("results",),
+    ("spec",),
+    ("design",),
+    ("run",),
+    ("analysis",),
+    ("report",),
+)
 WITHOUT_WARP = ("drive", "assembly", "results", "archive", "view")
 
 
@@ -146,7 +154,7 @@ def test_arrows_point_down_in_a_study():
 
 def test_only_the_engine_calls_kernels():
     users = {name.split(".")[1] for name in PACKAGE if ARROWS[name] & set(KERNEL_MODULES)}
-    assert users == {"engine", "results"}  # results: rainflow counting
+    assert users == {"engine"}
 
 
 @pytest.mark.parametrize("path", [*PACKAGE.values(), *KERNEL_MODULES.values()], ids=lambda path: path.stem)

@@ -15,9 +15,9 @@ from warpchain.results.objectives import (
     add_objectives,
     engagement_impulses,
     from_trajectory,
-    transmission_error,
 )
 from warpchain.results.run import Trajectory
+from warpchain.results.signals import transmission_error
 
 DRIVE = two_sprockets(mass=1.5)
 

@@ -8,7 +8,7 @@ from scipy.stats import kstest, norm, truncnorm
 
 from warpchain.errors import StudyError
 from warpchain.study.design import make_design
-from warpchain.study.design.design import central_composite, hadamard, plackett_burman
+from warpchain.study.design.matrix import central_composite, hadamard, plackett_burman
 from warpchain.study.spec import loads_study
 from warpchain.study.spec.expression import parse
 

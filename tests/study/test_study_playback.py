@@ -16,9 +16,9 @@ from warpchain.cli import main
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.objectives import from_trajectory
-from warpchain.study.report.playback import log_scatters, view_study
+from warpchain.study.report.scatters import log_scatters, view_study
 from warpchain.study.results import export_table, read_results
-from warpchain.study.run.recorded import recorded_variants, with_recorded_objectives
+from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
 
 ROOT = Path(__file__).resolve().parents[2]
 TORQUES = (100.0, 200.0, 300.0, 400.0, 500.0)

@@ -24,7 +24,7 @@ from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, run_study, study_status
 from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.prepare import prepare, shard_size
-from warpchain.study.run.recorded import recorded_variants, with_recorded_objectives
+from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
 from warpchain.study.spec import Study
 
 ROWS = """

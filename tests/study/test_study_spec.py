@@ -231,7 +231,7 @@ def test_what_is_no_toml_is_told_with_its_place(tmp_path):
 
 def test_document_names_every_key():
     text = (Path(__file__).parents[2] / "docs" / "studies.md").read_text()
-    for part in (spec.Subject, spec.Study, spec_factor.Factor, *vars(spec_parts).values()):
+    for part in (spec.study.Subject, spec.Study, spec_factor.Factor, *vars(spec_parts).values()):
         if isinstance(part, type) and issubclass(part, Part) and part is not Part:
             for key in part.model_fields:
                 assert re.search(rf"`[^`]*\b{key}\b[^`]*`|^\[+{key}\b", text, re.MULTILINE), (part, key)

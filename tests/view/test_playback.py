@@ -9,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from warpchain import Record, Trajectory, simulate, write_archive
-from warpchain.archive.schema import tension_color
 from warpchain.cli import main
 from warpchain.errors import SimulationError
+from warpchain.results.colors import tension_color
 from warpchain.results.signals import peak_frames, peaks_over_time
 from warpchain.view.chosen import recorded, to_compare, varied_inputs
-from warpchain.view.rerun.columns import packed_colors, rows, strips, tension_steps, vectors
+from warpchain.view.colors import packed_colors, tension_steps
+from warpchain.view.rerun.columns import rows, strips, vectors
 from warpchain.view.rerun.drive import log_drive
 from warpchain.view.rerun.playback import log_recording
 from warpchain.view.rerun.series import curves, log_curves, log_tension_image

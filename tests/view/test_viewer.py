@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from warpchain import load_drive, simulate, write_archive
-from warpchain.archive.schema import tension_color
 from warpchain.drive.examples import drive_path
+from warpchain.results.colors import tension_color
 from warpchain.view.rerun.playback import view
 
 ROOT = Path(__file__).resolve().parents[2]

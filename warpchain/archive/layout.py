@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from warpchain.archive import schema
 from warpchain.results.channels import CHANNEL, NAMES, OF_ROLLERS, OF_SPROCKETS
+from warpchain.results.colors import tension_color
 from warpchain.results.run import Trajectory
 
 MESSAGE = 0x05
@@ -332,7 +333,7 @@ def _padded(out: Any, values: NDArray[np.uint64]) -> None:
 def _color_table() -> NDArray[np.uint32]:
     """Packed colors from 0 to the scale's end, and at last that of an unknown tension."""
     share = np.append(np.linspace(0.0, 1.0, COLOR_STEPS), np.nan)
-    return schema.tension_color(share, 1.0).view("<u4")[:, 0]
+    return tension_color(share, 1.0).view("<u4")[:, 0]
 
 
 def _color_index(chunk: Trajectory, shape: tuple[int, ...], full_scale: float) -> NDArray[np.intp]:

@@ -1,4 +1,4 @@
-"""Names and layouts of an archive: topics, attachments, metadata, packed rollers and their colors, JointState.
+"""Names and layouts of an archive: topics, attachments, metadata, packed rollers, JointState.
 
 `docs/archive.md` describes the same layout in words.
 """
@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from warpchain.archive.proto import message_type, schema_bytes
 from warpchain.results.channels import OF_ROLLERS
@@ -24,11 +23,6 @@ METRICS_ATTACHMENT = "metrics.arrow"
 COLOR_FIELDS = ("red", "green", "blue", "alpha")
 NUMERIC_TYPES = {"u1": 1, "f4": 7, "f8": 8}
 """numpy's codes of the values of foxglove.PackedElementField.NumericType that occur."""
-
-COLOR_ANCHORS = np.array([(45, 85, 215), (0, 170, 220), (70, 195, 95), (245, 205, 50), (225, 45, 40)], dtype=np.float64)
-"""Colors (RGB) at 0, 1/4, 1/2, 3/4 and all of the color scale, linear between: blue, cyan, green, yellow, red."""
-COLOR_UNKNOWN = (150, 150, 150)
-"""Color where the tension is not recorded or not finite."""
 
 JOINT_STATE = """std_msgs/Header header
 string[] name
@@ -93,28 +87,6 @@ def sprocket_frame(variant: int, name: str) -> str:
 def drive_attachment(variant: int) -> str:
     """Name of the attachment that holds a variant's drive file."""
     return f"drives/{variant:05d}.toml"
-
-
-def tension_color(tension: NDArray[np.floating], full_scale: float) -> NDArray[np.uint8]:
-    """Colors of link tensions.
-
-    Args:
-        tension: (...) link tensions [N].
-        full_scale: tension at the scale's red end [N]; its blue end is 0 N. Values beyond are clamped.
-
-    Returns:
-        (..., 4) red, green, blue, alpha.
-    """
-    share = np.clip(np.asarray(tension, dtype=np.float64) / full_scale, 0.0, 1.0) * (len(COLOR_ANCHORS) - 1)
-    known = np.isfinite(share)
-    share = np.where(known, share, 0.0)
-    left = np.minimum(share.astype(np.intp), len(COLOR_ANCHORS) - 2)
-    weight = (share - left)[..., None]
-    rgb = COLOR_ANCHORS[left] * (1.0 - weight) + COLOR_ANCHORS[left + 1] * weight
-    rgb[~known] = COLOR_UNKNOWN
-    colors = np.full((*share.shape, 4), 255, dtype=np.uint8)
-    colors[..., :3] = np.rint(rgb)
-    return colors
 
 
 def roller_layout(channels: frozenset[str], precision: str) -> np.dtype[np.void]:

@@ -24,6 +24,7 @@ from warpchain.archive.read import read_archive
 from warpchain.archive.scene import scene_update
 from warpchain.drive import Drive
 from warpchain.errors import ArchiveError
+from warpchain.results.colors import full_scale
 from warpchain.results.run import Run, RunInfo, Trajectory
 
 if TYPE_CHECKING:
@@ -37,9 +38,8 @@ ROOM = 32
 """Chunks under way at most between `append` and the disk."""
 WAITING = 64 * 2**20
 """Frames that wait for their chunk to fill, over all variants, at most [bytes]."""
-COLOR_PERCENTILE = 99.9
-"""Percentile of a variant's first tensions that its color scale ends at."""
 COLOR_SAMPLES = 4096
+"""Most of the first tensions of a variant, roughly, that its color scale is taken from."""
 
 
 @dataclass
@@ -231,9 +231,7 @@ def _full_scale(chunk: Trajectory) -> float:
     if chunk.tension is None:
         return 1.0
     values = chunk.tension.reshape(-1)
-    values = values[:: max(1, values.size // COLOR_SAMPLES)]
-    values = values[np.isfinite(values)]
-    return max(float(np.percentile(values, COLOR_PERCENTILE)), 1.0) if values.size else 1.0
+    return full_scale(values[:: max(1, values.size // COLOR_SAMPLES)])
 
 
 def write_archive(run: Run, path: str | Path, overwrite: bool = False, options: ArchiveOptions | None = None) -> Path:

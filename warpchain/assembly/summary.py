@@ -155,18 +155,8 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     return lines
 
 
-def report(values: dict[str, Any]) -> str:
-    """The derived quantities as text for a terminal."""
-    state = "taut" if values["strain"] >= 0.0 else "slack"
-    worn = f", worn by {100.0 * values['elongation']:.3g} %" if abs(values["elongation"]) > 1e-12 else ""
-    lines = [
-        f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
-        f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
-        *_size_lines(values),
-        f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N",
-        "",
-    ]
-    lines += _table(
+def _sprocket_lines(values: dict[str, Any]) -> list[str]:
+    table = _table(
         ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", "seat angle", "contact stiffness"),
         [
             (
@@ -181,13 +171,12 @@ def report(values: dict[str, Any]) -> str:
             for s in values["sprockets"]
         ],
     )
-    lines += [
-        "",
-        f"teeth: {values['law']}, a free roller rebounds with {values['rebound']:.3f} of its speed",
-        "",
-        "first transverse frequency of each strand, at the preload and at the tension that steady loads imply:",
-    ]
-    lines += _table(
+    teeth = f"teeth: {values['law']}, a free roller rebounds with {values['rebound']:.3f} of its speed"
+    return ["", *table, "", teeth]
+
+
+def _strand_lines(values: dict[str, Any]) -> list[str]:
+    table = _table(
         ("strand", "length", "links", "at preload", "working tension", "at work"),
         [
             (
@@ -201,36 +190,52 @@ def report(values: dict[str, Any]) -> str:
             for k in values["strands"]
         ],
     )
-    if values["guides"]:
-        lines += [
-            "",
-            *_table(
-                ("guide-bar", "contact stiffness", "law", "rebound"),
-                [
-                    (g["name"], f"{g['contact_stiffness']:.4g} N/m^n", g["law"], f"{g['rebound']:.3f}")
-                    for g in values["guides"]
-                ],
-            ),
-        ]
-    if values["mounts"]:
-        lines += [
-            "",
-            "moving centers and balance wheels; frequencies of the mount without the chain:",
-            *_table(
-                ("sprocket", "mount", "moving mass", "own frequency", "wheel's centrifugal force"),
-                [
-                    (
-                        m["name"],
-                        m["kind"],
-                        f"{m['mass']:.4g} kg" if m["mass"] else "-",
-                        ", ".join(f"{f:.4g} Hz" for f in m["frequencies"]) or "-",
-                        f"{m['wheel_force']:.4g} N" if m["wheel_force"] else "-",
-                    )
-                    for m in values["mounts"]
-                ],
-            ),
-        ]
-    lines += [
+    title = "first transverse frequency of each strand, at the preload and at the tension that steady loads imply:"
+    return ["", title, *table]
+
+
+def _guide_lines(values: dict[str, Any]) -> list[str]:
+    if not values["guides"]:
+        return []
+    table = _table(
+        ("guide-bar", "contact stiffness", "law", "rebound"),
+        [(g["name"], f"{g['contact_stiffness']:.4g} N/m^n", g["law"], f"{g['rebound']:.3f}") for g in values["guides"]],
+    )
+    return ["", *table]
+
+
+def _mount_lines(values: dict[str, Any]) -> list[str]:
+    if not values["mounts"]:
+        return []
+    table = _table(
+        ("sprocket", "mount", "moving mass", "own frequency", "wheel's centrifugal force"),
+        [
+            (
+                m["name"],
+                m["kind"],
+                f"{m['mass']:.4g} kg" if m["mass"] else "-",
+                ", ".join(f"{f:.4g} Hz" for f in m["frequencies"]) or "-",
+                f"{m['wheel_force']:.4g} N" if m["wheel_force"] else "-",
+            )
+            for m in values["mounts"]
+        ],
+    )
+    return ["", "moving centers and balance wheels; frequencies of the mount without the chain:", *table]
+
+
+def report(values: dict[str, Any]) -> str:
+    """The derived quantities as text for a terminal."""
+    state = "taut" if values["strain"] >= 0.0 else "slack"
+    worn = f", worn by {100.0 * values['elongation']:.3g} %" if abs(values["elongation"]) > 1e-12 else ""
+    lines = [
+        f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
+        f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
+        *_size_lines(values),
+        f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N",
+        *_sprocket_lines(values),
+        *_strand_lines(values),
+        *_guide_lines(values),
+        *_mount_lines(values),
         "",
         f"tooth-passing frequency: {values['tooth_passing_frequency']:.4g} Hz",
         f"step: {values['step']:.4g} s; limit {values['step_limit']:.4g} s, automatic {values['automatic_step']:.4g} s",

@@ -7,7 +7,6 @@ machine's, told in one line each.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.cli import commands as do
+from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.study import add_commands
 from warpchain.cli.study_report import add_report_commands
@@ -27,6 +27,7 @@ EPILOG = """examples:
   warpchain view marine.mcap
   warpchain plot marine.mcap -o plots
 """
+DRIVE = "drive file (TOML), or the name of an example drive such as marine"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -36,39 +37,152 @@ class _Parser(argparse.ArgumentParser):
         self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")
 
 
-def _float(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{word!r} is not a number") from None
-
-
-def _bytes(word: str) -> int:
-    """A memory budget in GiB as a number of bytes."""
-    gib = _float(word)
-    if not (math.isfinite(gib) and gib > 0.0):
-        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (GiB)")
-    return int(gib * 2**30)
-
-
-def _mebibytes(word: str) -> int:
-    """A size in MiB as a number of bytes."""
-    mib = _float(word)
-    if not (math.isfinite(mib) and mib * 2**20 >= 1.0):
-        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (MiB)")
-    return int(mib * 2**20)
-
-
 def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
-    parser = commands.add_parser(
-        name,
-        help=text,
-        description=text[0].upper() + text[1:] + ".",
-        epilog=f"example:\n  {example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = add_command(commands, name, text, example)
     parser.set_defaults(run=run)
     return parser
+
+
+def _check(commands: Any) -> None:
+    parser = _add(
+        commands, "check", do.check, "print what a drive amounts to, without running it", "warpchain check marine"
+    )
+    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
+    parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
+    parser.add_argument("--json", action="store_true", help="as JSON, in SI units")
+
+
+def _chains(commands: Any) -> None:
+    _add(commands, "chains", do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
+
+
+def _fit(commands: Any) -> None:
+    parser = _add(
+        commands,
+        "fit",
+        do.fit,
+        "move a sprocket or pick the links for a wanted strain, preload or sag, in the drive file",
+        "warpchain fit drive.toml --sprocket tightener --along 1,0 --preload 5000",
+    )
+    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
+    parser.add_argument("--links", action="store_true", help="first pick the even number of links that fits best")
+    parser.add_argument("--odd", action="store_true", help="with --links: an odd number will do, too")
+    parser.add_argument("--sprocket", metavar="NAME", help="the sprocket to move")
+    parser.add_argument("--along", metavar="DX,DY", help="the line it moves along, either way, as in --along=-1,0")
+    parser.add_argument("--strain", type=number, metavar="X", help="wanted strain of the strands")
+    parser.add_argument("--preload", type=number, metavar="N", help="wanted tension at assembly [N]")
+    parser.add_argument("--sag", type=number, metavar="METRES", help="wanted sag of a strand at rest [m]")
+    parser.add_argument("--strand", metavar="FROM->TO", help="which strand's sag; default the longest")
+    parser.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write there; default DRIVE itself")
+
+
+def _run(commands: Any) -> None:
+    parser = _add(
+        commands,
+        "run",
+        do.run,
+        "simulate a drive and write an archive",
+        "warpchain run marine -o marine.mcap --set run.duration=0.5 --rate 2000",
+    )
+    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
+    parser.add_argument("-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="the archive to write")
+    parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
+    parser.add_argument(
+        "--device", help='where to run: "cpu", "cuda" (all GPUs), "cuda:1" (one); default the best there is'
+    )
+    parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
+    parser.add_argument("--duration", type=number, metavar="SECONDS", help="simulated time; default the drive's own")
+    parser.add_argument("--step", type=number, metavar="SECONDS", help="time step; default the drive's own")
+    parser.add_argument("--rate", type=number, metavar="HZ", help="samples a second; default the drive's own")
+    parser.add_argument("--memory", type=gibibytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)")
+    parser.add_argument("--compression", default="zstd", choices=["zstd", "lz4", "none"], help="default zstd")
+    parser.add_argument(
+        "--values", default="run", choices=["run", "float32"], help="archived values; default the run's own"
+    )
+    parser.add_argument(
+        "--exact-positions", action="store_true", help="with --values float32: positions also as float64"
+    )
+    parser.add_argument("--split-size", type=mebibytes, metavar="MIB", help="begin another file at this size")
+    parser.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+
+
+def _view(commands: Any) -> None:
+    parser = _add(commands, "view", do.view, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd")
+    parser.add_argument("archive", metavar="OUT.mcap", type=Path)
+    parser.add_argument(
+        "--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening the viewer"
+    )
+    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    parser.add_argument(
+        "--compare",
+        metavar="OTHER",
+        nargs="+",
+        default=[],
+        help="variants to lay beside and over it: numbers, other archives, or ARCHIVE:NUMBER",
+    )
+    parser.add_argument("--frames", type=int, metavar="N", help="frames to draw at most, peaks kept (default 1000)")
+    parser.add_argument("--tab", metavar="NAME", help="the tab to open first, such as spectrum")
+    parser.add_argument("--web", action="store_true", help="serve the web viewer until Ctrl-C")
+    parser.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
+
+
+def _plot(commands: Any) -> None:
+    parser = _add(commands, "plot", do.plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
+    parser.add_argument("archive", metavar="OUT.mcap", type=Path)
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the figures")
+    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    parser.add_argument("--format", nargs="+", default=["png"], choices=["png", "svg"], help="default png")
+    parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="figures to draw, such as order-spectrum")
+    parser.add_argument("--roller", type=int, metavar="I", help="whose forces to draw; default the one pressed hardest")
+    parser.add_argument(
+        "--sweep",
+        nargs="*",
+        metavar="OTHER.mcap",
+        type=Path,
+        help="draw Campbell diagrams instead, over all recorded variants of this archive and others",
+    )
+
+
+def _export(commands: Any) -> None:
+    parser = _add(
+        commands,
+        "export",
+        do.export,
+        "write an archive's trajectories as numpy arrays",
+        "warpchain export marine.mcap -o marine.npz",
+    )
+    parser.add_argument("archive", metavar="OUT.mcap", type=Path)
+    parser.add_argument("-o", "--output", metavar="OUT.npz", type=Path, required=True, help="file to write")
+    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+
+
+def _recover(commands: Any) -> None:
+    parser = _add(
+        commands,
+        "recover",
+        do.recover,
+        "restore an archive that was cut or damaged, up to its last whole chunk",
+        "warpchain recover broken.mcap -o fixed.mcap",
+    )
+    parser.add_argument(
+        "archive", metavar="BROKEN.mcap", type=Path, help="the file, or the name of a cut run's archive"
+    )
+    parser.add_argument("-o", "--output", metavar="FIXED.mcap", type=Path, required=True, help="archive to write")
+    parser.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
+
+
+def _study(commands: Any) -> None:
+    parser = _add(
+        commands, "study", do.study, "run and analyze a design of experiments", "warpchain study run STUDY.toml -o DIR"
+    )
+    studies = parser.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
+    add_commands(studies)
+    add_report_commands(studies)
+
+
+COMMANDS = (_check, _chains, _fit, _run, _view, _plot, _export, _recover, _study)
+"""What adds each command, in the order of the help."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -81,125 +195,8 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="store_true", help="print the version and exit")
     commands = top.add_subparsers(dest="command", metavar="COMMAND")
-    drive_help = "drive file (TOML), or the name of an example drive such as marine"
-
-    check = _add(
-        commands, "check", do.check, "print what a drive amounts to, without running it", "warpchain check marine"
-    )
-    check.add_argument("drive", metavar="DRIVE", help=drive_help)
-    check.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
-    check.add_argument("--json", action="store_true", help="as JSON, in SI units")
-
-    _add(commands, "chains", do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
-
-    fit = _add(
-        commands,
-        "fit",
-        do.fit,
-        "move a sprocket or pick the links for a wanted strain, preload or sag, in the drive file",
-        "warpchain fit drive.toml --sprocket tightener --along 1,0 --preload 5000",
-    )
-    fit.add_argument("drive", metavar="DRIVE", help=drive_help)
-    fit.add_argument("--links", action="store_true", help="first pick the even number of links that fits best")
-    fit.add_argument("--odd", action="store_true", help="with --links: an odd number will do, too")
-    fit.add_argument("--sprocket", metavar="NAME", help="the sprocket to move")
-    fit.add_argument("--along", metavar="DX,DY", help="the line it moves along, either way, as in --along=-1,0")
-    fit.add_argument("--strain", type=_float, metavar="X", help="wanted strain of the strands")
-    fit.add_argument("--preload", type=_float, metavar="N", help="wanted tension at assembly [N]")
-    fit.add_argument("--sag", type=_float, metavar="METRES", help="wanted sag of a strand at rest [m]")
-    fit.add_argument("--strand", metavar="FROM->TO", help="which strand's sag; default the longest")
-    fit.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write there; default DRIVE itself")
-
-    run = _add(
-        commands,
-        "run",
-        do.run,
-        "simulate a drive and write an archive",
-        "warpchain run marine -o marine.mcap --set run.duration=0.5 --rate 2000",
-    )
-    run.add_argument("drive", metavar="DRIVE", help=drive_help)
-    run.add_argument("-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="the archive to write")
-    run.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
-    run.add_argument(
-        "--device", help='where to run: "cpu", "cuda" (all GPUs), "cuda:1" (one); default the best there is'
-    )
-    run.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
-    run.add_argument("--duration", type=_float, metavar="SECONDS", help="simulated time; default the drive's own")
-    run.add_argument("--step", type=_float, metavar="SECONDS", help="time step; default the drive's own")
-    run.add_argument("--rate", type=_float, metavar="HZ", help="samples a second; default the drive's own")
-    run.add_argument("--memory", type=_bytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)")
-    run.add_argument("--compression", default="zstd", choices=["zstd", "lz4", "none"], help="default zstd")
-    run.add_argument(
-        "--values", default="run", choices=["run", "float32"], help="archived values; default the run's own"
-    )
-    run.add_argument("--exact-positions", action="store_true", help="with --values float32: positions also as float64")
-    run.add_argument("--split-size", type=_mebibytes, metavar="MIB", help="begin another file at this size")
-    run.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
-    run.add_argument("--quiet", action="store_true", help="no progress bar")
-
-    view = _add(commands, "view", do.view, "show an archive in Rerun", "warpchain view marine.mcap --save marine.rrd")
-    view.add_argument("archive", metavar="OUT.mcap", type=Path)
-    view.add_argument(
-        "--save", metavar="OUT.rrd", type=Path, help="write a Rerun recording instead of opening the viewer"
-    )
-    view.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
-    view.add_argument(
-        "--compare",
-        metavar="OTHER",
-        nargs="+",
-        default=[],
-        help="variants to lay beside and over it: numbers, other archives, or ARCHIVE:NUMBER",
-    )
-    view.add_argument("--frames", type=int, metavar="N", help="frames to draw at most, peaks kept (default 1000)")
-    view.add_argument("--tab", metavar="NAME", help="the tab to open first, such as spectrum")
-    view.add_argument("--web", action="store_true", help="serve the web viewer until Ctrl-C")
-    view.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
-
-    plot = _add(commands, "plot", do.plot, "draw an archive's figures", "warpchain plot marine.mcap -o plots")
-    plot.add_argument("archive", metavar="OUT.mcap", type=Path)
-    plot.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the figures")
-    plot.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
-    plot.add_argument("--format", nargs="+", default=["png"], choices=["png", "svg"], help="default png")
-    plot.add_argument("--only", nargs="+", metavar="NAME", default=[], help="figures to draw, such as order-spectrum")
-    plot.add_argument("--roller", type=int, metavar="I", help="whose forces to draw; default the one pressed hardest")
-    plot.add_argument(
-        "--sweep",
-        nargs="*",
-        metavar="OTHER.mcap",
-        type=Path,
-        help="draw Campbell diagrams instead, over all recorded variants of this archive and others",
-    )
-
-    export = _add(
-        commands,
-        "export",
-        do.export,
-        "write an archive's trajectories as numpy arrays",
-        "warpchain export marine.mcap -o marine.npz",
-    )
-    export.add_argument("archive", metavar="OUT.mcap", type=Path)
-    export.add_argument("-o", "--output", metavar="OUT.npz", type=Path, required=True, help="file to write")
-    export.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
-
-    recover = _add(
-        commands,
-        "recover",
-        do.recover,
-        "restore an archive that was cut or damaged, up to its last whole chunk",
-        "warpchain recover broken.mcap -o fixed.mcap",
-    )
-    recover.add_argument(
-        "archive", metavar="BROKEN.mcap", type=Path, help="the file, or the name of a cut run's archive"
-    )
-    recover.add_argument("-o", "--output", metavar="FIXED.mcap", type=Path, required=True, help="archive to write")
-    recover.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
-
-    study = _add(
-        commands, "study", do.study, "run and analyze a design of experiments", "warpchain study run STUDY.toml -o DIR"
-    )
-    studies = study.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
-    add_commands(studies, _bytes)
-    add_report_commands(studies)
+    for add in COMMANDS:
+        add(commands)
     return top
 
 

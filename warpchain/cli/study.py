@@ -4,27 +4,24 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from warpchain.cli.arguments import gibibytes, part, whole_number
 from warpchain.cli.commands import DONE, UNFINISHED, start_warp
 
 SHARDS_A_WORKER = 2
 """Fewest shards of a new study for each worker of a cluster, so that none waits long for the last one."""
 
 
-def add_commands(commands: Any, memory: Callable[[str], int]) -> None:
-    """Adds the commands to a parser's subparsers; each sets `study_run`, the function that does it.
-
-    Args:
-        memory: reads a memory budget.
-    """
+def add_commands(commands: Any) -> None:
+    """Adds the commands to a parser's subparsers; each sets `study_run`, the function that does it."""
     run = commands.add_parser("run", help="run a study, or go on with it", description="Run a study, or go on with it.")
     run.add_argument("study", metavar="STUDY.toml", type=Path, help="study file")
     run.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="the study's folder")
-    run.add_argument("--shard", metavar="I/N", type=_part, help="only every N-th shard from the I-th, I from 0")
+    run.add_argument("--shard", metavar="I/N", type=part, help="only every N-th shard from the I-th, I from 0")
     run.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786")
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     run.set_defaults(study_run=_run)
@@ -39,21 +36,12 @@ def add_commands(commands: Any, memory: Callable[[str], int]) -> None:
     merge.set_defaults(study_run=_merge)
 
     for parser in (run, merge):
-        parser.add_argument("--workers", metavar="N", type=_count, help="CPU threads of a shard; default all cores")
-        parser.add_argument("--memory", metavar="GIB", type=memory, default="2", help="memory of a shard (default 2)")
-
-
-def _part(word: str) -> tuple[int, int]:
-    first, _, count = word.partition("/")
-    if not (first.isdecimal() and count.isdecimal() and int(first) < int(count)):
-        raise argparse.ArgumentTypeError(f"{word!r}: must be I/N, whole numbers with 0 <= I < N")
-    return int(first), int(count)
-
-
-def _count(word: str) -> int:
-    if not (word.isdecimal() and int(word) > 0):
-        raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number above 0")
-    return int(word)
+        parser.add_argument(
+            "--workers", metavar="N", type=whole_number, help="CPU threads of a shard; default all cores"
+        )
+        parser.add_argument(
+            "--memory", metavar="GIB", type=gibibytes, default="2", help="memory of a shard (default 2)"
+        )
 
 
 def _run(arguments: argparse.Namespace) -> int:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpchain.cli.arguments import add_command, woehler_curve
 from warpchain.errors import StudyError
 from warpchain.files import read_text
 
@@ -27,7 +28,7 @@ def add_report_commands(commands: Any) -> None:
     page.add_argument(
         "--fatigue",
         metavar="M,RANGE,CYCLES",
-        type=_curve,
+        type=woehler_curve,
         help="with their fatigue too: Woehler exponent, and the range [N] that a link endures for so many cycles",
     )
     page.add_argument("--table", metavar="FILE", type=Path, help="also write the table, as .csv or .parquet")
@@ -40,13 +41,8 @@ def add_report_commands(commands: Any) -> None:
 
 
 def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], text: str, example: str) -> Any:
-    parser = commands.add_parser(
-        name,
-        help=text,
-        description=text[0].upper() + text[1:] + ".",
-        epilog=f"example:\n  warpchain study {name} {example} --minimize tension_max --minimize tension_std",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    line = f"warpchain study {name} {example} --minimize tension_max --minimize tension_std"
+    parser = add_command(commands, name, text, line)
     parser.add_argument("study", metavar="DIR", type=Path, help="a study's folder, or its table (.parquet, .csv)")
     for option, words in (
         ("--factor", "a column that was varied; default those that the table marks"),
@@ -59,16 +55,6 @@ def _add(commands: Any, name: str, run: Callable[[argparse.Namespace], int], tex
     return parser
 
 
-def _curve(word: str) -> tuple[float, ...]:
-    try:
-        values = tuple(float(part) for part in word.split(","))
-    except ValueError:
-        values = ()
-    if len(values) != 3:
-        raise argparse.ArgumentTypeError(f"{word!r}: must be three numbers M,RANGE,CYCLES such as 5,2e5,1e6")
-    return values
-
-
 def report(arguments: argparse.Namespace) -> int:
     """Body of `warpchain study report`."""
     from warpchain.study.report import write_report
@@ -78,7 +64,7 @@ def report(arguments: argparse.Namespace) -> int:
     notes = about(path.parent)
     if arguments.recorded or arguments.fatigue is not None:
         from warpchain.results.fatigue import Woehler
-        from warpchain.study.run.recorded import with_recorded_objectives
+        from warpchain.study.run.recordings import with_recorded_objectives
 
         curve = None if arguments.fatigue is None else Woehler(*arguments.fatigue)
         results = with_recorded_objectives(results, path.parent, curve)
@@ -99,8 +85,8 @@ def report(arguments: argparse.Namespace) -> int:
 
 def view(arguments: argparse.Namespace) -> int:
     """Body of `warpchain study view`."""
-    from warpchain.study.report.playback import view_study
-    from warpchain.study.run.recorded import recorded_variants
+    from warpchain.study.report.scatters import view_study
+    from warpchain.study.run.recordings import recorded_variants
 
     path, results = _read(arguments)
     asked = arguments.variant is not None

@@ -59,6 +59,31 @@ class Tooth:
         """
         return 0.5 * math.pi - 0.5 * self.seat_angle - math.pi / teeth
 
+    def normal(
+        self, xi: NDArray[np.float64], eta: NDArray[np.float64], roller_radius: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Direction of the force on a roller in the gap, that of seat arc or flank; tips are left out.
+
+        Args:
+            xi, eta: (...) place of the roller's center from the seat, outward and counter-clockwise [m].
+            roller_radius: [m].
+
+        Returns:
+            (...), (...) components outward and counter-clockwise, as `kernels/physics/tooth.py` has them.
+        """
+        import numpy as np
+
+        cosine, sine = np.cos(0.5 * self.seat_angle), np.sin(0.5 * self.seat_angle)
+        size = np.maximum(np.sqrt(xi * xi + eta * eta), 1e-15)
+        on_arc = np.abs(eta) * cosine <= -xi * sine
+        curvature = 1.0 / (self.flank_radius + roller_radius)
+        across = 1.0 - curvature * (np.abs(eta) * sine - xi * cosine - (self.seat_radius - roller_radius))
+        along = curvature * (np.abs(eta) * cosine + xi * sine)
+        reach = np.hypot(across, along)
+        outward = np.where(on_arc, -xi / size, (across * cosine + along * sine) / reach)
+        lateral = np.where(on_arc, -eta / size, np.sign(eta) * (along * cosine - across * sine) / reach)
+        return outward, lateral
+
 
 def iso606_tooth(gap: str, roller_radius: float, teeth: int, pitch: float) -> Tooth:
     """The "minimum" or "maximum" tooth gap of ISO 606; lengths in meters."""
@@ -128,3 +153,23 @@ def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: 
     if math.atan2(half[-1, 1], half[-1, 0]) < half_pitch * (1.0 - 1e-9):
         half = np.vstack([half, tooth.tip_radius * np.array([math.cos(half_pitch), math.sin(half_pitch)])])
     return half
+
+
+def gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
+    """Surface from the middle of a tooth to that of the next (P, 2) [m], the seat at (pitch_radius, 0)."""
+    import numpy as np
+
+    half = half_gap_outline(tooth, teeth, pitch_radius, arc_points)
+    return np.vstack([half[::-1] * [1.0, -1.0], half[1:]])
+
+
+def teeth_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:
+    """Closed outline of all teeth about the sprocket's center (P, 2) [m], a seat at (pitch_radius, 0)."""
+    import numpy as np
+
+    gap = gap_outline(tooth, teeth, pitch_radius, arc_points)
+    turn = 2.0 * math.pi / teeth * np.arange(teeth)
+    cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    points = np.stack([gap[:, 0] * cosine - gap[:, 1] * sine, gap[:, 0] * sine + gap[:, 1] * cosine], axis=-1)
+    outline = points.reshape(-1, 2)
+    return np.vstack([outline, outline[:1]])

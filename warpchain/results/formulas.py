@@ -24,11 +24,6 @@ from warpchain.drive import Drive
 Number = float | int | None
 
 
-def driver(drive: Drive) -> int:
-    """Index of the first prescribed sprocket, which revolutions are counted by."""
-    return next(s for s, sprocket in enumerate(drive.sprockets) if sprocket.prescribed is not None)
-
-
 def partner_names(drive: Drive) -> list[str]:
     """Names of what rollers touch: the sprockets, then the guide-bars."""
     return [sprocket.name for sprocket in drive.sprockets] + [guide.name for guide in drive.guides]
@@ -152,7 +147,7 @@ def displacement_std(of: Judged) -> Number:
 
 def per_revolution(of: Judged) -> Number:
     """(b) [J], of one partner, or of all for the chain."""
-    revolutions = of.turns(driver(of.drive))
+    revolutions = of.turns(of.drive.driver)
     if revolutions == 0.0:
         return None
     if of.prefix:

@@ -18,30 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
-from warpchain.results.fatigue import Woehler, damage, equivalent_range
-from warpchain.results.formulas import driver
-from warpchain.results.run import Run, Trajectory
+from warpchain.results.fatigue import Woehler, count_links, damage, equivalent_range
+from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import nearest_sprocket
+from warpchain.results.signals import transmission_error
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Row = dict[str, float]
-
-
-def transmission_error(trajectory: Trajectory, s: int) -> NDArray[np.float64]:
-    """How far a sprocket runs ahead of where the driver's angle puts it (F,) [rad], forward, less its mean (a).
-
-    Raises:
-        SimulationError: recorded without sprocket angles.
-    """
-    _need(trajectory, "sprocket_angle")
-    assert trajectory.sprocket_angle is not None
-    drive, d = trajectory.drive, driver(trajectory.drive)
-    turned = np.asarray(trajectory.sprocket_angle - trajectory.sprocket_angle[:1], dtype=float)
-    ideal = drive.sprockets[d].sign * turned[:, d] * drive.sprockets[d].teeth / drive.sprockets[s].teeth
-    error = drive.sprockets[s].sign * turned[:, s] - ideal
-    return error - error.mean()
 
 
 def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> NDArray[np.float64]:
@@ -55,7 +40,7 @@ def engagement_impulses(trajectory: Trajectory, s: int, start: float = 0.0) -> N
     Raises:
         SimulationError: recorded without positions, sprocket centers or sprocket forces.
     """
-    _need(trajectory, "position", "sprocket_center", "sprocket_force")
+    need(trajectory, "position", "sprocket_center", "sprocket_force")
     assert trajectory.sprocket_force is not None
     drive, time = trajectory.drive, trajectory.time
     length = 2.0 * math.pi * math.sqrt(drive.chain.mass / drive.sprocket_stiffness(s))
@@ -94,7 +79,7 @@ def from_trajectory(trajectory: Trajectory, start: float, end: float, woehler: W
     part = Trajectory(trajectory.drive, trajectory.time[inside], **{n: v[inside] for n, v in held.items()})
     before = trajectory.time <= end + 1e-12
     whole = Trajectory(trajectory.drive, trajectory.time[before], **{n: v[before] for n, v in held.items()})
-    drive, d = trajectory.drive, driver(trajectory.drive)
+    drive, d = trajectory.drive, trajectory.drive.driver
     row: Row = {}
     if part.sprocket_angle is not None:
         for s, sprocket in enumerate(drive.sprockets):
@@ -116,25 +101,20 @@ def _fatigue(part: Trajectory, woehler: Woehler) -> Row:
     """Damage of the worst and the mean link an hour, and the range that does it once a chain revolution."""
     assert part.tension is not None
     seconds = float(part.time[-1] - part.time[0])
-    found = damage(part.tension, woehler)
+    cycles = count_links(part.tension)
+    found = damage(part.tension, woehler, cycles)
     row = {
         "damage_per_hour_max": float(found.max()) * 3600.0 / seconds,
         "damage_per_hour_mean": float(found.mean()) * 3600.0 / seconds,
     }
     if part.sprocket_angle is not None:
-        d = driver(part.drive)
+        d = part.drive.driver
         turns = abs(float(part.sprocket_angle[-1, d] - part.sprocket_angle[0, d])) / (2.0 * math.pi)
         revolutions = turns * part.drive.sprockets[d].teeth / part.drive.chain.links
         if revolutions > 0.0:
-            ranges = equivalent_range(part.tension, woehler.exponent, revolutions)
+            ranges = equivalent_range(part.tension, woehler.exponent, revolutions, cycles)
             row["tension_equivalent_range"] = float(ranges.max())
     return row
-
-
-def _need(trajectory: Trajectory, *channels: str) -> None:
-    missing = [name for name in channels if getattr(trajectory, name) is None]
-    if missing:
-        raise SimulationError(f"the variant was recorded without {', '.join(missing)}, which this needs")
 
 
 def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:

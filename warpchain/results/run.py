@@ -128,6 +128,21 @@ class Trajectory:
         return to_xarray(self.time, self.channels(), self.drive)
 
 
+def need(trajectory: Trajectory, *channels: str, name: str = "the variant") -> None:
+    """Refuses a trajectory that lacks one of some channels.
+
+    Args:
+        channels: of `CHANNELS`.
+        name: what the message calls the trajectory.
+
+    Raises:
+        SimulationError: naming those that are missing.
+    """
+    missing = [channel for channel in channels if getattr(trajectory, channel) is None]
+    if missing:
+        raise SimulationError(f"{name} was recorded without {', '.join(missing)}, which this needs")
+
+
 @dataclass(frozen=True)
 class RunInfo:
     """How a run was made.

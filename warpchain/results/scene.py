@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.path import chain_path
 from warpchain.drive import Drive
-from warpchain.drive.teeth import half_gap_outline
+from warpchain.drive.teeth import teeth_outline
 from warpchain.results.run import Trajectory
 
 Array = NDArray[np.float64]
@@ -38,14 +38,7 @@ def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
 
     The surface itself, not the offset curve of the rollers' centers (eq. (5)-(8)).
     """
-    teeth = drive.sprockets[s].teeth
-    half = half_gap_outline(drive.tooth(s), teeth, drive.pitch_radius(s), arc_points)
-    gap = np.vstack([half[::-1] * [1.0, -1.0], half[1:]])
-    turn = 2.0 * math.pi / teeth * np.arange(teeth)
-    cosine, sine = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    points = np.stack([gap[:, 0] * cosine - gap[:, 1] * sine, gap[:, 0] * sine + gap[:, 1] * cosine], axis=-1)
-    outline = points.reshape(-1, 2)
-    return np.vstack([outline, outline[:1]])
+    return teeth_outline(drive.tooth(s), drive.sprockets[s].teeth, drive.pitch_radius(s), arc_points)
 
 
 def guide_outline(drive: Drive, g: int, points: int = 12) -> Array:
@@ -68,7 +61,11 @@ def pressing(trajectory: Trajectory, least: float = 0.0) -> tuple[Arrows, Arrows
     assert trajectory.sprocket_force is not None
     assert trajectory.guide_force is not None
     frame, roller = np.nonzero(trajectory.sprocket_force > least)
-    normals = sprocket_normals(trajectory, frame, roller)
+    near, _ = _nearest(trajectory, frame, roller)
+    normals = np.zeros((len(frame), 2))
+    for s in range(len(trajectory.drive.sprockets)):
+        on = near == s
+        normals[on] = sprocket_normals(trajectory, s, frame[on], roller[on])
     sprockets = Arrows(frame, roller, normals * np.asarray(trajectory.sprocket_force, float)[frame, roller, None])
     frame, roller = np.nonzero(trajectory.guide_force > least)
     normals = _guide_normals(trajectory.drive, np.asarray(trajectory.position, dtype=float)[frame, roller])
@@ -90,46 +87,33 @@ def _nearest(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index
     return near, apart
 
 
-def sprocket_normals(trajectory: Trajectory, frame: Index, roller: Index) -> Array:
-    """Direction of the nearest sprocket's contact force on each of K rollers (K, 2), or what it would be in contact.
+def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
+    """Direction of the contact force of sprocket s on rollers, wherever they are: that of the nearest gap's surface.
 
     Args:
-        frame, roller: (K,) when and where.
+        trajectory: with positions, sprocket angles and sprocket centers.
+        s: the sprocket.
+        frame, roller: (K,) which frames and rollers; None is all of them.
+
+    Returns:
+        (K, 2) unit vectors, or (F, N, 2) of all frames and rollers.
     """
-    drive = trajectory.drive
+    drive, tooth = trajectory.drive, trajectory.drive.tooth(s)
     assert trajectory.position is not None
     assert trajectory.sprocket_center is not None
     assert trajectory.sprocket_angle is not None
-    s, _ = _nearest(trajectory, frame, roller)
-    wheels = range(len(drive.sprockets))
-    pitch_angle = np.array([2.0 * math.pi / sprocket.teeth for sprocket in drive.sprockets])[s]
-    teeth = [drive.tooth(k) for k in wheels]
-    radius, half, flank, clearance = np.array(
-        [
-            (
-                drive.pitch_radius(k),
-                0.5 * tooth.seat_angle,
-                tooth.flank_radius,
-                tooth.seat_radius - drive.chain.roller_radius,
-            )
-            for k, tooth in zip(wheels, teeth, strict=True)
-        ]
-    )[s].T
+    if frame is None:
+        frame = np.arange(len(trajectory.time))[:, None]
+    if roller is None:
+        roller = np.arange(drive.chain.links)
+    pitch_angle = 2.0 * math.pi / drive.sprockets[s].teeth
     r = np.asarray(trajectory.position, dtype=float)[frame, roller] - trajectory.sprocket_center[frame, s]
     turned = np.asarray(trajectory.sprocket_angle, dtype=float)[frame, s]
-    seat = np.rint((np.arctan2(r[:, 1], r[:, 0]) - turned) / pitch_angle) * pitch_angle + turned
+    seat = np.rint((np.arctan2(r[..., 1], r[..., 0]) - turned) / pitch_angle) * pitch_angle + turned
     c, d = np.cos(seat), np.sin(seat)
-    xi, eta = r[:, 0] * c + r[:, 1] * d - radius, r[:, 1] * c - r[:, 0] * d
-    cosine, sine = np.cos(half), np.sin(half)
-    size = np.maximum(np.sqrt(xi * xi + eta * eta), 1e-15)
-    on_arc = np.abs(eta) * cosine <= -xi * sine
-    curvature = 1.0 / (flank + drive.chain.roller_radius)
-    across = 1.0 - curvature * (np.abs(eta) * sine - xi * cosine - clearance)
-    along = curvature * (np.abs(eta) * cosine + xi * sine)
-    reach = np.hypot(across, along)
-    radial = np.where(on_arc, -xi / size, (across * cosine + along * sine) / reach)
-    lateral = np.where(on_arc, -eta / size, np.sign(eta) * (along * cosine - across * sine) / reach)
-    return np.stack([radial * c - lateral * d, radial * d + lateral * c], axis=1)
+    xi, eta = r[..., 0] * c + r[..., 1] * d - drive.pitch_radius(s), r[..., 1] * c - r[..., 0] * d
+    outward, lateral = tooth.normal(xi, eta, drive.chain.roller_radius)
+    return np.stack([outward * c - lateral * d, outward * d + lateral * c], axis=-1)
 
 
 def _guide_normals(drive: Drive, x: Array) -> Array:

@@ -8,13 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.path import chain_path
-from warpchain.results.run import Trajectory
+from warpchain.drive import Drive
+from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import Passing, nearest_guide, passing_link
 
 Array = NDArray[np.float64]
 
 FEWEST_TEETH = 16
 """Teeth that must pass for an order spectrum to tell the tooth-passing orders apart."""
+
+TOOTH_PASSINGS = 4
+"""Multiples of the tooth-passing order that order spectra show."""
+SPECTRUM_FLOOR = 1e-4
+"""Lower end of a spectrum's axis, as a part of its peak."""
+SPECTRUM_SPELLS = 2000
+"""Spells that a spectrum is thinned out to, smallest and largest values kept."""
+TENSION, TRANSMISSION_ERROR = "tension at mid-strand [N]", "transmission error [mrad]"
+"""What order spectra are of."""
 
 
 def latter_half(trajectory: Trajectory) -> slice:
@@ -26,10 +36,15 @@ def last_round(trajectory: Trajectory) -> slice:
     """Frames of the chain's last round: while as many teeth of the driver pass as the chain has links; else all."""
     assert trajectory.sprocket_angle is not None
     drive = trajectory.drive
-    angle = np.asarray(trajectory.sprocket_angle[:, drive.driver], dtype=float) * drive.sprockets[drive.driver].sign
+    angle = forward(drive, trajectory.sprocket_angle, drive.driver)
     passed = (angle[-1] - angle) * drive.sprockets[drive.driver].teeth / (2.0 * np.pi)
     earlier = np.flatnonzero(passed >= drive.chain.links)
     return slice(int(earlier[-1]) if len(earlier) else 0, None)
+
+
+def forward(drive: Drive, values: NDArray[np.floating], s: int) -> Array:
+    """Angles or speeds of sprocket s (F,), positive in the direction of travel, from those of all sprockets (F, S)."""
+    return np.asarray(values[:, s], dtype=float) * drive.sprockets[s].sign
 
 
 def strand_tension(trajectory: Trajectory, strand: int, passing: Passing | None = None) -> Array:
@@ -51,26 +66,26 @@ def speed_ratio(trajectory: Trajectory, s: int) -> Array:
     """
     assert trajectory.sprocket_speed is not None
     drive = trajectory.drive
-    forward = [
-        np.asarray(trajectory.sprocket_speed[:, k], dtype=float) * drive.sprockets[k].sign for k in (s, drive.driver)
-    ]
-    own, driver = forward
+    own, driver = (forward(drive, trajectory.sprocket_speed, k) for k in (s, drive.driver))
     moving = np.abs(driver) > 1e-6 * max(float(np.abs(driver).max()), 1e-300)
     gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
     return np.where(moving, gear * own / np.where(moving, driver, 1.0), np.nan)
 
 
 def transmission_error(trajectory: Trajectory, s: int) -> Array:
-    """How far sprocket s is ahead of where the driver and the teeth put it, less its mean (F,) [rad]."""
+    """How far sprocket s is ahead of where the driver and the teeth put it, less its mean (F,) [rad].
+
+    With the angles theta forward and the teeth z of sprocket s and of the driver d, theta_s - z_d / z_s theta_d.
+
+    Raises:
+        SimulationError: recorded without sprocket angles.
+    """
+    need(trajectory, "sprocket_angle")
     assert trajectory.sprocket_angle is not None
     drive = trajectory.drive
-    turned = [
-        (np.asarray(trajectory.sprocket_angle[:, k], dtype=float) - float(trajectory.sprocket_angle[0, k]))
-        * drive.sprockets[k].sign
-        for k in (s, drive.driver)
-    ]
-    gear = drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
-    ahead = turned[0] - gear * turned[1]
+    own, driver = (forward(drive, trajectory.sprocket_angle, k) for k in (s, drive.driver))
+    ideal = (driver - driver[0]) * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
+    ahead = own - own[0] - ideal
     return ahead - ahead.mean()
 
 
@@ -163,8 +178,7 @@ def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array]
     """
     assert trajectory.sprocket_angle is not None
     drive, part = trajectory.drive, latter_half(trajectory)
-    angle = np.asarray(trajectory.sprocket_angle[part, drive.driver], dtype=float) * drive.sprockets[drive.driver].sign
-    turns = angle / (2.0 * np.pi)
+    turns = forward(drive, trajectory.sprocket_angle[part], drive.driver) / (2.0 * np.pi)
     if len(turns) < 8 or not np.all(np.diff(turns) > 0.0):
         return None
     if (turns[-1] - turns[0]) * drive.sprockets[drive.driver].teeth < FEWEST_TEETH:
@@ -173,6 +187,43 @@ def order_spectrum(trajectory: Trajectory, values: Array) -> tuple[Array, Array]
         return None
     even: Array = np.linspace(turns[0], turns[-1], len(turns), endpoint=False)
     return amplitude_spectrum(np.interp(even, turns, values[part]), float(even[1] - even[0]))
+
+
+class Spectrum(NamedTuple):
+    """An order spectrum as it is drawn.
+
+    Attributes:
+        name: the strand or sprocket that it is of.
+        orders: (K,) orders of the driver's revolution, ascending, from above 0.
+        amplitude: (K,) amplitudes in the unit of what it is of.
+    """
+
+    name: str
+    orders: Array
+    amplitude: Array
+
+
+def order_spectra(trajectory: Trajectory) -> dict[str, list[Spectrum]]:
+    """Order spectra of strand tensions and transmission errors by what they are of, peaks kept; {} where none can be.
+
+    They reach half a tooth beyond `TOOTH_PASSINGS` multiples of the driver's teeth.
+    """
+    drive = trajectory.drive
+    signals = [(TENSION, name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
+    signals += [
+        (TRANSMISSION_ERROR, sprocket.name, 1e3 * transmission_error(trajectory, s))
+        for s, sprocket in enumerate(drive.sprockets)
+        if s != drive.driver
+    ]
+    last = (TOOTH_PASSINGS + 0.5) * drive.sprockets[drive.driver].teeth
+    found: dict[str, list[Spectrum]] = {}
+    for title, name, values in signals:
+        spectrum = order_spectrum(trajectory, values)
+        if spectrum is not None:
+            orders, amplitude = (part[1 : int(np.searchsorted(spectrum[0], last)) + 1] for part in spectrum)
+            kept = peak_frames(amplitude, SPECTRUM_SPELLS)
+            found.setdefault(title, []).append(Spectrum(name, orders[kept], amplitude[kept]))
+    return found
 
 
 def peak_frames(values: NDArray[np.floating], buckets: int) -> NDArray[np.intp]:

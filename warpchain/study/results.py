@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,18 +12,15 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.files import refusals, whole_file
-from warpchain.study.tables import read_table
+from warpchain.study.columns import BOOKKEEPING
+from warpchain.study.reasons import common_reasons
+from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
 STATUSES = ("ok", "infeasible", "diverged")
-BOOKKEEPING = (
-    *("variant", "status", "reason", "archive", "archive_variant", "adjusted_links", "adjusted_travel"),
-    *("diverged", "diverged_time", "window_start", "window_end", "settle_steps", "settle_residual"),
-)
-"""Columns that are neither a factor nor a metric."""
 
 
 @dataclass(frozen=True)
@@ -67,14 +62,8 @@ class Results:
         Reasons that differ in their numbers only count as one, told by its first.
         """
         reasons = self.table["reason"].to_pylist() if "reason" in self.table.column_names else [None] * len(self.status)
-        counts: Counter[tuple[str, str]] = Counter()
-        first: dict[tuple[str, str], str] = {}
-        for status, reason in zip(self.status, reasons, strict=True):
-            if status != "ok":
-                alike = status, re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?", "#", reason or "not told")
-                counts[alike] += 1
-                first.setdefault(alike, reason or "not told")
-        return [(alike[0], first[alike], count) for alike, count in counts.most_common()]
+        ended = zip(self.status, reasons, strict=True)
+        return common_reasons((status, reason or "not told") for status, reason in ended if status != "ok")
 
     def numeric(self, name: str) -> bool:
         """Whether a column holds numbers.
@@ -87,7 +76,7 @@ class Results:
 
     def _known(self, name: str) -> None:
         if name not in self.table.column_names:
-            raise StudyError(f"column {name!r}: not in the table; it has {_some(self.table.column_names)}")
+            raise StudyError(f"column {name!r}: not in the table; it has {some_of(self.table.column_names)}")
 
     def values(self, name: str) -> Array:
         """A numeric column (R,), NaN where it is empty.
@@ -159,7 +148,8 @@ def varies(values: Array) -> bool:
     return len(finite) > 1 and bool(np.ptp(finite) > 1e-12 * np.abs(finite).max())
 
 
-def _some(names: Iterable[str], most: int = 12) -> str:
+def some_of(names: Iterable[str], most: int = 12) -> str:
+    """The first names for a message, and how many more there are."""
     names = list(names)
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
@@ -189,7 +179,9 @@ def read_results(
     table = source if isinstance(source, pa.Table) else read_table(Path(source))
     chosen = tuple(factors) if factors is not None else _with_role(table, b"factor")
     if not chosen:
-        raise StudyError(f"factors: none given, and the table marks none; its columns are {_some(table.column_names)}")
+        raise StudyError(
+            f"factors: none given, and the table marks none; its columns are {some_of(table.column_names)}"
+        )
     noted = _with_role(table, b"metric")
     if metrics is not None:
         measured = tuple(metrics)
@@ -199,7 +191,7 @@ def read_results(
     for kind, names in (("factors", chosen), ("metrics", measured)):
         for name in names:
             if name not in table.column_names:
-                raise StudyError(f"{kind}: {name!r} is not in the table; it has {_some(table.column_names)}")
+                raise StudyError(f"{kind}: {name!r} is not in the table; it has {some_of(table.column_names)}")
     results = Results(table, chosen, measured)
     for word in sorted(set(results.status) - set(STATUSES)):
         raise StudyError(f"column 'status': {word!r} is unknown; allowed are {', '.join(STATUSES)}")

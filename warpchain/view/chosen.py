@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
-from warpchain.results.run import Run, Trajectory
+from warpchain.results.run import Run, Trajectory, need
 
 NEEDED = (
     "position",
@@ -57,9 +57,7 @@ def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED
         raise SimulationError("no variant was recorded: nothing to draw")
     index = held[0] if variant is None else variant
     trajectory = run[index]
-    missing = [name for name in needed if getattr(trajectory, name) is None]
-    if missing:
-        raise SimulationError(f"variant {index} was recorded without {', '.join(missing)}, which this needs")
+    need(trajectory, *needed, name=f"variant {index}")
     if len(trajectory.time) < 2:
         raise SimulationError(f"variant {index} has {len(trajectory.time)} frames, at least 2 are needed")
     return Recorded(run, index, trajectory, f"variant {index}")

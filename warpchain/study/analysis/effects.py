@@ -120,18 +120,14 @@ class Correlation:
         return float(min(1.0, 1.96 / np.sqrt(max(least - 1, 1))))
 
 
-def ranks(values: Array) -> Array:
-    """Ranks from 1, equal values sharing their mean rank, along the first axis (R,)."""
-    _, group, counts = np.unique(values, return_inverse=True, return_counts=True)
-    return (np.cumsum(counts) - 0.5 * (counts - 1))[group]
-
-
 def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Correlation:
     """Pearson and Spearman correlation of every independent numeric factor with every metric that varies.
 
     Raises:
         StudyError: no numeric factor that varies, or fewer than three usable variants.
     """
+    from scipy.stats import rankdata
+
     factors = results.independent_factors()
     chosen = tuple(m for m in metrics or results.metrics if varies(results.values(m)[results.ok]))
     if not factors or not chosen:
@@ -146,7 +142,7 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
             raise StudyError(f"metric {metric!r}: {counts[b]} variants have a value, at least 3 are needed")
         for a, x in enumerate(inputs):
             pearson[a, b] = _pearson(x[rows], y[rows])
-            spearman[a, b] = _pearson(ranks(x[rows]), ranks(y[rows]))
+            spearman[a, b] = _pearson(rankdata(x[rows]), rankdata(y[rows]))
     return Correlation(factors, chosen, pearson, spearman, counts)
 
 

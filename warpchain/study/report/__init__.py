@@ -1,6 +1,6 @@
 """Studies as pages, and as scenes in Rerun."""
 
-from warpchain.study.report.report import (
+from warpchain.study.report.sections import (
     report_html,
     telling_metrics,
     write_report,

@@ -1,6 +1,6 @@
 """Runs studies: their folders, shards and merging."""
 
 from warpchain.study.run.merge import merge_study, study_status
-from warpchain.study.run.run import run_study
+from warpchain.study.run.runner import run_study
 
 __all__ = ["merge_study", "run_study", "study_status"]

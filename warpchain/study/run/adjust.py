@@ -14,7 +14,7 @@ from warpchain.assembly.path import MAX_STRAIN, chain_path
 from warpchain.drive import Drive
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, StudyError
-from warpchain.study.design.factors import evaluate
+from warpchain.study.design.values import evaluate
 from warpchain.study.spec.parts import Adjust
 
 TRAVEL = 4.0

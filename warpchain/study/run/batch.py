@@ -5,7 +5,6 @@ A row that gives no drive, and a drive that cannot be assembled or stepped, fail
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,7 @@ from warpchain.drive import Drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import DriveError, SimulationError, StudyError, WarpchainError
 from warpchain.results.run import RunInfo, Trajectory
+from warpchain.study.reasons import reason_of
 from warpchain.study.run.adjust import adjusted
 from warpchain.study.spec import Study
 
@@ -40,8 +40,7 @@ class Variant:
 
     def fail(self, error: WarpchainError) -> None:
         """Makes it infeasible."""
-        lines = re.sub(r"^variant \d+: ", "", str(error)).splitlines()
-        self.drive, self.reason = None, "; ".join(lines)
+        self.drive, self.reason = None, reason_of(error)
 
     @property
     def status(self) -> str:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.errors import StudyError
 from warpchain.study.spec import Study, dumps_study, load_study
-from warpchain.study.tables import read_table, write_table, write_text
+from warpchain.study.store import read_table, write_table, write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
@@ -15,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
+from warpchain.study.columns import ARCHIVED, OUTCOME
+from warpchain.study.reasons import common_reasons
 from warpchain.study.results import read_results
 from warpchain.study.run.folder import WORST, Folder, open_folder
-from warpchain.study.run.recorded import with_recorded_objectives
+from warpchain.study.run.recordings import with_recorded_objectives
 from warpchain.study.run.shards import run_worst
 from warpchain.study.spec import Study
-from warpchain.study.tables import read_table, write_table
+from warpchain.study.store import read_table, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -63,17 +63,14 @@ def study_status(out: str | os.PathLike[str]) -> Outcome:
     folder = open_folder(Path(out))
     done = [shard for shard in folder.shards if folder.done(shard)]
     counts = dict.fromkeys(("ok", "diverged", "infeasible"), 0)
-    reasons: Counter[str] = Counter()
-    shown: dict[str, str] = {}
+    ended: list[tuple[str, str]] = []
     for shard in done:
-        for row in read_table(folder.table_path(shard), ["status", "reason"]).to_pylist():
+        for row in read_table(folder.table_path(shard), list(OUTCOME)).to_pylist():
             counts[row["status"]] += 1
             if row["reason"] is not None:
-                kind = re.sub(r"[-+]?\d[\d.e+-]*", "#", row["reason"])
-                reasons[kind] += 1
-                shown.setdefault(kind, row["reason"])
+                ended.append((row["status"], row["reason"]))
     table = folder.results if folder.results.exists() else None
-    often = tuple((shown[kind], number) for kind, number in reasons.most_common(REASONS))
+    often = tuple((reason, number) for _, reason, number in common_reasons(ended)[:REASONS])
     left = folder.rows - sum(folder.size(shard) for shard in done)
     return Outcome(folder.path, counts, often, (len(done), len(folder.shards)), left, _rate(folder, done), table)
 
@@ -150,7 +147,7 @@ def _with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
     """The table with the places of the variants that the second pass recorded."""
     import pyarrow as pa
 
-    for name in ("archive", "archive_variant"):
+    for name in ARCHIVED:
         values = table[name].to_pylist()
         for row in second.select(["variant", name]).to_pylist():
             values[row["variant"]] = row[name]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -12,7 +11,9 @@ from warpchain.drive import Drive, load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, StudyError
+from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
+from warpchain.study.results import some_of
 from warpchain.study.run.folder import Folder, make_folder
 from warpchain.study.spec import Study, check_drive, load_study
 
@@ -38,6 +39,8 @@ def prepare(
     except DriveError as error:
         raise StudyError("\n".join(f'{source}: study.drive = "{word}": {line}' for line in error.errors)) from None
     check_drive(study, drive, str(source))
+    if study.fatigue is not None:
+        rainflow_counter()  # refused now, not when all variants have run
     design = make_design(study, Path(source))
     _check_names(study, drive, design.num_rows, source)
     size = study.run.shard or shard_size(study, drive, design.num_rows, parts, workers or available_cores(), memory)
@@ -85,10 +88,10 @@ def _check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLik
     names, lines = metric_names(drive), []
     for i, pattern in enumerate(study.metrics.keep):
         if not any(fnmatchcase(name, pattern) for name in names):
-            lines.append(f'metrics.keep.{i} = "{pattern}": no such metric; there are {_some(names)}')
+            lines.append(f'metrics.keep.{i} = "{pattern}": no such metric; there are {some_of(names, 8)}')
     worst = study.record.worst
     if worst is not None and worst.metric not in names:
-        lines.append(f'record.worst.metric = "{worst.metric}": no such metric; there are {_some(names)}')
+        lines.append(f'record.worst.metric = "{worst.metric}": no such metric; there are {some_of(names, 8)}')
     for factor in study.factors:
         if factor.name in names:
             lines.append(f'factors.{factor.name}.name = "{factor.name}": must not be the name of a metric')
@@ -97,7 +100,3 @@ def _check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLik
             lines.append(f"record.variants = {variant}: must be below the number of rows, {rows}")
     if lines:
         raise StudyError("\n".join(f"{source}: {line}" for line in lines))
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")

@@ -13,16 +13,15 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from warpchain.results.metrics import table_of
+from warpchain.study.columns import ADJUSTED, ARCHIVED, OUTCOME, RUN_COLUMNS
 from warpchain.study.run.batch import Report, Variant, simulate_variants
 from warpchain.study.run.folder import WORST, Folder, open_folder
 from warpchain.study.spec import Study
-from warpchain.study.tables import write_table
+from warpchain.study.store import write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-BOOKKEEPING = ("diverged_time", "window_start", "window_end")
-"""Columns of `simulate` that come along with the metrics and are none."""
 
 
 def run_shard(
@@ -81,32 +80,31 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     """Inputs and metrics of variants: a row a variant, fields marked role = "factor" and "metric", with their units."""
     import pyarrow as pa
 
-    from warpchain.results.metrics import table_of
-
+    status, reason = OUTCOME
     extra: dict[str, tuple[Any, list[Any], str]] = {
-        "status": (pa.string(), [variant.status for variant in variants], ""),
-        "reason": (pa.string(), [variant.told() for variant in variants], ""),
+        status: (pa.string(), [variant.status for variant in variants], ""),
+        reason: (pa.string(), [variant.told() for variant in variants], ""),
     }
+    count, travel = ADJUSTED
     if study.adjust is not None and study.adjust.links is not None:
-        links = [variant.adjusted.get("adjusted_links") for variant in variants]
-        extra["adjusted_links"] = (pa.int64(), links, "")
+        extra[count] = (pa.int64(), [variant.adjusted.get(count) for variant in variants], "")
     if study.adjust is not None and study.adjust.sprocket is not None:
-        travel = [variant.adjusted.get("adjusted_travel") for variant in variants]
-        extra["adjusted_travel"] = (pa.float64(), travel, "m")
+        extra[travel] = (pa.float64(), [variant.adjusted.get(travel) for variant in variants], "m")
     record = study.record
     if record.variants or record.every or record.worst:
         archives = [variant.archive or (None, None) for variant in variants]
-        extra["archive"] = (pa.string(), [name and f"shards/{name}" for name, _ in archives], "")
-        extra["archive_variant"] = (pa.int64(), [number for _, number in archives], "")
-    columns = [rows[name].combine_chunks() for name in rows.column_names if name not in ("status", "reason")]
-    fields = [field for field in rows.schema if field.name not in ("status", "reason")]
+        file, place = ARCHIVED
+        extra[file] = (pa.string(), [name and f"shards/{name}" for name, _ in archives], "")
+        extra[place] = (pa.int64(), [number for _, number in archives], "")
+    columns = [rows[name].combine_chunks() for name in rows.column_names if name not in OUTCOME]
+    fields = [field for field in rows.schema if field.name not in OUTCOME]
     for name, (kind, values, unit) in extra.items():
         columns.append(pa.array(values, kind))
         fields.append(pa.field(name, kind, metadata={"unit": unit} if unit else None))
     metrics = table_of(_kept(study, variants))
     for field_, column in zip(metrics.schema, metrics.columns, strict=True):
         if field_.name != "variant":
-            role = {} if field_.name in BOOKKEEPING else {"role": "metric"}
+            role = {} if field_.name in RUN_COLUMNS else {"role": "metric"}
             columns.append(column.combine_chunks())
             fields.append(field_.with_metadata({**role, "unit": field_.metadata[b"unit"]}))
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))

@@ -1,6 +1,6 @@
 """The study file as data."""
 
-from warpchain.study.spec.spec import (
+from warpchain.study.spec.study import (
     Study,
     check_drive,
     dumps_study,

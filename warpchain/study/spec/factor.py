@@ -9,20 +9,17 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from warpchain.drive.part import BARE, Finite, Part, Positive, Problem, Switch, Text, Value, allowed, get, numbers
+from warpchain.study.columns import BOOKKEEPING
 from warpchain.study.spec.expression import RESERVED
 
-OWN_COLUMNS = (
-    *("variant", "status", "reason", "archive", "archive_variant", "adjusted_links", "adjusted_travel"),
-    *("diverged", "diverged_time", "window_start", "window_end", "shard"),
-)
-"""Columns of the results that are neither factors nor metrics."""
-
+TAKEN = frozenset(RESERVED) | frozenset(BOOKKEEPING) | {"shard", "and", "or", "not"}
+"""Words that no factor can be called."""
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 NAME_TEXT = "must be a word of letters, digits and underscores that is no function, constant or column of the results"
 
 
 def _check_word(value: str) -> str:
-    if not _IDENTIFIER.fullmatch(value) or value in RESERVED or value in OWN_COLUMNS or value in ("and", "or", "not"):
+    if not _IDENTIFIER.fullmatch(value) or value in TAKEN:
         raise ValueError("not a word")
     return value
 

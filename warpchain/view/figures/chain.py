@@ -6,16 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from warpchain.results.colors import full_scale
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import (
+    SPECTRUM_FLOOR,
+    TOOTH_PASSINGS,
     contact_angles,
-    order_spectrum,
-    peak_frames,
+    order_spectra,
     peaks_over_time,
-    strand_tension,
-    transmission_error,
 )
-from warpchain.view.figures.style import LINES, arrowed, panels, tension_colors
+from warpchain.view.colors import tension_colormap
+from warpchain.view.figures.style import LINES, arrowed, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,10 +34,10 @@ def waterfall_figure(trajectory: Trajectory) -> Figure:
     assert trajectory.tension is not None
     figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory.drive)
     _, rows = peaks_over_time(trajectory.tension, ROWS)
-    top = 1e-3 * max(float(np.nanpercentile(trajectory.tension, 99.9)), 1.0)
+    top = 1e-3 * full_scale(trajectory.tension)
     extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
     image = axis.imshow(
-        1e-3 * rows, aspect="auto", extent=extent, cmap=tension_colors(), vmin=0.0, vmax=top, interpolation="nearest"
+        1e-3 * rows, aspect="auto", extent=extent, cmap=tension_colormap(), vmin=0.0, vmax=top, interpolation="nearest"
     )
     axis.grid(False)
     axis.set_xlabel("link number")
@@ -45,41 +46,26 @@ def waterfall_figure(trajectory: Trajectory) -> Figure:
     return figure
 
 
-def spectrum_figure(trajectory: Trajectory, passings: int = 4) -> Figure | None:
+def spectrum_figure(trajectory: Trajectory) -> Figure | None:
     """Order spectra of strand tensions and transmission errors, tooth-passing orders marked; None where none can be."""
-    drive = trajectory.drive
-    driver = drive.sprockets[drive.driver]
-    tensions = [(arrowed(name), strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)]
-    errors = [
-        (sprocket.name, 1e3 * transmission_error(trajectory, s))
-        for s, sprocket in enumerate(drive.sprockets)
-        if s != drive.driver
-    ]
-    groups = []
-    for label, signals in (("tension at mid-strand [N]", tensions), ("transmission error [mrad]", errors)):
-        found = [(name, order_spectrum(trajectory, values)) for name, values in signals]
-        drawn = [(name, spectrum) for name, spectrum in found if spectrum is not None]
-        if drawn:
-            groups.append((label, drawn))
+    groups = order_spectra(trajectory)
     if not groups:
         return None
+    drive = trajectory.drive
+    driver = drive.sprockets[drive.driver]
     title = "Order spectra, latter half of the run"
     figure, axes = panels(len(groups), 3.4 * len(groups) + 0.9, title, drive)
-    last = (passings + 0.5) * driver.teeth
-    for axis, (label, drawn) in zip(axes, groups, strict=True):
-        peak = 0.0
-        for k, (name, (orders, amplitude)) in enumerate(drawn):
-            part = slice(1, int(np.searchsorted(orders, last)) + 1)
-            x, y = orders[part], amplitude[part]
-            kept = peak_frames(y, 2000)
-            axis.semilogy(x[kept], y[kept], lw=0.8, color=LINES[k % len(LINES)], label=name)
-            peak = max(peak, float(y.max()))
-        for k in range(1, passings + 1):
+    for axis, (label, spectra) in zip(axes, groups.items(), strict=True):
+        for k, one in enumerate(spectra):
+            color = LINES[k % len(LINES)]
+            axis.semilogy(one.orders, one.amplitude, lw=0.8, color=color, label=arrowed(one.name))
+        for k in range(1, TOOTH_PASSINGS + 1):
             mark = f"tooth passing, multiples of {driver.teeth}" if k == 1 else None
             axis.axvline(k * driver.teeth, color="black", lw=0.8, ls=":", label=mark)
+        peak = max(float(one.amplitude.max()) for one in spectra)
         if peak > 0.0:
-            axis.set_ylim(1e-4 * peak, 2.0 * peak)
-        axis.set_xlim(0.0, last)
+            axis.set_ylim(SPECTRUM_FLOOR * peak, 2.0 * peak)
+        axis.set_xlim(0.0, (TOOTH_PASSINGS + 0.5) * driver.teeth)
         axis.set_ylabel(f"amplitude of\n{label}")
         axis.legend(loc="upper right", fontsize=8)
     axes[-1].set_xlabel(f"order [multiples of the revolutions of {driver.name}]")

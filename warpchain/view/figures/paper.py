@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.results.colors import full_scale
 from warpchain.results.run import Trajectory
 from warpchain.results.scene import contact_arrows, guide_outline, nearest_sprocket, strand_displacement, tooth_outline
 from warpchain.results.signals import guide_forces, last_round
 from warpchain.view.chosen import part_of
-from warpchain.view.figures.style import PARTS, about, arrowed, curve, panels, tension_colors
+from warpchain.view.colors import tension_colormap
+from warpchain.view.figures.style import PARTS, about, arrowed, curve, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -123,9 +125,9 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None) -> Figure:
     figure = Figure(figsize=(11.0, 5.5) if span[0] >= span[1] else (6.5, 10.0), layout="constrained")
     axis = figure.subplots()
     _draw_parts(axis, trajectory, f)
-    top = max(float(np.percentile(trajectory.tension, 99.9)), 1.0)
+    top = full_scale(trajectory.tension)
     links = np.stack([x, np.roll(x, -1, axis=0)], axis=1)
-    chain = LineCollection(list(links), cmap=tension_colors(), norm=Normalize(0.0, 1e-3 * top), lw=3, zorder=3)
+    chain = LineCollection(list(links), cmap=tension_colormap(), norm=Normalize(0.0, 1e-3 * top), lw=3, zorder=3)
     chain.set_array(1e-3 * trajectory.tension[f])
     axis.add_collection(chain)
     figure.colorbar(chain, ax=axis, label="link tension [kN]", shrink=0.6)

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.archive.schema import tension_color
 from warpchain.drive import Drive
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, whole_file
 from warpchain.results.signals import peak_frames
 
 if TYPE_CHECKING:
-    from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
 
 KINDS = ("png", "svg")
@@ -38,8 +36,13 @@ def about(drive: Drive) -> str:
     assert travel is not None
     return (
         f"{drive.chain.links} links of {1e3 * drive.chain.pitch:g} mm, "
-        f"{drive.sprockets[drive.driver].name} at {travel.top_speed * 30.0 / np.pi:.4g} rpm"
+        f"{drive.sprockets[drive.driver].name} at {rpm(travel.top_speed):.4g} rpm"
     )
+
+
+def rpm(speed: float) -> float:
+    """An angular speed [rad/s] in revolutions a minute."""
+    return speed * 30.0 / np.pi
 
 
 def panels(rows: int, height: float, title: str, drive: Drive | None, share: bool = True) -> tuple[Figure, list[Any]]:
@@ -63,13 +66,6 @@ def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **look: A
     """Draws a curve; of a long one the smallest and largest values of `POINTS` spells."""
     kept = peak_frames(y, POINTS)
     axis.plot(x[kept], y[kept], **{"lw": 0.8, **look})
-
-
-def tension_colors() -> ListedColormap:
-    """The color scale of link tension, as archives and playback have it."""
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap(tension_color(np.linspace(0.0, 1.0, 256), 1.0) / 255.0)
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str | Sequence[str]) -> list[Path]:

@@ -15,7 +15,7 @@ from warpchain.errors import SimulationError
 from warpchain.results.run import Run, Trajectory
 from warpchain.results.scene import strand_displacement
 from warpchain.results.signals import amplitude_spectrum, latter_half, strand_tension, transverse_frequency
-from warpchain.view.figures.style import LINES, arrowed, panels
+from warpchain.view.figures.style import LINES, arrowed, panels, rpm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -120,7 +120,7 @@ def _speed(trajectory: Trajectory) -> float:
     """Mean speed of the driver over the latter half [rpm]."""
     assert trajectory.sprocket_speed is not None
     part = trajectory.sprocket_speed[latter_half(trajectory), trajectory.drive.driver]
-    return float(abs(part.mean())) * 30.0 / np.pi
+    return rpm(float(abs(part.mean())))
 
 
 def campbell_figure(found: Sequence[Sweep], highest: float | None = None) -> Figure:

@@ -7,13 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from warpchain.archive.schema import tension_color
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -75,26 +72,6 @@ def strips(points: NDArray[np.float32]) -> pa.Array:
     kind = pa.list_(pa.field("item", inner.type, nullable=False))
     offsets = pa.array(np.arange(count + 1, dtype=np.int32) * length, pa.int32())
     return pa.ListArray.from_arrays(offsets, inner, type=kind)
-
-
-@lru_cache(maxsize=1)
-def _scale() -> NDArray[np.uint32]:
-    """The tension's color scale in 256 steps, as Rerun packs colors."""
-    colors = tension_color(np.arange(256.0), 255.0).astype(np.uint32)
-    return (colors << np.array([24, 16, 8, 0], dtype=np.uint32)).sum(axis=-1, dtype=np.uint32)
-
-
-def tension_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
-    """Tensions [N] as steps 0 to 255 of the color scale that ends at `top` [N]; not finite: 0."""
-    share = np.asarray(tension, dtype=np.float32) * np.float32(255.0 / top)
-    share += np.float32(0.5)
-    np.clip(share, 0.0, 255.0, out=share)
-    return np.nan_to_num(share, copy=False).astype(np.uint8)
-
-
-def packed_colors(steps: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """Colors of steps of the scale, as Rerun packs them."""
-    return _scale()[steps]
 
 
 def send(

@@ -7,20 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.results.colors import full_scale
 from warpchain.results.run import Trajectory
 from warpchain.results.scene import guide_outline, pressing, tooth_outline
 from warpchain.view.chosen import part_of
-from warpchain.view.rerun.columns import (
-    Column,
-    entity,
-    flipped,
-    packed_colors,
-    rows,
-    send,
-    strips,
-    tension_steps,
-    vectors,
-)
+from warpchain.view.colors import packed_colors, tension_steps
+from warpchain.view.rerun.columns import Column, entity, flipped, rows, send, strips, vectors
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -42,11 +34,9 @@ def shown_frames(trajectory: Trajectory, budget: int) -> Trajectory:
 
 
 def tension_top(trajectory: Trajectory) -> float:
-    """Where the color scale of tension ends [N]: rare impacts may reach further."""
+    """Where the color scale of tension ends [N], from some 500 frames."""
     assert trajectory.tension is not None
-    sample = trajectory.tension[:: max(len(trajectory.time) // 500, 1)]
-    finite = sample[np.isfinite(sample)]
-    return max(float(np.quantile(finite, 0.999)), 1.0) if len(finite) else 1.0
+    return full_scale(trajectory.tension[:: max(len(trajectory.time) // 500, 1)])
 
 
 def log_drive(stream: rr.RecordingStream, root: str, shown: Trajectory, top: float) -> None:

@@ -12,19 +12,17 @@ from warpchain.drive import Drive
 from warpchain.results.columns import unit_of
 from warpchain.results.run import Run
 from warpchain.view.chosen import varied_inputs
-from warpchain.view.rerun.chart import Chart, around
+from warpchain.view.colors import OTHERS, RECORDED, SHOWN
+from warpchain.view.rerun.chart import Chart
+from warpchain.view.rerun.scatter import INPUTS, METRICS, Dots, Quantity, log_scatter
 
 if TYPE_CHECKING:
     import rerun as rr
 
-INPUTS, METRICS = 3, 4
-"""Most inputs and metrics that scatters are drawn for."""
-SHOWN, RECORDED, OTHERS = (240, 90, 60), (90, 170, 240), (140, 140, 140)
-
 Values = dict[str, NDArray[np.float64]]
 
 
-def telling_metrics(drive: Drive) -> list[str]:
+def first_metrics(drive: Drive) -> list[str]:
     """Metrics worth a look first, most important first."""
     loaded = [s.name for s in drive.sprockets if s.load is not None]
     return [
@@ -53,32 +51,29 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
         return [], 0
     chosen = _most_telling(inputs, metrics)
     recorded = set(run)
-    everything = set(range(len(run.drives)))
-    kinds = [
-        ("other variants", OTHERS, everything - recorded, 2.5),
-        ("recorded variants", RECORDED, recorded - set(shown), 3.5),
-        ("shown variants", SHOWN, set(shown), 5.0),
+    everything = np.arange(len(run.drives))
+    groups = [
+        Dots("other variants", OTHERS, 2.5, _rows(set(everything.tolist()) - recorded)),
+        Dots("recorded variants", RECORDED, 3.5, _rows(recorded - set(shown))),
+        Dots("shown variants", SHOWN, 5.0, _rows(shown)),
     ]
-    charts = []
-    for name in chosen:
-        for metric, y in metrics.items():
-            x, unit = inputs[name], unit_of(metric)
-            chart = Chart(
-                stream, ("ensemble", name, f"{metric} [{unit}]"), around(x, name), around(y, ""), 1.1, few=True
-            )
-            chart.frame()
-            for kind, color, members, size in kinds:
-                rows = np.array(sorted(v for v in members if np.isfinite(x[v]) and np.isfinite(y[v])), dtype=int)
-                if len(rows):
-                    words = [f"variant {v}: {name} = {x[v]:.6g}, {metric} = {y[v]:.6g} {unit}" for v in rows]
-                    chart.dots(kind, x[rows], y[rows], words, color, size)
-            charts.append(chart)
+    charts = [
+        log_scatter(
+            stream, "ensemble", Quantity(name, inputs[name]), Quantity(metric, y, unit_of(metric)), groups, everything
+        )
+        for name in chosen
+        for metric, y in metrics.items()
+    ]
     return charts, len(metrics)
+
+
+def _rows(variants: Collection[int]) -> NDArray[np.intp]:
+    return np.array(sorted(set(variants)), dtype=np.intp)
 
 
 def _varied_metrics(run: Run) -> Values:
     found: Values = {}
-    for name in telling_metrics(run.drives[0]):
+    for name in first_metrics(run.drives[0]):
         if name in run.metrics.column_names and len(found) < METRICS:
             values: Any = run.metrics[name].to_numpy(zero_copy_only=False)
             values = np.asarray(values, dtype=float)

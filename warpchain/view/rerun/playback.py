@@ -15,12 +15,13 @@ from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, whole_file
 from warpchain.results.run import Run
 from warpchain.view.chosen import NEEDED, Recorded, to_compare
+from warpchain.view.colors import CURVES, Color, shades
 from warpchain.view.rerun.chart import Chart
 from warpchain.view.rerun.columns import entity
 from warpchain.view.rerun.drive import log_drive, log_outline, shown_frames, tension_top
 from warpchain.view.rerun.ensemble import log_ensemble
 from warpchain.view.rerun.layout import blueprint
-from warpchain.view.rerun.series import Color, Spectrum, log_curves, log_spectra, log_tension_image, spectra
+from warpchain.view.rerun.series import Line, log_curves, log_spectra, log_tension_image, spectra
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 
 FRAMES = 1000
 """Frames that a recording is shown with, unless told otherwise."""
-COLORS = ((90, 170, 240), (240, 150, 60), (110, 200, 110), (220, 110, 200), (230, 220, 90), (120, 220, 220))
-"""Colors of curves, and of variants that are compared."""
 
 
 def view(
@@ -85,11 +84,11 @@ def log_recording(
     """Logs the variants, with what compares them and the ensemble of the first one's run; returns the layout."""
     several = len(shown) > 1
     top = max(tension_top(one.trajectory) for one in shown)
-    images, lines = [], dict[str, list[Spectrum]]()
+    images, lines = [], dict[str, list[Line]]()
     for k, one in enumerate(shown):
-        color = COLORS[k % len(COLORS)]
+        color = CURVES[k % len(CURVES)]
         images.append(log_variant(stream, one, frames, top, color if several else None))
-        for title, found in spectra(one.trajectory, _shades(color) if several else COLORS).items():
+        for title, found in spectra(one.trajectory, shades(color) if several else CURVES).items():
             named = [line._replace(name=f"{one.label}: {line.name}") if several else line for line in found]
             lines.setdefault(title, []).extend(named)
         if several:
@@ -113,14 +112,8 @@ def log_variant(
     """
     drawn = shown_frames(one.trajectory, frames)
     log_drive(stream, one.label, drawn, top)
-    log_curves(stream, one.label, one.trajectory, frames, _shades(color) if color else COLORS, color is not None)
+    log_curves(stream, one.label, one.trajectory, frames, shades(color) if color else CURVES, color is not None)
     return log_tension_image(stream, one.label, one.trajectory, drawn, frames, top)
-
-
-def _shades(color: Color) -> list[Color]:
-    """A variant's color, and darker ones for further curves of it."""
-    red, green, blue = color
-    return [(int(share * red), int(share * green), int(share * blue)) for share in (1.0, 0.72, 0.52, 0.4)]
 
 
 def _stream() -> rr.RecordingStream:

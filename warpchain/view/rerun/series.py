@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,20 +11,21 @@ from numpy.typing import NDArray
 from warpchain.results.run import Trajectory
 from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
-    order_spectrum,
+    SPECTRUM_FLOOR,
+    TOOTH_PASSINGS,
+    order_spectra,
     peak_frames,
     peaks_over_time,
     speed_ratio,
     strand_tension,
     transmission_error,
 )
+from warpchain.view.colors import Color, packed_colors, tension_steps
 from warpchain.view.rerun.chart import WIDE, Axis, Chart
-from warpchain.view.rerun.columns import Column, entity, packed_colors, rows, send, tension_steps
+from warpchain.view.rerun.columns import Column, entity, rows, send
 
 if TYPE_CHECKING:
     import rerun as rr
-
-Color = tuple[int, int, int]
 
 GROUPS = {
     "tension": "link tension [N]",
@@ -37,14 +38,8 @@ GROUPS = {
     "displacement": "strand displacement at mid-span [mm]",
 }
 """Groups of curves, each a view, with their titles."""
-TOOTH_PASSINGS = 4
-"""Spectra reach half an order beyond this multiple of the tooth-passing order."""
-FLOOR = 1e-4
-"""Lower end of a spectrum's axis, as a part of its peak."""
 WIDEST = 4096
 """Most columns of an image: a texture's least guaranteed limit is 8192."""
-LINES = 4000
-"""Most lines of a spectrum that are drawn."""
 
 
 def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floating]]]:
@@ -121,7 +116,7 @@ def log_tension_image(
     return chart
 
 
-class Spectrum(NamedTuple):
+class Line(NamedTuple):
     """A line of a spectrum chart."""
 
     name: str
@@ -130,30 +125,15 @@ class Spectrum(NamedTuple):
     amplitude: NDArray[np.float64]
 
 
-def spectra(trajectory: Trajectory, colors: Sequence[Color]) -> dict[str, list[Spectrum]]:
-    """Order spectra of strand tensions and transmission errors by the title of their chart; {} where none can be."""
-    drive = trajectory.drive
-    signals: list[tuple[str, str, Any]] = [
-        ("tension at mid-strand [N]", name, strand_tension(trajectory, k)) for k, name in enumerate(drive.strand_names)
-    ]
-    signals += [
-        ("transmission error [mrad]", sprocket.name, 1e3 * transmission_error(trajectory, s))
-        for s, sprocket in enumerate(drive.sprockets)
-        if s != drive.driver
-    ]
-    last = (TOOTH_PASSINGS + 0.5) * drive.sprockets[drive.driver].teeth
-    found: dict[str, list[Spectrum]] = {}
-    for title, name, values in signals:
-        spectrum = order_spectrum(trajectory, values)
-        if spectrum is not None:
-            orders, amplitude = (part[1 : int(np.searchsorted(spectrum[0], last)) + 1] for part in spectrum)
-            kept = peak_frames(amplitude, LINES // 2)
-            lines = found.setdefault(title, [])
-            lines.append(Spectrum(name, colors[len(lines) % len(colors)], orders[kept], amplitude[kept]))
-    return found
+def spectra(trajectory: Trajectory, colors: Sequence[Color]) -> dict[str, list[Line]]:
+    """The order spectra of a recording by the title of their chart, each with its color; {} where none can be."""
+    return {
+        title: [Line(one.name, colors[k % len(colors)], one.orders, one.amplitude) for k, one in enumerate(found)]
+        for title, found in order_spectra(trajectory).items()
+    }
 
 
-def log_spectra(stream: rr.RecordingStream, found: dict[str, list[Spectrum]], teeth: Sequence[int]) -> list[Chart]:
+def log_spectra(stream: rr.RecordingStream, found: dict[str, list[Line]], teeth: Sequence[int]) -> list[Chart]:
     """Logs one chart for each title, its lines over each other, with the tooth-passing orders of the drivers marked."""
     charts = []
     for title, lines in found.items():
@@ -161,7 +141,7 @@ def log_spectra(stream: rr.RecordingStream, found: dict[str, list[Spectrum]], te
         if peak <= 0.0:
             continue
         x = Axis("order of the driver's revolution", 0.0, max(float(line.orders[-1]) for line in lines))
-        y = Axis(f"amplitude of {title}", FLOOR * peak, 2.0 * peak, True)
+        y = Axis(f"amplitude of {title}", SPECTRUM_FLOOR * peak, 2.0 * peak, True)
         chart = Chart(stream, ("spectrum", title), x, y, WIDE, beside=0.6)
         chart.frame()
         passing = [k * z for z in sorted(set(teeth)) for k in range(1, TOOTH_PASSINGS + 1) if k * z <= x.high]

@@ -13,29 +13,22 @@ from warpchain.errors import StudyError
 from warpchain.files import refusals, whole_file
 from warpchain.results.run import Trajectory
 from warpchain.study.analysis.pareto import pareto_front
-from warpchain.study.report.report import telling_metrics
+from warpchain.study.report.sections import telling_metrics
 from warpchain.study.results import Results
 from warpchain.view.chosen import NEEDED
-from warpchain.view.rerun.chart import BACKGROUND, Chart, around
+from warpchain.view.colors import BEST, CURVES, OTHERS, SHOWN
+from warpchain.view.rerun.chart import BACKGROUND, Chart
 from warpchain.view.rerun.columns import entity
 from warpchain.view.rerun.drive import log_drive, shown_frames, tension_top
-from warpchain.view.rerun.playback import COLORS
+from warpchain.view.rerun.scatter import INPUTS, METRICS, Dots, Quantity, log_scatter
 from warpchain.view.rerun.series import GROUPS, log_curves
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-INPUTS, METRICS = 3, 4
-"""Most factors and metrics that scatters are drawn for when not told."""
 FRAMES = 400
 """Frames that a recorded variant is drawn with; its curves keep their peaks."""
-KINDS = {
-    "variants": ((140, 140, 140), 2.5),
-    "Pareto front": ((240, 200, 60), 4.0),
-    "recorded variants": ((240, 90, 60), 5.0),
-}
-"""Color and size of each kind of dot."""
 
 
 def view_study(
@@ -50,7 +43,7 @@ def view_study(
 
     Args:
         results: the study's results.
-        recorded: trajectories to play, by the study's variant (see `study.recorded.recorded_variants`).
+        recorded: trajectories to play, by the study's variant (see `study.run.recordings.recorded_variants`).
         factors: across the scatters; none takes the numeric ones that explain most.
         metrics: up the scatters; none takes the telling ones.
         objectives: "min" or "max" by metric: marks the Pareto front.
@@ -107,7 +100,7 @@ def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory)
         raise StudyError(f"{name} was recorded without {', '.join(missing)}, which this needs")
     drawn, top = shown_frames(trajectory, FRAMES), tension_top(trajectory)
     log_drive(stream, name, drawn, top)
-    log_curves(stream, name, trajectory, FRAMES, COLORS, own=False)
+    log_curves(stream, name, trajectory, FRAMES, CURVES, own=False)
     title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
     moving = rrb.Spatial2DView(origin=entity(name, "drive"), name=title, background=BACKGROUND)
     over_time = rrb.TimeSeriesView(origin=entity(name, "curves", "tension"), name=GROUPS["tension"])
@@ -138,28 +131,24 @@ def log_scatters(
         raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
     front = pareto_front(results, objectives) if objectives else np.zeros(0, dtype=np.intp)
     played = np.flatnonzero(np.isin(results.variants, list(recorded)))
-    members = {  # each variant once, so that dots do not cover each other
-        "variants": np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played)),
-        "Pareto front": np.setdiff1d(front, played),
-        "recorded variants": played,
-    }
-    charts = []
-    for factor in across:
-        x = results.values(factor)
-        for metric in up:
-            y, unit = results.values(metric), results.unit(metric)
-            title = f"{metric} [{unit}]" if unit else metric
-            chart = Chart(stream, ("study", factor, title), around(x, factor), around(y[results.ok], ""), 1.1, few=True)
-            chart.frame()
-            for kind, rows in members.items():
-                rows = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
-                if len(rows):
-                    words = [
-                        f"variant {results.variants[r]}: {factor} = {x[r]:.6g}, {metric} = {y[r]:.6g} {unit}".rstrip()
-                        for r in rows
-                    ]
-                    chart.dots(kind, x[rows], y[rows], words, *KINDS[kind])
-            charts.append(chart)
+    groups = [  # each variant once, so that dots do not cover each other
+        Dots("variants", OTHERS, 2.5, np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played))),
+        Dots("Pareto front", BEST, 4.0, np.setdiff1d(front, played)),
+        Dots("recorded variants", SHOWN, 5.0, played),
+    ]
+    charts = [
+        log_scatter(
+            stream,
+            "study",
+            Quantity(factor, results.values(factor)),
+            Quantity(metric, results.values(metric), results.unit(metric)),
+            groups,
+            results.variants,
+            results.ok,
+        )
+        for factor in across
+        for metric in up
+    ]
     return charts, len(up) if len(across) > 1 else math.ceil(math.sqrt(len(up)))
 
 

@@ -14,9 +14,9 @@ from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.analysis.pareto import pareto_front
 from warpchain.study.analysis.sensitivity import Indices, best_indices
 from warpchain.study.analysis.surface import TRUSTED, fit_surface
-from warpchain.study.report import figures, page
+from warpchain.study.report import charts, page
 from warpchain.study.results import STATUSES, Results, read_results
-from warpchain.study.tables import write_text
+from warpchain.study.store import write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -84,7 +84,7 @@ def report_html(
             page.section(
                 "distributions",
                 "How the metrics are distributed",
-                page.picture(figures.distributions_figure(results, enough), "histograms of the metrics"),
+                page.picture(charts.distributions_figure(results, enough), "histograms of the metrics"),
                 _spread(results, enough),
             ),
             _effects(results, effects),
@@ -186,7 +186,7 @@ def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Sect
     for metric, found in effects.items():
         if found:
             parts.append(page.heading(metric))
-            parts.append(page.picture(figures.effects_figure(results, metric, found), f"main effects on {metric}"))
+            parts.append(page.picture(charts.effects_figure(results, metric, found), f"main effects on {metric}"))
     return page.section("effects", "Main effects", *parts)
 
 
@@ -204,7 +204,7 @@ def _correlation(results: Results, first: tuple[str, ...], most: int = 40) -> pa
             f"below {both.noise():.2f} in size are gray: chance alone stays below that in 19 of 20 cases.",
             muted=True,
         ),
-        page.picture(figures.correlation_figure(both), "heat map of rank correlations of factors and metrics"),
+        page.picture(charts.correlation_figure(both), "heat map of rank correlations of factors and metrics"),
         page.text(f"The first {most} of {len(usable)} metrics are shown.") if len(usable) > most else "",
     )
 
@@ -217,7 +217,7 @@ def _surfaces(results: Results, metrics: tuple[str, ...]) -> page.Section:
         except StudyError as error:
             refused.append(str(error))
             continue
-        parts.append(page.picture(figures.surface_figure(results, surface), f"response surface of {metric}"))
+        parts.append(page.picture(charts.surface_figure(results, surface), f"response surface of {metric}"))
         if not surface.trusted:
             parts.append(page.text(f"{metric}: predicted R\u00b2 is below {TRUSTED}: take the slices as a hint only."))
     return page.section(
@@ -252,7 +252,7 @@ def _sobol(results: Results, metrics: tuple[str, ...]) -> page.Section:
             "both bars are alike, the factor acts on its own.",
             muted=True,
         ),
-        page.picture(figures.indices_figure(found), "Sobol' indices of the metrics") if found else "",
+        page.picture(charts.indices_figure(found), "Sobol' indices of the metrics") if found else "",
         page.bullets(lines),
     )
 
@@ -270,7 +270,7 @@ def _front(results: Results, objectives: Mapping[str, str], by_default: bool) ->
         page.text(
             f"Wanted: {words}{hint}. No other variant beats those on the front in one without losing in another."
         ),
-        page.picture(figures.front_figure(results, objectives), f"Pareto front of {words}"),
+        page.picture(charts.front_figure(results, objectives), f"Pareto front of {words}"),
         page.table(heads, (_row(results, int(row), tuple(objectives)) for row in front[:30])),
         page.text(f"{len(front) - 30} further variants are on the front.") if len(front) > 30 else "",
     )

@@ -9,13 +9,27 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import golden_blocks
 import numpy as np
-from golden_drives import ARCHIVES, DESIGNS, LAWS, LOAD, MOUNTS, PAIR, PROFILES, STUDY, TABLES, WORN, example, pair, run
 from mcap.reader import make_reader
 from pyarrow import parquet
 
 import warpchain
+from golden_runs import blocks as golden_blocks
+from golden_runs.drives import (
+    ARCHIVES,
+    DESIGNS,
+    LAWS,
+    LOAD,
+    MOUNTS,
+    PAIR,
+    PROFILES,
+    STUDY,
+    TABLES,
+    WORN,
+    example,
+    pair,
+    run,
+)
 from warpchain import ArchiveOptions, Record, Run
 from warpchain.assembly.fit import fit_links, fit_position
 from warpchain.assembly.summary import derive

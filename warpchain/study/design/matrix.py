@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.errors import StudyError
-from warpchain.study.design import factors as values_of
-from warpchain.study.design.factors import Array, Dimension, dimensions, tied
+from warpchain.study.design import values as values_of
+from warpchain.study.design.values import Array, Dimension, dimensions, tied
 from warpchain.study.spec import Study
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def hadamard(size: int) -> Array | None:
 
 def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
     """The columns of a design table."""
-    from warpchain.study.tables import read_table
+    from warpchain.study.store import read_table
 
     assert study.design.file is not None  # the design's own rule
     path = Path(source).parent / study.design.file

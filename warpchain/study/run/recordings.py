@@ -9,6 +9,7 @@ from pathlib import Path
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.run import Trajectory
+from warpchain.study.columns import ARCHIVED
 from warpchain.study.results import Results
 
 SHOWN = 4
@@ -22,9 +23,9 @@ def places(results: Results) -> dict[int, tuple[str, int]]:
         StudyError: the table has no columns that tell.
     """
     names = results.table.column_names
-    if "archive" not in names or "archive_variant" not in names:
+    if not set(ARCHIVED) <= set(names):
         raise StudyError("the study recorded no variant: its table has no column 'archive'")
-    archives, numbers = (results.table[name].to_pylist() for name in ("archive", "archive_variant"))
+    archives, numbers = (results.table[name].to_pylist() for name in ARCHIVED)
     rows = zip(results.variants.tolist(), archives, numbers, strict=True)
     return {variant: (archive, int(number)) for variant, archive, number in rows if archive is not None}
 

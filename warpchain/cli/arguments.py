@@ -1,0 +1,77 @@
+"""What the commands' options share: how a command is added, how words become values."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Any
+
+
+def add_command(commands: Any, name: str, text: str, example: str) -> Any:
+    """Adds a command to subparsers; returns its parser.
+
+    Args:
+        text: what it does, without a capital and a full stop.
+        example: a line to try.
+    """
+    return commands.add_parser(
+        name,
+        help=text,
+        description=text[0].upper() + text[1:] + ".",
+        epilog=f"example:\n  {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def number(word: str) -> float:
+    """Any number.
+
+    Raises:
+        argparse.ArgumentTypeError: in one line, as the others here.
+    """
+    try:
+        return float(word)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a number") from None
+
+
+def gibibytes(word: str) -> int:
+    """A memory budget in GiB as a number of bytes."""
+    gib = number(word)
+    if not (math.isfinite(gib) and gib > 0.0):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (GiB)")
+    return int(gib * 2**30)
+
+
+def mebibytes(word: str) -> int:
+    """A size in MiB as a number of bytes."""
+    mib = number(word)
+    if not (math.isfinite(mib) and mib * 2**20 >= 1.0):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (MiB)")
+    return int(mib * 2**20)
+
+
+def whole_number(word: str) -> int:
+    """A whole number above 0."""
+    if not (word.isdecimal() and int(word) > 0):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be a whole number above 0")
+    return int(word)
+
+
+def part(word: str) -> tuple[int, int]:
+    """I/N as (I, N), 0 <= I < N."""
+    first, _, parts = word.partition("/")
+    if not (first.isdecimal() and parts.isdecimal() and int(first) < int(parts)):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be I/N, whole numbers with 0 <= I < N")
+    return int(first), int(parts)
+
+
+def woehler_curve(word: str) -> tuple[float, ...]:
+    """M,RANGE,CYCLES as three numbers."""
+    try:
+        values = tuple(float(value) for value in word.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 3:
+        raise argparse.ArgumentTypeError(f"{word!r}: must be three numbers M,RANGE,CYCLES such as 5,2e5,1e6")
+    return values

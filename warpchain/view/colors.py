@@ -1,0 +1,61 @@
+"""Colors of pictures: the tension's scale as Rerun and matplotlib take it, curves and dots."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.results.colors import tension_color
+
+if TYPE_CHECKING:
+    from matplotlib.colors import ListedColormap
+
+Color = tuple[int, int, int]
+
+CURVES: tuple[Color, ...] = (
+    *((90, 170, 240), (240, 150, 60), (110, 200, 110)),
+    *((220, 110, 200), (230, 220, 90), (120, 220, 220)),
+)
+"""Colors of curves in Rerun, and of variants that are compared."""
+SHOWN, RECORDED, BEST, OTHERS = (240, 90, 60), (90, 170, 240), (240, 200, 60), (140, 140, 140)
+"""Dots of variants in Rerun: played, recorded but not played, on the Pareto front, all others."""
+
+
+def shades(color: Color) -> tuple[Color, ...]:
+    """A variant's color, and darker ones for further curves of it."""
+    red, green, blue = color
+    return tuple((int(share * red), int(share * green), int(share * blue)) for share in (1.0, 0.72, 0.52, 0.4))
+
+
+@lru_cache(maxsize=1)
+def tension_scale() -> NDArray[np.uint8]:
+    """The color scale of tension in 256 steps (256, 4)."""
+    return tension_color(np.arange(256.0), 255.0)
+
+
+def tension_steps(tension: NDArray[np.floating], top: float) -> NDArray[np.uint8]:
+    """Tensions [N] as steps 0 to 255 of the color scale that ends at `top` [N]; not finite: 0."""
+    share = np.asarray(tension, dtype=np.float32) * np.float32(255.0 / top)
+    share += np.float32(0.5)
+    np.clip(share, 0.0, 255.0, out=share)
+    return np.nan_to_num(share, copy=False).astype(np.uint8)
+
+
+def packed_colors(steps: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    """Colors of steps of the scale, as Rerun packs them."""
+    return _packed_scale()[steps]
+
+
+@lru_cache(maxsize=1)
+def _packed_scale() -> NDArray[np.uint32]:
+    return tension_scale().view(">u4")[:, 0].astype(np.uint32)
+
+
+def tension_colormap() -> ListedColormap:
+    """The scale for matplotlib."""
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(tension_scale() / 255.0)
