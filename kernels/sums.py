@@ -80,16 +80,20 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 
 
 @wp.func
-def add_contact(sums: ContactSums, force: Any, force_max: Any, power: Any, impacts: int, weight: Any):
-    """Contacts of one step: sum and largest of their forces [N], dissipated power [W], how many began.
+def add_contact(
+    sums: wp.array[ContactSums], at: int, force: Any, force_max: Any, power: Any, impacts: int, weight: Any
+):
+    """Adds contacts of one step to the sums at `at`: sum and largest of forces [N], power [W], how many began.
 
-    `weight` is the time that the step stands for [s].
+    `weight` is the time that the step stands for [s]. What does not change is neither read nor written: the block
+    kernel has these sums in global memory.
     """
-    sums.force_max = wp.max(sums.force_max, wp.float64(force_max))
-    sums.impacts = sums.impacts + impacts
-    sums.impulse = sums.impulse + wp.float64(weight * force)
-    sums.dissipated = sums.dissipated + wp.float64(weight * power)
-    return sums
+    sums[at].impulse = sums[at].impulse + wp.float64(weight * force)
+    sums[at].dissipated = sums[at].dissipated + wp.float64(weight * power)
+    if wp.float64(force_max) > sums[at].force_max:
+        sums[at].force_max = wp.float64(force_max)
+    if impacts != 0:
+        sums[at].impacts = sums[at].impacts + impacts
 
 
 @wp.func

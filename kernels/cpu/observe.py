@@ -106,7 +106,7 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
         for p in range(drive.sprockets + drive.guides):
             i = drive.first_sprocket + drive.first_guide + p
             of = state.totals[i]
-            sums.contact[i] = add_contact(sums.contact[i], of.force, of.force_max, of.dissipated, of.impacts, weight)
+            add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, weight)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, time, back, weight)
         for s in range(drive.sprockets):

@@ -93,7 +93,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store(state.impact_speed, at, first)
         if now.measured != 0:
             begun = wp.where(before == Real(0.0), 1, 0)
-            tallies.contact[at] = add_contact(tallies.contact[at], size, size, power, begun, now.weight)
+            add_contact(tallies.contact, at, size, size, power, begun, now.weight)
 
     @wp.func
     def open(state: kinds.State, now: Now, at: int, before: Real):

@@ -93,10 +93,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         seen.tension_max = wp.float64(load(shared.seen, HIGHEST + j))
         seen.tension = wp.float64(load(shared.seen, TENSION + j))
         seen.tension_square = wp.float64(load(shared.seen, SQUARE + j))
-        tally = tallies.link[at]
-        if tally.samples == wp.int64(0):
-            tally = unseen()
-        tally = merge_tension(tally, seen)
+        tally = merge_tension(tallies.link[at], seen)
         tally.samples = tally.samples + wp.int64(samples)
         tallies.link[at] = tally
         roller = tallies.roller[drive.first_roller + j]

@@ -9,9 +9,10 @@ from warpchain.drive import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.drive.part import Part
 from warpchain.errors import StudyError
-from warpchain.study.spec import check_drive, dumps_study, load_study, loads_study, spec
+from warpchain.study.spec import check_drive, dumps_study, load_study, loads_study
 from warpchain.study.spec import factor as spec_factor
 from warpchain.study.spec import parts as spec_parts
+from warpchain.study.spec import study as spec
 
 WHOLE = """
 [study]
@@ -231,7 +232,7 @@ def test_what_is_no_toml_is_told_with_its_place(tmp_path):
 
 def test_document_names_every_key():
     text = (Path(__file__).parents[2] / "docs" / "studies.md").read_text()
-    for part in (spec.study.Subject, spec.Study, spec_factor.Factor, *vars(spec_parts).values()):
+    for part in (spec.Subject, spec.Study, spec_factor.Factor, *vars(spec_parts).values()):
         if isinstance(part, type) and issubclass(part, Part) and part is not Part:
             for key in part.model_fields:
                 assert re.search(rf"`[^`]*\b{key}\b[^`]*`|^\[+{key}\b", text, re.MULTILINE), (part, key)

@@ -11,6 +11,7 @@ from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.packed import Packed
 from warpchain.kernels import structs, sum_structs
 from warpchain.kernels.gpu.block_rk4 import STAGE_ROWS
+from warpchain.kernels.sums import unseen
 
 SPARE_LENGTHS = 4096
 """Lengths after the last: the block kernels' threads that have no roller read them."""
@@ -94,7 +95,8 @@ def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     """Tallies to which nothing has been added, for the block kernels."""
     links, wheels = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
     tallies = sum_structs.Tallies()
-    tallies.link = wp.zeros(int((links * (wheels + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
+    tallies.link = wp.empty(int((links * (wheels + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
+    tallies.link.fill_(unseen())
     tallies.contact = wp.zeros(len(packed.seat), dtype=sum_structs.ContactSums, device=device)
     tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
     tallies.sprocket = wp.zeros(len(packed.sprockets), dtype=sum_structs.RollerTally, device=device)
