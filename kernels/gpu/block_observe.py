@@ -148,8 +148,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
         `body` has the sprocket's rates at the step's instant, `before` is its pose, with the load at the rates there.
         """
         s = mine.sprocket
-        drive = ensemble.drives[mine.variant]
-        time = wp.float64(now.step) * drive.step
+        time = wp.float64(now.step) * mine.h
         weight = wp.float64(now.weight)
         motion = shared.motions[s]
         mount = Mount()
@@ -161,7 +160,7 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
                 held, power = held_by(time, body, wrench, load, motion, mount, ensemble.curves)
                 shared.mount_sums[s] = add_mount(shared.mount_sums[s], body, mount, held, power, weight)
         if now.flags & ENDS != 0:
-            at = drive.first_sprocket + s
+            at = ensemble.drives[mine.variant].first_sprocket + s
             energy = body_energy(body, motion, mount)
             tallies.sprocket[at] = add_energy(tallies.sprocket[at], now.flags & START != 0, energy)
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
