@@ -70,11 +70,11 @@ def schedule(drive: Drive, metrics: bool) -> Schedule:
 def reference_input(packed: Packed) -> bytes:
     """Variant 0 in the layout that chain_reference.c reads."""
     drive, chain = packed.drives[0], packed.chains[0]
-    n, wheels, bars = int(drive["rollers"]), int(drive["sprockets"]), int(drive["guides"])
-    head = [n, wheels, bars, drive["step"], packed.lengths[0], chain["stiffness"], chain["damping"], chain["mass"]]
+    n, sprockets, guides = int(drive["rollers"]), int(drive["sprockets"]), int(drive["guides"])
+    head = [n, sprockets, guides, drive["step"], packed.lengths[0], chain["stiffness"], chain["damping"], chain["mass"]]
     values = [*head, *chain["gravity"], 0.0, 0.0]
     law = ("stiffness", "exponent", "hysteresis", "speed_floor")
-    for s in range(wheels):
+    for s in range(sprockets):
         teeth, motion, body = packed.sprockets[s], packed.motions[s], packed.bodies[s]
         values += [*body["center"], teeth["pitch_radius"], teeth["near_square"], teeth["far_square"]]
         values += [teeth["half_pitch_tangent"], teeth["clearance"], teeth["cos_half_seat"], teeth["sin_half_seat"]]
@@ -92,11 +92,11 @@ def reference_input(packed: Packed) -> bytes:
         harmonics = np.zeros((8, 3))
         harmonics[: rows["count"]] = packed.harmonics[rows["first"] : rows["first"] + rows["count"]]
         values += [*harmonics.ravel(), body["angle"], body["speed"]]
-    for g in range(bars):
+    for g in range(guides):
         bar = packed.guides[g]
         values += [*bar["start"], *bar["direction"], bar["length"], bar["end_radius"], bar["roller_radius"]]
         values += [bar["law"][name] for name in law]
-    values += [*packed.rollers[: 4 * n], *packed.seat[: wheels * n]]
+    values += [*packed.rollers[: 4 * n], *packed.seat[: sprockets * n]]
     return np.array(values, dtype=np.float64).tobytes()
 
 
@@ -154,7 +154,7 @@ def compare(
             vectorized = max(vectorized, n * steps / quick.run(packed, steps)[0])
         for case, (variants, workers, metrics, precision) in cases.items():
             best[case] = max(best[case], engine_rate(drive, variants, workers, steps, metrics, precision))
-    print(f"\n{name}: {n} rollers, {len(drive.sprockets)} sprockets, {len(drive.guides)} guide-bars, {steps} steps")
+    print(f"\n{name}: {n} rollers, {len(drive.sprockets)} sprockets, {len(drive.guides)} guide-guides, {steps} steps")
     if reference:
         print(f"  {'plain C, float64, 1 core':38s} {plain / 1e6:8.1f} million roller-steps/s")
         print(f"  {'the same with -fno-math-errno':38s} {vectorized / 1e6:8.1f} million roller-steps/s")

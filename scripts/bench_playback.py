@@ -2,7 +2,7 @@
 
     python scripts/bench_playback.py
 
-The parts are timed on their own, in turns, several rounds in one run, and the best of each is told: the moving drive
+The parts are timed on their own, in turns, several rounds in one run, and the best of each is printed: the moving drive
 (chain, rollers, sprockets, contact forces), the curves, the tension image. The reference is the chain alone through
 Rerun's own archetypes, in columns and frame by frame. The recording goes to a file in a temporary folder.
 """

@@ -4,7 +4,7 @@
 
 A 16B chain on two sprockets of 19 teeth pulls 1.7 kN at 4.6 m/s; then the same chain is pulled off a locked sprocket
 slowly, and the tension around the wrap is held against T_(i+1) / T_i = sin(phi) / sin(phi + 2 pi / z).
-The motion is chaotic: each profile runs ten times with loads a millionth apart, and means are told with the standard
+The motion is chaotic: each profile runs ten times with loads a millionth apart, and means are given with the standard
 error that their scatter leaves.
 """
 

@@ -13,7 +13,7 @@ PITCH = 0.0127
 
 
 @dataclass(frozen=True)
-class Wheel:
+class Placed:
     """A sprocket of a layout: prescribed if `speed` is given, else free."""
 
     teeth: int
@@ -43,10 +43,10 @@ class Wheel:
         return "\n".join(lines)
 
 
-def drive_of(wheels: list[Wheel], links: int, gravity: tuple[float, float] = (0.0, -9.81)) -> Drive:
+def drive_of(sprockets: list[Placed], links: int, gravity: tuple[float, float] = (0.0, -9.81)) -> Drive:
     """A drive of these sprockets; the first is driven at 10 rad/s where none has a speed."""
-    if all(wheel.speed is None for wheel in wheels):
-        wheels = [replace(wheels[0], speed=10.0), *wheels[1:]]
+    if all(sprocket.speed is None for sprocket in sprockets):
+        sprockets = [replace(sprockets[0], speed=10.0), *sprockets[1:]]
     text = f"""
 [chain]
 pitch = {PITCH}
@@ -56,7 +56,7 @@ stiffness = 1.0e7
 damping = 10.0
 roller_radius = 0.00425
 
-{chr(10).join(wheel.toml(index) for index, wheel in enumerate(wheels))}
+{chr(10).join(sprocket.toml(index) for index, sprocket in enumerate(sprockets))}
 
 [contact.sprocket]
 profile = "circular"
@@ -75,7 +75,7 @@ gravity = [{gravity[0]}, {gravity[1]}]
 
 
 @st.composite
-def loops(draw: st.DrawFn) -> list[Wheel]:
+def loops(draw: st.DrawFn) -> list[Placed]:
     """2 to 6 sprockets about a loop that does not cross itself, run either way; inner ones wrap the other way."""
     size = draw(st.integers(2, 6))
     teeth = draw(st.lists(st.integers(9, 34), min_size=size, max_size=size))
@@ -91,22 +91,24 @@ def loops(draw: st.DrawFn) -> list[Wheel]:
         (x0, y0), (x1, y1) = centers[index - 1], centers[(index + 1) % size]
         inner = size > 2 and (x - x0) * (y1 - y) - (y - y0) * (x1 - x) < 0.0
         wraps.append("cw" if inner else "ccw")
-    wheels = [Wheel(z, center, wrap) for z, center, wrap in zip(teeth, centers, wraps, strict=True)]
+    sprockets = [Placed(z, center, wrap) for z, center, wrap in zip(teeth, centers, wraps, strict=True)]
     if draw(st.booleans()):
-        wheels = [replace(wheel, wrap="cw" if wheel.wrap == "ccw" else "ccw") for wheel in reversed(wheels)]
+        sprockets = [
+            replace(sprocket, wrap="cw" if sprocket.wrap == "ccw" else "ccw") for sprocket in reversed(sprockets)
+        ]
     driver = draw(st.integers(0, size - 1))
-    wheels[driver] = replace(wheels[driver], speed=draw(st.floats(0.0, 50.0)))
-    return wheels
+    sprockets[driver] = replace(sprockets[driver], speed=draw(st.floats(0.0, 50.0)))
+    return sprockets
 
 
 @st.composite
-def tangles(draw: st.DrawFn) -> list[Wheel]:
+def tangles(draw: st.DrawFn) -> list[Placed]:
     """2 to 6 sprockets on a ring with any wraps, so that strands may cross."""
     size = draw(st.integers(2, 6))
-    wheels = []
+    sprockets = []
     for index in range(size):
         angle = (index + draw(st.floats(-0.2, 0.2))) * 2.0 * math.pi / size
         reach = draw(st.floats(0.35, 0.6))
         center = (reach * math.cos(angle), reach * math.sin(angle))
-        wheels.append(Wheel(draw(st.integers(9, 30)), center, draw(st.sampled_from(["ccw", "cw"]))))
-    return wheels
+        sprockets.append(Placed(draw(st.integers(9, 30)), center, draw(st.sampled_from(["ccw", "cw"]))))
+    return sprockets

@@ -1,6 +1,6 @@
 """Shared by the tests of studies: a drive that simulates in milliseconds, and a study of it."""
 
-from layouts import Wheel, drive_of
+from layouts import Placed, drive_of
 
 from warpchain.drive import dumps_drive
 
@@ -31,7 +31,7 @@ shard = {shard}
 
 def tiny_drive():
     """Two sprockets of 12 teeth, 44 links fit with a strain of -1.6 %, 42 to 45 within 5 %."""
-    return drive_of([Wheel(12, (0.0, 0.0)), Wheel(12, (0.2, 0.0))], 44)
+    return drive_of([Placed(12, (0.0, 0.0)), Placed(12, (0.2, 0.0))], 44)
 
 
 def write_study(folder, more="", points=6, shard=2, text=STUDY):

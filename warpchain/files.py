@@ -52,7 +52,7 @@ class WholeFile:
 
     def drop(self, keep: bool = False) -> None:
         """Ends an unfinished file: removes it, or keeps it under its temporary name. Raises nothing."""
-        with contextlib.suppress(OSError):  # a full disk, which was told already
+        with contextlib.suppress(OSError):  # a full disk, which was said already
             self.stream.close()
         if not (keep or self.finished):
             with contextlib.suppress(OSError):

@@ -127,12 +127,12 @@ def readings(_: Path) -> dict[str, Any]:
     recorded = run(example("marine", {"run.settle": False}), duration=0.4, record=Record(rate=2000.0))
     one, tension = recorded[0], recorded[0].tension
     assert tension is not None
-    wheels, strands, woehler = range(1, 3), range(3), fatigue.Woehler(5.0, 1e4)
+    numbers, strands, woehler = range(1, 3), range(3), fatigue.Woehler(5.0, 1e4)
     found: dict[str, Any] = {"metrics": recorded.metrics, "latter": signals.latter_half(one).start}
     found["round"] = signals.last_round(one).start
     found["strand"] = [signals.strand_tension(one, k) for k in strands]
-    found["ratio"] = [signals.speed_ratio(one, s) for s in wheels]
-    found["error"] = [signals.transmission_error(one, s) for s in wheels]
+    found["ratio"] = [signals.speed_ratio(one, s) for s in numbers]
+    found["error"] = [signals.transmission_error(one, s) for s in numbers]
     found["frequency"] = [signals.transverse_frequency(one, k) for k in strands]
     found["guide"] = signals.guide_forces(one)
     found["contact"] = [signals.contact_angles(one, s) for s in range(3)]

@@ -8,7 +8,7 @@ from assemblies import link_lengths, strand_of_link, strand_rollers
 from drives import MARINE
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from layouts import PITCH, Wheel, drive_of, loops, tangles
+from layouts import PITCH, Placed, drive_of, loops, tangles
 
 from warpchain.assembly import assemble
 from warpchain.assembly.path import chain_path
@@ -103,21 +103,21 @@ def check_velocities(drive, assembly):
             assert np.all(along > 0.5 * travel)
 
 
-def assembled(wheels, pick, gravity=(0.0, -9.81)):
+def assembled(sprockets, pick, gravity=(0.0, -9.81)):
     """A drive of these sprockets with one of the numbers of links that fit, and its assembly."""
     try:
-        path = chain_path(drive_of(wheels, 100))
+        path = chain_path(drive_of(sprockets, 100))
     except DriveError:
         assume(False)
     fitting = path.fitting_links()
     assume(len(fitting) > 0)
-    drive = drive_of(wheels, fitting[round(pick * (len(fitting) - 1))], gravity)
+    drive = drive_of(sprockets, fitting[round(pick * (len(fitting) - 1))], gravity)
     return drive, assemble(drive)
 
 
 @given(loops(), st.floats(0.0, 1.0))
-def test_random_loops(wheels, pick):
-    drive, assembly = assembled(wheels, pick)
+def test_random_loops(sprockets, pick):
+    drive, assembly = assembled(sprockets, pick)
     assert assembly.position.shape == assembly.velocity.shape == (drive.chain.links, 2)
     check_seats(drive, assembly)
     check_links(drive, assembly)
@@ -128,8 +128,8 @@ def test_random_loops(wheels, pick):
 
 
 @given(tangles(), st.floats(0.0, 1.0))
-def test_random_tangles(wheels, pick):
-    drive, assembly = assembled(wheels, pick)
+def test_random_tangles(sprockets, pick):
+    drive, assembly = assembled(sprockets, pick)
     check_seats(drive, assembly)
     check_links(drive, assembly)
     check_ends(drive, assembly)
@@ -138,11 +138,11 @@ def test_random_tangles(wheels, pick):
 
 
 @given(loops(), st.floats(0.0, 2 * math.pi))
-def test_slack_strands_sag_along_gravity(wheels, direction):
+def test_slack_strands_sag_along_gravity(sprockets, direction):
     gravity = (9.81 * math.cos(direction), 9.81 * math.sin(direction))
-    _, assembly = assembled(wheels, 1.0, gravity)
+    _, assembly = assembled(sprockets, 1.0, gravity)
     assume(assembly.strain < -1e-6)
-    for k in range(len(wheels)):
+    for k in range(len(sprockets)):
         rollers = strand_rollers(assembly, k)
         chord = (rollers[-1] - rollers[0]) / np.hypot(*(rollers[-1] - rollers[0]))
         left = np.array([-chord[1], chord[0]])
@@ -158,23 +158,23 @@ def test_slack_strands_sag_along_gravity(wheels, direction):
 
 
 @given(loops())
-def test_misfit_names_links_that_assemble(wheels):
+def test_misfit_names_links_that_assemble(sprockets):
     try:
-        path = chain_path(drive_of(wheels, 100))
+        path = chain_path(drive_of(sprockets, 100))
     except DriveError:
         assume(False)
     fitting = path.fitting_links()
     assume(len(fitting) > 0)
     with pytest.raises(DriveError) as failure:
-        assemble(drive_of(wheels, fitting[-1] + 1))
+        assemble(drive_of(sprockets, fitting[-1] + 1))
     best = int(str(failure.value).split("links that fit: ")[1].split(" (")[0].split("best ")[-1])
     assert abs(path.strain(best)) == min(abs(path.strain(links)) for links in fitting)
-    check_links(drive := drive_of(wheels, best), assemble(drive))
+    check_links(drive := drive_of(sprockets, best), assemble(drive))
 
 
 def test_whole_number_of_pitches():
     """Two equal sprockets, a whole number of pitches apart: a stadium without strain, seats on all tangent points."""
-    drive = drive_of([Wheel(20, (0.0, 0.0)), Wheel(20, (20 * PITCH, 0.0))], 60)
+    drive = drive_of([Placed(20, (0.0, 0.0)), Placed(20, (20 * PITCH, 0.0))], 60)
     assembly = assemble(drive)
     radius = drive.pitch_radius(0)
     assert assembly.strain == pytest.approx(0.0, abs=1e-13)
@@ -190,7 +190,7 @@ def test_whole_number_of_pitches():
 def test_half_odd_number_of_pitches():
     """Half a pitch further apart the driven seats stand half a tooth off: the strands drop by the chordal rise."""
     teeth, links = 20, 20
-    drive = drive_of([Wheel(teeth, (0.0, 0.0)), Wheel(teeth, ((links + 0.5) * PITCH, 0.0))], 61)
+    drive = drive_of([Placed(teeth, (0.0, 0.0)), Placed(teeth, ((links + 0.5) * PITCH, 0.0))], 61)
     assembly = assemble(drive)
     rise = 0.5 * PITCH * math.tan(0.5 * math.pi / teeth)  # R (1 - cos(pi/z))
     assert rise == pytest.approx(drive.pitch_radius(0) * (1 - math.cos(math.pi / teeth)))
@@ -203,13 +203,13 @@ def test_half_odd_number_of_pitches():
 @pytest.mark.parametrize("extra", [1, 2])
 def test_slack_without_gravity_bulges_outward(extra):
     for wrap, order in (("ccw", 1), ("cw", -1)):
-        wheels = [Wheel(20, (0.0, 0.0), wrap), Wheel(16, (0.1, 0.3), wrap), Wheel(16, (-0.3, 0.1), wrap)][::order]
-        path = chain_path(drive_of(wheels, 100))
+        sprockets = [Placed(20, (0.0, 0.0), wrap), Placed(16, (0.1, 0.3), wrap), Placed(16, (-0.3, 0.1), wrap)][::order]
+        path = chain_path(drive_of(sprockets, 100))
         tight = min(path.fitting_links(), key=lambda links: abs(path.strain(links)))
-        drive = drive_of(wheels, tight + extra, gravity=(0.0, 0.0))
+        drive = drive_of(sprockets, tight + extra, gravity=(0.0, 0.0))
         assembly = assemble(drive)
         assert assembly.strain < 0
-        middle = np.mean([wheel.center for wheel in wheels], axis=0)
+        middle = np.mean([sprocket.center for sprocket in sprockets], axis=0)
         for k in range(3):
             rollers = strand_rollers(assembly, k)
             bulge = rollers[len(rollers) // 2] - 0.5 * (rollers[0] + rollers[-1])
@@ -219,7 +219,7 @@ def test_slack_without_gravity_bulges_outward(extra):
 
 def test_sag_of_shallow_arc():
     """h = sqrt(3 s / 8) C for the slack s of a shallow arc on the chord C."""
-    drive = drive_of([Wheel(20, (0.0, 0.0)), Wheel(20, (199.8 * PITCH, 0.0))], 420)
+    drive = drive_of([Placed(20, (0.0, 0.0)), Placed(20, (199.8 * PITCH, 0.0))], 420)
     assembly = assemble(drive)
     rollers = strand_rollers(assembly, 0)
     slack = -assembly.strain
@@ -231,7 +231,7 @@ def test_sag_of_shallow_arc():
 
 def test_seats_follow_the_solved_angles():
     """A case where the path's own count leaves the next roller of a strand 0.3 % of a pitch inside the tooth gaps."""
-    drive = drive_of([Wheel(9, (0.0, 0.0)), Wheel(11, (0.1739, 0.02)), Wheel(10, (0.0696, 0.12))], 45)
+    drive = drive_of([Placed(9, (0.0, 0.0)), Placed(11, (0.1739, 0.02)), Placed(10, (0.0696, 0.12))], 45)
     assembly = assemble(drive)
     np.testing.assert_array_equal(assembly.strand_links, [13, 11, 11])
     check_seats(drive, assembly)
@@ -241,14 +241,14 @@ def test_seats_follow_the_solved_angles():
 
 def test_short_slack_strand_keeps_its_pitch():
     """A strand of one link cannot sag: it keeps its pitch and the others take the slack."""
-    big, small = Wheel(20, (0.0, 0.0)), Wheel(10, (0.0, 0.0), "cw")
+    big, small = Placed(20, (0.0, 0.0)), Placed(10, (0.0, 0.0), "cw")
     gap = math.hypot(big.radius + small.radius, 1.02 * PITCH)
-    wheels = [big, Wheel(10, (gap * 0.35, -gap * math.sqrt(1 - 0.35**2)), "cw"), Wheel(20, (0.35, 0.05))]
-    path = chain_path(drive_of(wheels, 100))
+    sprockets = [big, Placed(10, (gap * 0.35, -gap * math.sqrt(1 - 0.35**2)), "cw"), Placed(20, (0.35, 0.05))]
+    path = chain_path(drive_of(sprockets, 100))
     assert path.strand_length[0] == pytest.approx(1.02 * PITCH)
     found = 0
     for links in path.fitting_links():
-        drive = drive_of(wheels, links)
+        drive = drive_of(sprockets, links)
         assembly = assemble(drive)
         check_seats(drive, assembly)
         check_links(drive, assembly)
@@ -258,20 +258,20 @@ def test_short_slack_strand_keeps_its_pitch():
 
 
 def test_strand_without_room_for_a_link():
-    wheels = [Wheel(20, (0.0, 0.0)), Wheel(20, (0.0, 0.0), "cw")]
-    gap = math.hypot(2 * wheels[0].radius, 0.3 * PITCH)
-    wheels = [wheels[0], Wheel(20, (gap, 0.0), "cw"), Wheel(20, (0.5 * gap, 0.5))]
-    path = chain_path(drive_of(wheels, 100))
+    sprockets = [Placed(20, (0.0, 0.0)), Placed(20, (0.0, 0.0), "cw")]
+    gap = math.hypot(2 * sprockets[0].radius, 0.3 * PITCH)
+    sprockets = [sprockets[0], Placed(20, (gap, 0.0), "cw"), Placed(20, (0.5 * gap, 0.5))]
+    path = chain_path(drive_of(sprockets, 100))
     assert path.strand_length[0] == pytest.approx(0.3 * PITCH)
     with pytest.raises(DriveError, match=r'strand "s0->s1": 0\.00381 m long, which leaves no link'):
         for links in path.fitting_links():
-            assemble(drive_of(wheels, links))
+            assemble(drive_of(sprockets, links))
 
 
 def test_worn_sprocket_keeps_seats():
     """A sprocket of its own pitch: its arc's links span that, all others the chain's."""
     worn = PITCH * 1.002
-    drive = drive_of([Wheel(20, (0.0, 0.0)), Wheel(30, (0.3, 0.1), pitch=worn)], 74)
+    drive = drive_of([Placed(20, (0.0, 0.0)), Placed(30, (0.3, 0.1), pitch=worn)], 74)
     assembly = assemble(drive)
     check_seats(drive, assembly)
     lengths = link_lengths(assembly)
@@ -284,34 +284,34 @@ def test_worn_sprocket_keeps_seats():
 
 
 def test_driver_has_a_seat_where_the_path_arrives():
-    wheels = [Wheel(17, (0.0, 0.0)), Wheel(23, (0.33, 0.05)), Wheel(19, (0.1, 0.3), speed=12.0)]
-    path = chain_path(drive_of(wheels, 100))
+    sprockets = [Placed(17, (0.0, 0.0)), Placed(23, (0.33, 0.05)), Placed(19, (0.1, 0.3), speed=12.0)]
+    path = chain_path(drive_of(sprockets, 100))
     for links in path.fitting_links():
-        assembly = assemble(drive_of(wheels, links))
+        assembly = assemble(drive_of(sprockets, links))
         first = np.flatnonzero(assembly.seat_sprocket == 2)[0]
         np.testing.assert_allclose(assembly.position[first], path.strand_end[1], atol=1e-13)
         assert np.all(np.abs(assembly.sprocket_angle) <= np.pi / np.array([17, 23, 19]) + 1e-9)
 
 
 def test_initial_speeds():
-    driver = Wheel(20, (0.0, 0.0), speed=10.0, harmonics=((2, 0.1, 0.0), (3, 0.2, math.pi / 3)))
-    other = Wheel(16, (0.4, 0.0), speed=7.0)
-    idler = Wheel(12, (0.2, 0.04), "cw")
-    wheels = [driver, other, idler]
-    path = chain_path(drive_of(wheels, 100))
+    driver = Placed(20, (0.0, 0.0), speed=10.0, harmonics=((2, 0.1, 0.0), (3, 0.2, math.pi / 3)))
+    other = Placed(16, (0.4, 0.0), speed=7.0)
+    idler = Placed(12, (0.2, 0.04), "cw")
+    sprockets = [driver, other, idler]
+    path = chain_path(drive_of(sprockets, 100))
     links = path.fitting_links()[0]
-    assembly = assemble(drive_of(wheels, links))
+    assembly = assemble(drive_of(sprockets, links))
     travel = 10.0 * (1 + 0.1 + 0.2 * 0.5) * driver.radius
     np.testing.assert_allclose(assembly.sprocket_speed, [12.0, 7.0, -travel / idler.radius], rtol=1e-13)
-    ramped = Wheel(20, (0.0, 0.0), speed=10.0, ramp_time=0.1)
+    ramped = Placed(20, (0.0, 0.0), speed=10.0, ramp_time=0.1)
     assembly = assemble(drive_of([ramped, other, idler], links))
     np.testing.assert_array_equal(assembly.sprocket_speed, [0.0, 7.0, 0.0])
-    assembly = assemble(drive_of([ramped, Wheel(16, (0.4, 0.0)), idler], links))
+    assembly = assemble(drive_of([ramped, Placed(16, (0.4, 0.0)), idler], links))
     assert not assembly.velocity.any()
 
 
 def test_strand_velocities_run_between_the_end_seats():
-    drive = drive_of([Wheel(20, (0.0, 0.0)), Wheel(13, (20.3 * PITCH, 0.0))], 57)
+    drive = drive_of([Placed(20, (0.0, 0.0)), Placed(13, (20.3 * PITCH, 0.0))], 57)
     assembly = assemble(drive)
     first, links = assembly.strand_first[0], assembly.strand_links[0]
     ends = assembly.velocity[[first, first + links]]

@@ -7,7 +7,7 @@ import pytest
 from drives import MARINE
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from layouts import PITCH, Wheel, drive_of, loops
+from layouts import PITCH, Placed, drive_of, loops
 
 from warpchain import Record, cli, load_drive, simulate
 from warpchain.assembly import assemble
@@ -23,7 +23,7 @@ TEETH, SPAN = 20, 30
 def pair(distance=SPAN * PITCH, links=TEETH + 2 * SPAN, angle=0.0, gravity=(0.0, -9.81)):
     """Two equal sprockets, which SPAN pitches apart hold the chain without strain."""
     center = (distance * math.cos(angle), distance * math.sin(angle))
-    return drive_of([Wheel(TEETH, (0.0, 0.0)), Wheel(TEETH, center)], links, gravity)
+    return drive_of([Placed(TEETH, (0.0, 0.0)), Placed(TEETH, center)], links, gravity)
 
 
 def distance(drive):
@@ -71,16 +71,16 @@ def test_moves_back_to_where_it_was():
 
 @settings(max_examples=15)
 @given(loops(), st.integers(0, 5), st.floats(0.0, 2 * math.pi), st.sampled_from([0.0, 1e-3, -2e-3]))
-def test_any_sprocket_of_any_loop(wheels, which, angle, strain):
+def test_any_sprocket_of_any_loop(sprockets, which, angle, strain):
     """What is found has the strain asked for, to the rounding of centers; what is refused lies outside the range."""
     try:
-        fitting = chain_path(drive_of(wheels, 100)).fitting_links()
+        fitting = chain_path(drive_of(sprockets, 100)).fitting_links()
     except DriveError:
         assume(False)
     assume(len(fitting) > 0)
-    drive = drive_of(wheels, fitting[len(fitting) // 2])
+    drive = drive_of(sprockets, fitting[len(fitting) // 2])
     try:
-        fitted = fit_position(drive, f"s{which % len(wheels)}", (math.cos(angle), math.sin(angle)), strain=strain)
+        fitted = fit_position(drive, f"s{which % len(sprockets)}", (math.cos(angle), math.sin(angle)), strain=strain)
     except DriveError as error:
         low, high = str(error).split("it can have ")[1].split(", moved")[0].split(" to ")
         assert not float(low) <= strain <= float(high)

@@ -8,7 +8,7 @@ from assemblies import link_lengths, strand_of_link, strand_rollers
 from drives import errors_of, marine_values, put, two_sprockets
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from layouts import PITCH, Wheel, drive_of
+from layouts import PITCH, Placed, drive_of
 from raw import chain, run, state
 
 from warpchain import Record, simulate
@@ -20,7 +20,7 @@ from warpchain.errors import DriveError
 
 pytestmark = pytest.mark.filterwarnings("ignore:chain.links:UserWarning")
 
-WHEELS = [Wheel(20, (0.0, 0.0)), Wheel(13, (20.3 * PITCH, 0.01)), Wheel(9, (5.1 * PITCH, 9.2 * PITCH))]
+PLACED = [Placed(20, (0.0, 0.0)), Placed(13, (20.3 * PITCH, 0.01)), Placed(9, (5.1 * PITCH, 9.2 * PITCH))]
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
@@ -40,10 +40,10 @@ def test_links_at_their_own_lengths_pull_nothing(precision):
     assert np.abs(state(engine)[:2].T - corners).max() > 1e-2
 
 
-def worn(wheels, pick, elongation, links):
+def worn(sprockets, pick, elongation, links):
     """A drive with a worn chain that fits: common elongation, and links (index, elongation) of their own."""
     values = {"chain.elongation": elongation, "chain.links": 100}
-    drive = drive_of(wheels, 100).with_values(values)
+    drive = drive_of(sprockets, 100).with_values(values)
     fitting = chain_path(drive).fitting_links()
     count = fitting[round(pick * (len(fitting) - 1))]
     table = [{"link": i % count, "elongation": e} for i, e in links]
@@ -55,7 +55,7 @@ def worn(wheels, pick, elongation, links):
 )
 def test_every_strand_closes_with_its_own_links(pick, elongation, links):
     # taut: every strand link strained alike; slack: every one at its own length; arcs without force, but for own links
-    drive = worn(WHEELS, pick, elongation, sorted(links.items()))
+    drive = worn(PLACED, pick, elongation, sorted(links.items()))
     try:
         assembly = assemble(drive)
     except DriveError:
@@ -77,12 +77,12 @@ def test_every_strand_closes_with_its_own_links(pick, elongation, links):
 
 @pytest.mark.usefixtures("device")
 def test_a_worn_chain_stands_off_its_seats_without_force():
-    drive = worn(WHEELS, 0.5, 0.02, [])
+    drive = worn(PLACED, 0.5, 0.02, [])
     assembly = assemble(drive)
     for s in range(3):
         arm = assembly.position[assembly.seat_sprocket == s] - drive.sprockets[s].center
         np.testing.assert_allclose(np.hypot(*arm.T), 1.02 * drive.pitch_radius(s), rtol=1e-12)
-    small = worn(WHEELS, 0.5, 0.0, []).with_values({"sprockets.s1.pitch": PITCH / 1.01})
+    small = worn(PLACED, 0.5, 0.0, []).with_values({"sprockets.s1.pitch": PITCH / 1.01})
     assert small.riding_radius(1) == pytest.approx(1.01 * small.pitch_radius(1), rel=1e-12)
     arc = strand_of_link(assemble(small)) < 0
     np.testing.assert_allclose(link_lengths(assemble(small))[arc], PITCH, rtol=1e-12)

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from layouts import PITCH, Wheel, drive_of
+from layouts import PITCH, Placed, drive_of
 
 from warpchain.assembly import assemble
 from warpchain.assembly.fit import nearest_links
@@ -17,7 +17,7 @@ from warpchain.study.spec.parts import Adjust
 
 def pair(span, links=44, teeth=12):
     """Two equal sprockets: half of each is wrapped, each strand has span / (pitch (1 + strain)) links."""
-    return drive_of([Wheel(teeth, (0.0, 0.0)), Wheel(teeth, (span, 0.0))], links)
+    return drive_of([Placed(teeth, (0.0, 0.0)), Placed(teeth, (span, 0.0))], links)
 
 
 @pytest.mark.parametrize("strain", [0.0, 2e-3, -0.02, 0.04])

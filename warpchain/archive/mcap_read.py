@@ -116,7 +116,7 @@ def decompressed(chunk: Chunk) -> Any:
 
 
 @contextmanager
-def told(path: Path) -> Iterator[None]:
+def reading(path: Path) -> Iterator[None]:
     """Turns every failure of a file's bytes into one line."""
     try:
         yield
@@ -145,7 +145,7 @@ class McapIndex:
         self.chunks: list[ChunkEntry] = []
         self.attachments: dict[str, tuple[int, int]] = {}
         self.metadata: dict[str, tuple[int, int]] = {}
-        with told(path):
+        with reading(path):
             self._file = os.open(path, os.O_RDONLY)
             weakref.finalize(self, os.close, self._file)
             self._map: mmap.mmap | None = None
@@ -210,19 +210,19 @@ class McapIndex:
         """An attachment's data."""
         if name not in self.attachments:
             raise ArchiveError(f"{self.path}: lacks its attachment {name}")
-        with told(self.path):
+        with reading(self.path):
             return bytes(attachment_of(self._record(Opcode.ATTACHMENT, *self.attachments[name])).data)
 
     def values(self, name: str) -> dict[str, str] | None:
         """A metadata record's values, or None."""
         if name not in self.metadata:
             return None
-        with told(self.path):
+        with reading(self.path):
             return Metadata.read(Content(self._record(Opcode.METADATA, *self.metadata[name]))).metadata
 
     def chunk(self, entry: ChunkEntry) -> Any:
         """A chunk's records; those of an uncompressed chunk are a view of the file."""
-        with told(self.path):
+        with reading(self.path):
             head = self._read(entry.offset, min(64, entry.length))
             opcode, length = RECORD.unpack_from(head, 0)
             if opcode != Opcode.CHUNK or RECORD.size + length != entry.length:

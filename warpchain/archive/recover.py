@@ -220,7 +220,7 @@ class _Copy:
 def message_index(content: Any) -> dict[int, NDArray[np.uint64]]:
     """Log times and offsets of each channel's messages in a chunk's records.
 
-    Only the messages' heads are looked at: `mcap.records` would copy what they hold.
+    Only the messages' heads are read: `mcap.records` would copy what they hold.
     """
     found: dict[int, list[tuple[int, int]]] = {}
     for opcode, begin, _ in records(content):

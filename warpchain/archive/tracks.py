@@ -13,7 +13,7 @@ from mcap.records import Channel
 
 from warpchain.archive import schema
 from warpchain.archive.layout import HEADER, LENGTH_STARTS, MESSAGE, Form, FrameLayout, frame_layout
-from warpchain.archive.mcap_read import ChunkEntry, McapIndex, records, told
+from warpchain.archive.mcap_read import ChunkEntry, McapIndex, reading, records
 from warpchain.drive import Drive, loads_drive
 from warpchain.errors import ArchiveError, DriveError
 from warpchain.results.channels import NAMES
@@ -190,7 +190,7 @@ class Tracks(Mapping[int, Trajectory]):
                 frames = _laid_out(data, layout, place.numbers)
                 if frames is None:  # another program has written the chunks anew
                     rest = [data, *(place.file.chunk(other) for other in chosen[k + 1 :])]
-                    with told(place.file.path):
+                    with reading(place.file.path):
                         frames = _gathered(rest, layout, place.numbers, low, high)
                     chosen = []
                 if len(frames):

@@ -29,7 +29,7 @@ from warpchain.errors import DriveError
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
-_PLACES = 4000  # most places looked at along the line
+_PLACES = 4000  # most places tried along the line
 _ENOUGH = 1e-10  # strain that the secant method may miss
 _DIGITS = 10  # centers are rounded to 1e-10 m, which files can show
 _UPRIGHT = 1e-6  # part of gravity across a strand below which it cannot sag
@@ -295,7 +295,7 @@ class _Search:
         return assembly.strain - self.goal.strain(drive, _chord(assembly, self.goal.strand))
 
     def roots(self) -> Iterator[float]:
-        """Places where the path has the wanted strain, the nearest first: looked for from the middle outwards."""
+        """Places where the path has the wanted strain, the nearest first: sought from the middle outwards."""
         ends = dict.fromkeys((-1.0, 1.0), (0.0, self.nominal(0.0)))
         for ring in range(math.ceil(self.reach / self.step)):
             found = []

@@ -101,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def start_warp() -> None:
-    """Starts Warp without its talk, such as that there is no GPU: the bar and the summary speak."""
+    """Starts Warp without its messages, such as that there is no GPU: the bar and the summary speak."""
     import os
 
     import warp as wp

@@ -1,7 +1,7 @@
 """The command line: `warpchain check | chains | fit | run | view | plot | export | recover | study`.
 
 Exit status 0: done. 1: a variant diverged, or the run was interrupted. 2: a mistake of the user's or a refusal of the
-machine's, told in one line each.
+machine's, said in one line each.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ DRIVE = "drive file (TOML), or the name of an example drive such as marine"
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that tells a mistake in one line, without the usage before it."""
+    """A parser that says a mistake in one line, without the usage before it."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(WRONG, f"warpchain: error: {message}; see {self.prog} --help\n")

@@ -1,4 +1,4 @@
-"""What every part of a drive has in common: frozen values, checked one by one, and all errors told at once.
+"""What every part of a drive has in common: frozen values, checked one by one, and all errors said at once.
 
 A part is a table of the drive file. Each of its values has a kind below, which carries the sentence that the user reads
 when the value is not allowed. Rules that tie several values of a part together go into the part's `_rules`; they run

@@ -93,9 +93,9 @@ def empty_sums(packed: Packed, device: str) -> sum_structs.Sums:
 
 def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     """Tallies to which nothing has been added, for the block kernels."""
-    links, wheels = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
+    links, sprockets = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
     tallies = sum_structs.Tallies()
-    tallies.link = wp.empty(int((links * (wheels + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
+    tallies.link = wp.empty(int((links * (sprockets + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
     tallies.link.fill_(unseen())
     tallies.contact = wp.zeros(len(packed.seat), dtype=sum_structs.ContactSums, device=device)
     tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)

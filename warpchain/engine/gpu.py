@@ -72,7 +72,7 @@ def refusal(packed: Packed) -> str | None:
 
 
 @contextmanager
-def _told(device: str, packed: Packed) -> Iterator[None]:
+def _memory_named(device: str, packed: Packed) -> Iterator[None]:
     """Turns an exhausted GPU memory into one line that says what to do."""
     try:
         yield
@@ -165,7 +165,7 @@ class GpuEngine:
     def __init__(self, packed: Packed, device: str) -> None:
         self.packed, self.device = packed, device
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
-        with _told(device, packed):
+        with _memory_named(device, packed):
             self.stream, self.copies = wp.Stream(device), wp.Stream(device)
             with wp.ScopedStream(self.stream):
                 self.buckets = self._bucketed()
@@ -190,10 +190,10 @@ class GpuEngine:
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, wheels, bars, moves, rk4 = key
+            slots, sprockets, guides, moves, rk4 = key
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            buckets.append(Bucket(shape, wheels, bars, bool(moves), bool(rk4), order, array))
+            buckets.append(Bucket(shape, sprockets, guides, bool(moves), bool(rk4), order, array))
         return buckets
 
     def _kernel(self, name: str, bucket: Bucket) -> Any:
@@ -242,7 +242,7 @@ class GpuEngine:
         ]
 
         def work() -> None:
-            with _told(self.device, self.packed):
+            with _memory_named(self.device, self.packed):
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
                 for bucket, kernel, steps, before in launches:
@@ -274,7 +274,7 @@ class GpuEngine:
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
-        with _told(self.device, self.packed), wp.ScopedStream(self.stream):
+        with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
             self._settling = wp.array(settling, dtype=relaxation.Settling, device=self.device)
             self._settling_now = settling.copy()
 
@@ -284,7 +284,7 @@ class GpuEngine:
         kernels = [self._kernel("relax", bucket) for bucket in self.buckets]
 
         def work() -> None:
-            with _told(self.device, self.packed):
+            with _memory_named(self.device, self.packed):
                 for bucket, kernel in zip(self.buckets, kernels, strict=True):
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, block]
                     self._launch(kernel, kernel_shape("relax", bucket), bucket, inputs)
@@ -306,7 +306,7 @@ class GpuEngine:
 
     def sums(self) -> dict[str, NDArray[Any]]:
         """The window's sums, by name as in `kernels.sum_structs.Sums`."""
-        with _told(self.device, self.packed), wp.ScopedStream(self.stream):
+        with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device)
             for name in ("strand", "sprocket", "mount"):
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
@@ -317,7 +317,7 @@ class GpuEngine:
 
     def frame_buffer(self, values: int) -> FrameBuffer:
         """A buffer for a block's frames."""
-        with _told(self.device, self.packed):
+        with _memory_named(self.device, self.packed):
             return FrameBuffer(values, self.packed.real, self.device)
 
     def close(self) -> None:

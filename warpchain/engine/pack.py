@@ -34,9 +34,9 @@ from warpchain.results.schedule import Schedule
 def _layout(drive: Drive) -> tuple[Any, ...]:
     """All of a drive that its initial state hangs on: drives alike in this are assembled once."""
     chain = drive.chain
-    wheels = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
+    sprockets = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
     lengths = (chain.pitch, chain.links, chain.elongation, chain.worn_links, chain.roller_radius)
-    return (*lengths, wheels, drive.contact.sprocket, drive.run.gravity)
+    return (*lengths, sprockets, drive.contact.sprocket, drive.run.gravity)
 
 
 def _assembled(v: int, drive: Drive, known: dict[tuple[Any, ...], Assembly]) -> Assembly:

@@ -49,7 +49,7 @@ class Stop:
 
 @contextmanager
 def interruptible() -> Iterator[Stop]:
-    """Makes the first Ctrl-C a request that work looks at between its parts; a second one interrupts at once.
+    """Makes the first Ctrl-C a request that work checks between its parts; a second one interrupts at once.
 
     In a thread other than the main one, signals are left as they are.
     """

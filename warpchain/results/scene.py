@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 BLOCK = 4096
-"""Frames that are looked at together, so that long recordings need little memory beside themselves."""
+"""Frames that are worked on together, so that long recordings need little memory beside themselves."""
 
 
 class Arrows(NamedTuple):

@@ -20,7 +20,7 @@ def reason_of(error: WarpchainError) -> str:
 def common_reasons(found: Iterable[tuple[str, str]]) -> list[tuple[str, str, int]]:
     """(status, reason, how many), the most frequent first, from the (status, reason) of each variant.
 
-    Reasons that differ in their numbers only count as one, told by its first.
+    Reasons that differ in their numbers only count as one, named by its first.
     """
     counts: Counter[tuple[str, str]] = Counter()
     first: dict[tuple[str, str], str] = {}

@@ -25,7 +25,7 @@ STATUSES = ("ok", "infeasible", "diverged")
 
 @dataclass(frozen=True)
 class Results:
-    """A study's table with its columns told apart.
+    """A study's table with its columns by kind.
 
     Attributes:
         table: one row a variant.
@@ -59,11 +59,11 @@ class Results:
     def reasons(self) -> list[tuple[str, str, int]]:
         """(status, reason, how many) of the variants that are not ok, the most frequent first.
 
-        Reasons that differ in their numbers only count as one, told by its first.
+        Reasons that differ in their numbers only count as one, named by its first.
         """
         reasons = self.table["reason"].to_pylist() if "reason" in self.table.column_names else [None] * len(self.status)
         ended = zip(self.status, reasons, strict=True)
-        return common_reasons((status, reason or "not told") for status, reason in ended if status != "ok")
+        return common_reasons((status, reason or "no reason given") for status, reason in ended if status != "ok")
 
     def numeric(self, name: str) -> bool:
         """Whether a column holds numbers.

@@ -43,7 +43,7 @@ class Recorded:
 
 
 def recorded(source: Source, variant: int | None, needed: Sequence[str] = NEEDED) -> Recorded:
-    """One recorded variant, the first one if not told.
+    """One recorded variant, the first one where none is named.
 
     Raises:
         ArchiveError: an archive that cannot be read.

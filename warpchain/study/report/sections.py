@@ -35,9 +35,9 @@ TELLING = (
     "tension_mean",
     "tension_std",
 )
-"""Metrics that a report shows when it is not told which, the first ones first."""
+"""Metrics that a report shows where none are named, the first ones first."""
 SHOWN = 6
-"""Most metrics that a report shows in figures when it is not told which."""
+"""Most metrics that a report shows in figures where none are named."""
 EXTREMES = 3
 """Variants listed at each end of a metric."""
 

@@ -49,7 +49,7 @@ class Variant:
             return "infeasible"
         return "diverged" if self.metrics["diverged"] else "ok"
 
-    def told(self) -> str | None:
+    def outcome(self) -> str | None:
         """Why it is not ok."""
         if self.status == "diverged":
             assert self.metrics is not None  # its status
@@ -209,7 +209,7 @@ def _held(study: Study, variants: Sequence[Variant], memory: int) -> bool:
                     [variant.drive], study.run.duration, study.run.step, record, study.run.window
                 )
             except (DriveError, SimulationError):
-                continue  # it is told when it is simulated
+                continue  # it is said when it is simulated
             size += 8 * schedule.frames * frame_width(variant.drive)
     return 2 * size <= memory
 

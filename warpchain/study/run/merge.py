@@ -109,7 +109,7 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
             if executor is None:
                 run_worst(folder.path, chosen, options)
             else:
-                with workers_told(folder):
+                with workers_named(folder):
                     executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
         table = _with_archives(table, read_table(folder.table_path(WORST)))
     fatigue = folder.study.fatigue
@@ -157,7 +157,7 @@ def _with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
 
 
 @contextmanager
-def workers_told(folder: Folder) -> Iterator[None]:
+def workers_named(folder: Folder) -> Iterator[None]:
     """Tells the loss of an executor's workers in one line."""
     try:
         yield

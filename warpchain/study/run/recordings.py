@@ -13,7 +13,7 @@ from warpchain.study.columns import ARCHIVED
 from warpchain.study.results import Results
 
 SHOWN = 4
-"""Most recorded variants that are taken when not told."""
+"""Most recorded variants that are taken where none are named."""
 
 
 def places(results: Results) -> dict[int, tuple[str, int]]:

@@ -15,7 +15,7 @@ from typing import Any
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.study.run.folder import Folder
-from warpchain.study.run.merge import Outcome, finish, merge_study, study_status, workers_told
+from warpchain.study.run.merge import Outcome, finish, merge_study, study_status, workers_named
 from warpchain.study.run.prepare import prepare
 from warpchain.study.run.shards import run_shard
 
@@ -78,15 +78,15 @@ def run_study(
 def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: Advance) -> None:
     """Runs shards one after the other in this process."""
     for shard in shards:
-        size, told = folder.size(shard), 0.0
+        size, reported = folder.size(shard), 0.0
 
         def tell(part: float, size: int = size) -> None:
-            nonlocal told
-            report(part * size - told)
-            told = part * size
+            nonlocal reported
+            report(part * size - reported)
+            reported = part * size
 
         run_shard(folder.path, shard, options, tell)
-        report(size - told)
+        report(size - reported)
 
 
 def _run_there(
@@ -99,7 +99,7 @@ def _run_there(
     """
     futures: dict[Future[int], int] = {}
     try:
-        with workers_told(folder):
+        with workers_named(folder):
             for shard in shards:
                 futures[executor.submit(run_shard, folder.path.resolve(), shard, options)] = shard
             for future in as_completed(futures):
@@ -112,7 +112,7 @@ def _run_there(
 
 @contextmanager
 def _bar(progress: bool | Report, folder: Folder, shards: Sequence[int]) -> Iterator[Advance]:
-    """What is told how many further variants are done: nobody, a bar with rate and time left, or the caller."""
+    """What hears how many further variants are done: nobody, a bar with rate and time left, or the caller."""
     total = float(sum(folder.size(shard) for shard in shards))
     done = float(sum(folder.size(shard) for shard in shards if folder.done(shard)))
     if callable(progress):

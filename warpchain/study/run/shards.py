@@ -83,7 +83,7 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     status, reason = OUTCOME
     extra: dict[str, tuple[Any, list[Any], str]] = {
         status: (pa.string(), [variant.status for variant in variants], ""),
-        reason: (pa.string(), [variant.told() for variant in variants], ""),
+        reason: (pa.string(), [variant.outcome() for variant in variants], ""),
     }
     count, travel = ADJUSTED
     if study.adjust is not None and study.adjust.links is not None:

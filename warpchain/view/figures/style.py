@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 KINDS = ("png", "svg")
 PARTS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
-"""Colors of sprockets, where they are told apart."""
+"""Colors of sprockets, where they must differ."""
 LINES = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple", "tab:brown")
 POINTS = 4000
 """Spells that a curve is thinned out to, smallest and largest values kept."""
@@ -62,10 +62,10 @@ def panels(rows: int, height: float, title: str, drive: Drive | None, share: boo
     return figure, list(axes)
 
 
-def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **look: Any) -> None:
+def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
     """Draws a curve; of a long one the smallest and largest values of `POINTS` spells."""
     kept = peak_frames(y, POINTS)
-    axis.plot(x[kept], y[kept], **{"lw": 0.8, **look})
+    axis.plot(x[kept], y[kept], **{"lw": 0.8, **style})
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str | Sequence[str]) -> list[Path]:
@@ -89,9 +89,9 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str |
         target.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():
             for kind in wanted:
-                look = matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name})
+                style = matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name})
                 paths.append(target / f"{name}.{kind}")
-                with look, whole_file(paths[-1]) as file:
+                with style, whole_file(paths[-1]) as file:
                     metadata = {"Date": None} if kind == "svg" else None
                     figure.savefig(file, format=kind, dpi=130, metadata=metadata)
     return paths

@@ -84,7 +84,7 @@ class Chart:
         return np.stack(np.broadcast_arrays(self.width * self.x.place(x), 1.0 - self.y.place(y)), -1).astype(np.float32)
 
     def frame(self, grid: bool = True) -> None:
-        """Draws border, ticks, labels, and lines from tick to tick if told."""
+        """Draws border, ticks, labels, and lines from tick to tick if asked for."""
         import rerun as rr
 
         across, up = self.x.ticks(3 if self.few else 8), self.y.ticks(4)
@@ -154,8 +154,8 @@ class Chart:
 
         line = self._points(np.asarray(time)[:, None], np.array([self.y.low, self.y.high]))
         path = entity(*self.path, name)
-        look = rr.LineStrips2D.from_fields(colors=[(255, 255, 255)], radii=rr.Radius.ui_points(1.0))
-        self.stream.log(path, look, static=True)
+        style = rr.LineStrips2D.from_fields(colors=[(255, 255, 255)], radii=rr.Radius.ui_points(1.0))
+        self.stream.log(path, style, static=True)
         send(self.stream, path, time, [Column(rr.LineStrips2D.descriptor_strips(), rows(strips(line), 1, len(time)))])
 
     def view(self, name: str) -> rrb.Spatial2DView:

@@ -58,8 +58,8 @@ def log_outline(stream: rr.RecordingStream, path: str, shown: Trajectory, color:
     frames = len(x)
     line = Column(rr.LineStrips2D.descriptor_strips(), rows(strips(_closed(x)), 1, frames))
     send(stream, path, shown.time, [line])
-    look = rr.LineStrips2D.from_fields(colors=[color], radii=rr.Radius.ui_points(0.7))
-    stream.log(path, look, static=True)
+    style = rr.LineStrips2D.from_fields(colors=[color], radii=rr.Radius.ui_points(0.7))
+    stream.log(path, style, static=True)
 
 
 def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32], top: float) -> None:
@@ -71,8 +71,8 @@ def _log_chain(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDAr
     frames, links = shown.tension.shape
     line, points = rr.LineStrips2D, rr.Points2D
     chain, rollers = entity(root, "drive", "chain"), entity(root, "drive", "rollers")
-    look = line.from_fields(radii=[0.08 * shown.drive.chain.pitch], colors=[PLATES], draw_order=DRAWN_FIRST)
-    stream.log(chain, look, static=True)
+    style = line.from_fields(radii=[0.08 * shown.drive.chain.pitch], colors=[PLATES], draw_order=DRAWN_FIRST)
+    stream.log(chain, style, static=True)
     stream.log(rollers, points.from_fields(radii=[shown.drive.chain.roller_radius]), static=True)
     send(stream, chain, shown.time, [Column(line.descriptor_strips(), rows(strips(_closed(x)), 1, frames))])
     colors = pa.array(packed_colors(tension_steps(shown.tension, top)).ravel())

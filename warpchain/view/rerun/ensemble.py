@@ -23,7 +23,7 @@ Values = dict[str, NDArray[np.float64]]
 
 
 def first_metrics(drive: Drive) -> list[str]:
-    """Metrics worth a look first, most important first."""
+    """Metrics to show first, most important first."""
     loaded = [s.name for s in drive.sprockets if s.load is not None]
     return [
         "tension_max",

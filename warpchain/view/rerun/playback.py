@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 FRAMES = 1000
-"""Frames that a recording is shown with, unless told otherwise."""
+"""Frames that a recording is shown with, unless another number is given."""
 
 
 def view(

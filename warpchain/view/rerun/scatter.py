@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import rerun as rr
 
 INPUTS, METRICS = 3, 4
-"""Most inputs and metrics that scatters are drawn for when not told which."""
+"""Most inputs and metrics that scatters are drawn for where none are named."""
 WIDTH = 1.1
 """Width of a scatter over its height."""
 

@@ -85,12 +85,12 @@ def log_curves(
     for group, name, values in curves(trajectory):
         path = entity(root, "curves", group, name)
         k = count[group] = count.get(group, -1) + 1
-        look = rr.SeriesLines(
+        style = rr.SeriesLines(
             names=[f"{root}: {name}" if own else name],
             colors=[colors[k % len(colors)]],
             aggregation_policy=rr.components.AggregationPolicy.MinMax,
         )
-        stream.log(path, look, static=True)
+        stream.log(path, style, static=True)
         frames = peak_frames(values, budget)
         scalars = pa.array(np.asarray(values, dtype=np.float64)[frames])
         column = Column(rr.Scalars.descriptor_scalars(), rows(scalars, 1, len(frames)))
