@@ -154,7 +154,7 @@ def compare(
             vectorized = max(vectorized, n * steps / quick.run(packed, steps)[0])
         for case, (variants, workers, metrics, precision) in cases.items():
             best[case] = max(best[case], engine_rate(drive, variants, workers, steps, metrics, precision))
-    print(f"\n{name}: {n} rollers, {len(drive.sprockets)} sprockets, {len(drive.guides)} guide-guides, {steps} steps")
+    print(f"\n{name}: {n} rollers, {len(drive.sprockets)} sprockets, {len(drive.guides)} guide-bars, {steps} steps")
     if reference:
         print(f"  {'plain C, float64, 1 core':38s} {plain / 1e6:8.1f} million roller-steps/s")
         print(f"  {'the same with -fno-math-errno':38s} {vectorized / 1e6:8.1f} million roller-steps/s")

@@ -56,7 +56,7 @@ def test_variants_that_did_not_end_are_left_out():
     )
     (effect,) = main_effects(table, "y")
     assert effect.means.tolist() == [1.0, 2.0]
-    assert table.reasons() == [("diverged", "not told", 1), ("infeasible", "not told", 1)]
+    assert table.reasons() == [("diverged", "no reason given", 1), ("infeasible", "no reason given", 1)]
 
 
 def test_correlations_are_those_of_scipy():
