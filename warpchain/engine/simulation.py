@@ -19,11 +19,13 @@ from warpchain.drive import Drive
 from warpchain.engine.progress import Report, Stop, interruptible, reporter
 from warpchain.engine.recorder import Recorder
 from warpchain.errors import DriveError, SimulationError
-from warpchain.results.metrics import row_of, table_of
+from warpchain.results.metrics import Ended, metrics_table
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.version import installed
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.devices import Engine
     from warpchain.engine.packed import Packed
@@ -112,7 +114,7 @@ def simulate(
             engine = engine_on(devices, packed.at_precision(precision), cores)
             _march(engine, block, buffer_values, recorder, report, stop)
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
-        metrics = table_of(_rows(engine, chosen, schedules, settled))
+        metrics = _metrics(engine, chosen, schedules, settled)
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
     finally:
         if engine is not None:
@@ -231,19 +233,10 @@ def _march(engine: Engine, block: int, buffer_values: int, recorder: Recorder, r
         recorder.take(taken[0].numpy(), *taken[1:])
 
 
-def _rows(
-    engine: Engine, drives: Sequence[Drive], schedules: Sequence[Schedule], settled: NDArray[Any]
-) -> list[dict[str, Any]]:
+def _metrics(engine: Engine, drives: Sequence[Drive], schedules: Sequence[Schedule], settled: NDArray[Any]) -> pa.Table:
     """The metrics of all variants."""
     from warpchain.engine.sums import split_sums
 
-    sums = engine.sums()
-    state = engine.progress()
-    rows = []
-    for v, (drive, schedule) in enumerate(zip(drives, schedules, strict=True)):
-        part = split_sums(sums, engine.packed, v)
-        row = row_of(drive, schedule, part, int(state["step"][v]), bool(state["diverged"][v]))
-        if drive.run.settle:
-            row |= {"settle_steps": int(settled["steps"][v]), "settle_residual": float(settled["residual"][v])}
-        rows.append(row)
-    return rows
+    sums, state = engine.sums(), engine.progress()
+    ended = Ended(drives, schedules, state["step"], state["diverged"] != 0, settled)
+    return metrics_table(ended, lambda variants: split_sums(sums, engine.packed, variants))
