@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.engine.progress import Report, Stop, interruptible, reporter
-from warpchain.engine.recorder import Recorder
+from warpchain.engine.recorder import Recorder, Recording
 from warpchain.errors import DriveError, SimulationError
 from warpchain.results.metrics import Ended, metrics_table
 from warpchain.results.run import Record, Run, RunInfo
@@ -89,22 +89,16 @@ def simulate(
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
-    record = record or Record()
-    schedules = schedules_of(chosen, duration, step, record, window)
+    recording = Recording(record or Record(), precision, memory, archive, archive_options, overwrite)
+    schedules = schedules_of(chosen, duration, step, recording.record, window)
     cores = workers or available_cores()
     packed = pack(chosen, schedules)
     real_of(precision)  # an unknown precision ends here
     devices = chosen_devices(device, packed)[: len(chosen)]
-    info = RunInfo(
-        version=installed(),
-        device=",".join(devices),
-        precision=precision,
-        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        step=schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None,
-    )
+    info = _run_info(devices, precision, schedules)
     begun = time.monotonic()
     block = launch_steps(devices, packed, max(1, BLOCK_WORK // int(packed.drives["rollers"].max())))
-    recorder = Recorder(chosen, schedules, packed, precision, record, memory, archive, overwrite, info, archive_options)
+    recorder = Recorder(chosen, schedules, packed, info, recording)
     engine = None
     try:
         with reporter(progress) as report, interruptible() as stop:
@@ -170,6 +164,17 @@ def schedules_of(
         every = max(1, round(1.0 / (rate * h))) if v in recorded else 0
         schedules.append(Schedule(h, steps, first, last, every))
     return schedules
+
+
+def _run_info(devices: Sequence[str], precision: str, schedules: Sequence[Schedule]) -> RunInfo:
+    """The facts of a run that begins now."""
+    return RunInfo(
+        version=installed(),
+        device=",".join(devices),
+        precision=precision,
+        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        step=schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None,
+    )
 
 
 def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:
