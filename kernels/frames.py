@@ -5,8 +5,8 @@ Which channels a frame holds and how they lie is not known here: it comes as `fr
 constants. A new channel is a row of that table and one line here.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -14,8 +14,17 @@ import warp as wp
 from .structs import BodyState, types
 
 
+@dataclass(frozen=True)
+class FrameWriters:
+    """What writes frames, and how long they are."""
+
+    width: wp.Function
+    write_roller: wp.Function
+    write_sprocket: wp.Function
+
+
 @cache
-def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
+def frame_writers(Real: type, frame: Any) -> FrameWriters:
     """The functions that write frames of type `Real` that lie as `frame` says."""
     kinds = types(Real)
     vec2 = kinds.vec2
@@ -54,4 +63,4 @@ def frame_writers(Real: type, frame: Any) -> SimpleNamespace:
         frames[mine + wp.static(place("sprocket_center"))] = Real(body.center[0])
         frames[mine + wp.static(place("sprocket_center") + 1)] = Real(body.center[1])
 
-    return SimpleNamespace(width=width, write_roller=write_roller, write_sprocket=write_sprocket)
+    return FrameWriters(width=width, write_roller=write_roller, write_sprocket=write_sprocket)

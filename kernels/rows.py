@@ -1,7 +1,7 @@
 """Rows of values, one a roller, as both the CPU's and the GPU's kernels keep them: how they are read and written."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
@@ -9,8 +9,16 @@ STATE_ROWS = wp.constant(6)
 """A variant's rows in `structs.State.rollers`: x, y, vx, vy, and the low parts of x, y."""
 
 
+@dataclass(frozen=True)
+class Accessors:
+    """How the values of a row are read and written."""
+
+    load: wp.Function
+    store: wp.Function
+
+
 @cache
-def accessors(Real: type) -> SimpleNamespace:
+def accessors(Real: type) -> Accessors:
     """`load(array, i)` and `store(array, i, value)` for contiguous arrays of `Real`, without a stride."""
 
     @wp.func_native("return a.data[i];")
@@ -19,4 +27,4 @@ def accessors(Real: type) -> SimpleNamespace:
     @wp.func_native("a.data[i] = value;")
     def store(a: wp.array[Real], i: int, value: Real): ...
 
-    return SimpleNamespace(load=load, store=store)
+    return Accessors(load=load, store=store)

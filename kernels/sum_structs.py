@@ -5,15 +5,13 @@ All in float64 at every precision, in SI units.
 
 import warp as wp
 
-vec2d = wp.vec2d
-
 
 @wp.struct
 class Totals:
     """What the contacts of one sprocket or guide-bar add up to at one instant."""
 
     moment: wp.float64  # on the sprocket [N m]
-    push: vec2d  # force on the sprocket [N]
+    push: wp.vec2d  # force on the sprocket [N]
     force: wp.float64  # sum of magnitudes [N]
     force_max: wp.float64  # [N]
     dissipated: wp.float64  # power [W]
@@ -48,7 +46,7 @@ class SprocketSums:
 class MountSums:
     """Sums over the window of a sprocket on an active mount."""
 
-    travel: vec2d  # displacement from the stated center [m s]
+    travel: wp.vec2d  # displacement from the stated center [m s]
     travel_max: wp.float64  # largest distance from it [m]
     force: wp.float64  # magnitude of what holds the center [N s]
     dissipated: wp.float64  # in its damper [J]
@@ -109,18 +107,18 @@ class RollerTally:
 class Tallies:
     """Sums that the block kernels keep roller by roller, so that no thread waits for another."""
 
-    link: wp.array(dtype=LinkTally)  # (sum of (S + 1) N,)
-    contact: wp.array(dtype=ContactSums)  # (contact memories,)
-    roller: wp.array(dtype=RollerTally)  # (all rollers,)
-    sprocket: wp.array(dtype=RollerTally)  # (all sprockets,): energy only
+    link: wp.array[LinkTally]  # (sum of (S + 1) N,)
+    contact: wp.array[ContactSums]  # (contact memories,)
+    roller: wp.array[RollerTally]  # (all rollers,)
+    sprocket: wp.array[RollerTally]  # (all sprockets,): energy only
 
 
 @wp.struct
 class Sums:
     """What is added up over the window; S sprockets (and strands) and G guide-bars a variant."""
 
-    chain: wp.array(dtype=ChainSums)  # (variants,)
-    strand: wp.array(dtype=StrandSums)  # (all sprockets,)
-    sprocket: wp.array(dtype=SprocketSums)  # (all sprockets,)
-    mount: wp.array(dtype=MountSums)  # (all sprockets,)
-    contact: wp.array(dtype=ContactSums)  # (all sprockets and guide-bars,), a variant's sprockets first
+    chain: wp.array[ChainSums]  # (variants,)
+    strand: wp.array[StrandSums]  # (all sprockets,)
+    sprocket: wp.array[SprocketSums]  # (all sprockets,)
+    mount: wp.array[MountSums]  # (all sprockets,)
+    contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first

@@ -4,8 +4,8 @@ The CPU's pass and the block's tallies call the same functions. Their arguments 
 it, then added in float64.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -163,17 +163,24 @@ def displacement(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64,
     return across(ax, ay, strand) * (wp.float64(1.0) - part) + across(bx, by, strand) * part
 
 
+@dataclass(frozen=True)
+class Following:
+    """What keeps up which part of the chain is on a strand."""
+
+    follow: wp.Function
+
+
 @cache
-def following(Real: type) -> SimpleNamespace:
+def following(Real: type) -> Following:
     """The function that keeps up which part of the chain is on a strand."""
 
     @wp.func
-    def reach(rollers: wp.array(dtype=Real), x: int, y: int, i: int, strand: Strand):
+    def reach(rollers: wp.array[Real], x: int, y: int, i: int, strand: Strand):
         """Coordinate of roller i along a strand's nominal line [m]."""
         return along(wp.float64(rollers[x + i]), wp.float64(rollers[y + i]), strand)
 
     @wp.func
-    def follow(rollers: wp.array(dtype=Real), x: int, y: int, n: int, strand: Strand):
+    def follow(rollers: wp.array[Real], x: int, y: int, n: int, strand: Strand):
         """The strand with its middle and its links brought up to date; the chain has moved little since.
 
         Roller i's coordinates are `rollers[x + i]` and `rollers[y + i]`.
@@ -214,4 +221,4 @@ def following(Real: type) -> SimpleNamespace:
         strand.links = (last - first + n) % n
         return strand
 
-    return SimpleNamespace(follow=follow)
+    return Following(follow=follow)

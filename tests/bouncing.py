@@ -14,7 +14,7 @@ def bounce(
     mass: wp.float64,
     speed: wp.float64,
     h: wp.float64,
-    out: wp.array(dtype=wp.float64),
+    out: wp.array[wp.float64],
 ):
     """One mass flies into a contact and out again; out = rebound speed, dissipated energy, peak energy."""
     penetration = wp.float64(0.0)

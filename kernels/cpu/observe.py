@@ -1,12 +1,13 @@
 """What is taken from an evaluated step: sums of the window, the energy balance, and frames."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
 
 from ..frames import frame_writers
+from ..integrate import leapfrog_lag
 from ..physics.body import body_energy, held_by
 from ..physics.motion import load_at, load_at_speed
 from ..rows import accessors
@@ -18,8 +19,41 @@ from .steps import moving
 from .tallies import tallies
 
 
+@wp.struct
+class Instant:
+    """At which instant a variant is looked at."""
+
+    step: wp.int32
+    time: wp.float64  # [s]
+    lag: wp.float64  # how far behind it the velocities are [s]
+    weight: wp.float64  # time that the step stands for in the window's sums [s]
+
+
+@wp.func
+def instant_of(drive: Drive, step: int):
+    """The instant of step `step`."""
+    at = Instant()
+    at.step = step
+    at.time = wp.float64(step) * drive.step
+    if drive.integrator == 0:
+        at.lag = leapfrog_lag(step, drive.step)
+    at.weight = drive.step
+    if step == drive.window_start or step == drive.window_end:
+        at.weight = wp.float64(0.5) * at.weight
+    return at
+
+
+@dataclass(frozen=True)
+class Observing:
+    """What looks at one variant, and the length of its frames."""
+
+    measure: wp.Function
+    sample: wp.Function
+    width: wp.Function
+
+
 @cache
-def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
+def observing(Real: type, capacity: int, frame: Any) -> Observing:
     """The functions that look at one variant, for rows of `capacity` values of type `Real`; `frame` as in `frames`."""
     kinds = types(Real)
     vec2 = kinds.vec2
@@ -40,16 +74,15 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
         state: kinds.State,
         drive: Drive,
         chain: kinds.Chain,
-        w: wp.array(dtype=Real),
-        time: wp.float64,
-        back: wp.float64,
+        w: wp.array[Real],
+        at: Instant,
     ):
         """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
-        total = tally.roller_energy(w, drive.rollers, chain, Real(back))
+        total = tally.roller_energy(w, drive.rollers, chain, Real(at.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            body = body_now(ensemble, state, b, time, back)
+            body = body_now(ensemble, state, b, at.time, at.lag)
             total += body_energy(body, ensemble.motions[b], ensemble.mounts[b])
         return total
 
@@ -60,9 +93,7 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
         sums: Sums,
         drive: Drive,
         s: int,
-        time: wp.float64,
-        back: wp.float64,
-        weight: wp.float64,
+        at: Instant,
     ):
         """Adds sprocket s, with its mount, to the sums of the window."""
         i = drive.first_sprocket + s
@@ -70,14 +101,14 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
         wrench = state.wrenches[b]
-        body = body_now(ensemble, state, b, time, back)
+        body = body_now(ensemble, state, b, at.time, at.lag)
         before = state.bodies[b].speed
-        load_part = load_at(time, body.angle, before, motion, ensemble.curves)
-        load_part = load_at_speed(time, load_part, before, body.speed, motion)
+        load_part = load_at(at.time, body.angle, before, motion, ensemble.curves)
+        load_part = load_at_speed(at.time, load_part, before, body.speed, motion)
         if mount.active == 1:
-            held, power = held_by(time, body, wrench, load_part, motion, mount, ensemble.curves)
-            sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, weight)
-        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, weight)
+            held, power = held_by(at.time, body, wrench, load_part, motion, mount, ensemble.curves)
+            sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
+        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
 
     @wp.func
     def measure(
@@ -87,39 +118,34 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
         variant: int,
         drive: Drive,
         chain: kinds.Chain,
-        w: wp.array(dtype=Real),
-        step: int,
-        back: wp.float64,
+        w: wp.array[Real],
+        at: Instant,
     ):
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
-        time = wp.float64(step) * drive.step
-        weight = drive.step
-        if step == drive.window_start or step == drive.window_end:
-            weight = wp.float64(0.5) * weight
-        chain_sums = tally.add_links(w, n, chain, sums.chain[variant], weight)
-        if step == drive.window_start:
-            chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, w, time, back))
-        if step == drive.window_end:
-            chain_sums = add_energy(chain_sums, False, mechanical_energy(ensemble, state, drive, chain, w, time, back))
+        chain_sums = tally.add_links(w, n, chain, sums.chain[variant], at.weight)
+        if at.step == drive.window_start:
+            chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, w, at))
+        if at.step == drive.window_end:
+            chain_sums = add_energy(chain_sums, False, mechanical_energy(ensemble, state, drive, chain, w, at))
         sums.chain[variant] = chain_sums
         for p in range(drive.sprockets + drive.guides):
             i = drive.first_sprocket + drive.first_guide + p
             of = state.totals[i]
-            add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, weight)
+            add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, at.weight)
         for s in range(drive.sprockets):
-            add_body(ensemble, state, sums, drive, s, time, back, weight)
+            add_body(ensemble, state, sums, drive, s, at)
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
             strand = state.strands[i]
-            if step % STRAND_LOOK_EVERY == 0 or step == drive.window_start:
+            if at.step % STRAND_LOOK_EVERY == 0 or at.step == drive.window_start:
                 strand = follow(w, X, Y, n, strand)
                 state.strands[i] = strand
             strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
             sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
 
     @wp.func
-    def seen(w: wp.array(dtype=Real), i: int):
+    def seen(w: wp.array[Real], i: int):
         """What a frame wants of roller i beside its motion."""
         of = kinds.Extra()
         of.tension = load(w, TENSION + i)
@@ -134,24 +160,24 @@ def observing(Real: type, capacity: int, frame: Any) -> SimpleNamespace:
         state: kinds.State,
         drive: Drive,
         chain: kinds.Chain,
-        w: wp.array(dtype=Real),
-        frames: wp.array(dtype=Real),
+        w: wp.array[Real],
+        frames: wp.array[Real],
         first: wp.int64,
-        time: wp.float64,
-        back: wp.float64,
+        at: Instant,
     ):
-        """Writes the frame that begins at `first`; the velocities are those of a time `back` before it [s]."""
+        """Writes the frame that begins at `first`."""
         n = drive.rollers
-        at = int(first)
+        begin = int(first)
+        lag = Real(at.lag)
         inverse_mass = chain.inverse_mass
         for i in range(n):
             a = acceleration(w, i, inverse_mass, chain.gravity)
             position = vec2(load(w, X + i), load(w, Y + i))
-            velocity = vec2(load(w, VX + i) + Real(back) * a[0], load(w, VY + i) + Real(back) * a[1])
-            write_roller(frames, at, n, i, position, velocity, seen(w, i))
+            velocity = vec2(load(w, VX + i) + lag * a[0], load(w, VY + i) + lag * a[1])
+            write_roller(frames, begin, n, i, position, velocity, seen(w, i))
         for s in range(drive.sprockets):
             b = drive.first_body + s
-            body = body_now(ensemble, state, b, time, back)
-            write_sprocket(frames, at, n, s, body, state.wrenches[b].moment)
+            body = body_now(ensemble, state, b, at.time, at.lag)
+            write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment)
 
-    return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})
+    return Observing(measure=measure, sample=sample, width=width)

@@ -6,8 +6,8 @@ vectorizes the passes without branches: 1,080 million link forces a second on on
 Warp's strided array indexing (docs/performance.md).
 """
 
+from dataclasses import dataclass, fields
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
@@ -18,33 +18,65 @@ from ..rows import STATE_ROWS, accessors
 from ..structs import Pose, types
 from ..sum_structs import Totals
 
-ROWS = (
-    "x",
-    "y",
-    "vx",
-    "vy",
-    "x_low",
-    "y_low",
-    "link_x",
-    "link_y",
-    "tension",
-    "rate",
-    "fx",
-    "fy",
-    "sprocket_force",
-    "guide_force",
-    "length",
-)
-RK4_ROWS = ("x0", "y0", "vx0", "vy0", "x0_low", "y0_low", "sum_x", "sum_y", "sum_vx", "sum_vy")
+
+@dataclass(frozen=True)
+class Rows:
+    """First index of each row of a scratch, in their order."""
+
+    x: int  # position [m]
+    y: int
+    vx: int  # velocity [m/s]
+    vy: int
+    x_low: int  # what float32 rounds off the position [m]
+    y_low: int
+    link_x: int  # force of link i at i + 1 [N]
+    link_y: int
+    tension: int  # of the link after the roller [N]
+    rate: int  # of its elongation [m/s]
+    fx: int  # contact forces [N]
+    fy: int
+    sprocket_force: int  # their magnitudes [N]
+    guide_force: int
+    length: int  # of the link after the roller [m]
+    x0: int  # rk4: the state at the step's start
+    y0: int
+    vx0: int
+    vy0: int
+    x0_low: int
+    y0_low: int
+    sum_x: int  # rk4: sums of weighted slopes
+    sum_y: int
+    sum_vx: int
+    sum_vy: int
 
 
-def rows(capacity: int) -> SimpleNamespace:
-    """First index of each row of a scratch whose rows hold `capacity` values."""
-    return SimpleNamespace(**{name: wp.constant(k * capacity) for k, name in enumerate(ROWS + RK4_ROWS)})
+ROWS = tuple(field.name for field in fields(Rows))
+"""Names of a scratch's rows."""
 
 
 @cache
-def passes(Real: type, capacity: int) -> SimpleNamespace:
+def rows(capacity: int) -> Rows:
+    """The rows of a scratch whose rows hold `capacity` values."""
+    return Rows(*(wp.constant(k * capacity) for k in range(len(ROWS))))
+
+
+@dataclass(frozen=True)
+class Passes:
+    """The passes over the rollers of one variant."""
+
+    fetch: wp.Function
+    put_back: wp.Function
+    move: wp.Function
+    link_pass: wp.Function
+    sprocket_pass: wp.Function
+    guide_pass: wp.Function
+    acceleration: wp.Function
+    kick_drift: wp.Function
+    inside: wp.Function
+
+
+@cache
+def passes(Real: type, capacity: int) -> Passes:
     """The passes over the rollers of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     vec2 = kinds.vec2
@@ -276,4 +308,14 @@ def passes(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
         return good
 
-    return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})
+    return Passes(
+        fetch=fetch,
+        put_back=put_back,
+        move=move,
+        link_pass=link_pass,
+        sprocket_pass=sprocket_pass,
+        guide_pass=guide_pass,
+        acceleration=acceleration,
+        kick_drift=kick_drift,
+        inside=inside,
+    )

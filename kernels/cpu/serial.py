@@ -9,15 +9,15 @@ from typing import Any
 
 import warp as wp
 
-from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
+from ..integrate import leapfrog_kick, rk4_stage
 from ..rows import STATE_ROWS
 from ..structs import DIVERGENCE_CHECK, types
 from ..sum_structs import Sums
-from .observe import observing
-from .rollers import RK4_ROWS, ROWS, passes
+from .observe import instant_of, observing
+from .rollers import ROWS, passes
 from .steps import evaluating, moving, stepping
 
-SCRATCH_ROWS = len(ROWS) + len(RK4_ROWS)
+SCRATCH_ROWS = len(ROWS)
 
 
 @cache
@@ -54,19 +54,16 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         at = drive.first_value
         step = progress.step
         while step < end and progress.diverged == 0:
-            time = wp.float64(step) * drive.step
-            lag = wp.float64(0.0)
-            if drive.integrator == 0:
-                lag = leapfrog_lag(step, drive.step)
+            now = instant_of(drive, step)
             stage = int(0)
             while stage < 4:
                 evaluate(ensemble, state, drive, chain, w, stage)
                 if stage == 0:
                     if step >= drive.window_start and step <= drive.window_end:
-                        look.measure(ensemble, state, sums, variant, drive, chain, w, step, lag)
+                        look.measure(ensemble, state, sums, variant, drive, chain, w, now)
                     if drive.sample_every > 0:
                         if step % drive.sample_every == 0:
-                            look.sample(ensemble, state, drive, chain, w, frames, at, time, lag)
+                            look.sample(ensemble, state, drive, chain, w, frames, at, now)
                             at = at + wp.int64(look.width(n, drive.sprockets))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
                         if inside(w, n, drive.low, drive.high) == 0 or centers_inside(state, drive) == 0:
@@ -74,10 +71,10 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                 if step == drive.steps or progress.diverged == 1:
                     stage = 4
                 elif drive.integrator == 0:
-                    do.leapfrog(ensemble, state, drive, chain, w, time, leapfrog_kick(step, drive.step))
+                    do.leapfrog(ensemble, state, drive, chain, w, now.time, leapfrog_kick(step, drive.step))
                     stage = 4
                 else:
-                    do.rk4(ensemble, state, drive, chain, w, rk4_stage(stage, time, drive.step))
+                    do.rk4(ensemble, state, drive, chain, w, rk4_stage(stage, now.time, drive.step))
                     stage = stage + 1
             if progress.diverged == 0:
                 step = step + 1

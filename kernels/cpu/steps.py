@@ -1,7 +1,7 @@
 """Forces of one variant at one instant, and a step of each integrator, over its rollers and its bodies."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
@@ -22,8 +22,15 @@ def with_reaction(wrench: Wrench, force: wp.vec2d, moment: wp.float64):
     return wrench
 
 
+@dataclass(frozen=True)
+class Evaluating:
+    """What evaluates the forces of one variant."""
+
+    evaluate: wp.Function
+
+
 @cache
-def evaluating(Real: type, capacity: int) -> SimpleNamespace:
+def evaluating(Real: type, capacity: int) -> Evaluating:
     """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     part = passes(Real, capacity)
@@ -72,11 +79,21 @@ def evaluating(Real: type, capacity: int) -> SimpleNamespace:
             partner += 1
             memory.first = memory.first + n
 
-    return SimpleNamespace(evaluate=evaluate)
+    return Evaluating(evaluate=evaluate)
+
+
+@dataclass(frozen=True)
+class BodyFunctions:
+    """What moves the bodies of one variant, and looks at them."""
+
+    leapfrog_bodies: wp.Function
+    rk4_bodies: wp.Function
+    body_now: wp.Function
+    centers_inside: wp.Function
 
 
 @cache
-def moving(Real: type) -> SimpleNamespace:
+def moving(Real: type) -> BodyFunctions:
     """The functions that move the bodies of one variant of an ensemble, and look at them."""
     kinds = types(Real)
 
@@ -139,8 +156,7 @@ def moving(Real: type) -> SimpleNamespace:
                 good = int(0)
         return good
 
-    return SimpleNamespace(
-        rates_of=rates_of,
+    return BodyFunctions(
         leapfrog_bodies=leapfrog_bodies,
         rk4_bodies=rk4_bodies,
         body_now=body_now,
@@ -148,8 +164,16 @@ def moving(Real: type) -> SimpleNamespace:
     )
 
 
+@dataclass(frozen=True)
+class Stepping:
+    """What takes one variant a step on."""
+
+    leapfrog: wp.Function
+    rk4: wp.Function
+
+
 @cache
-def stepping(Real: type, capacity: int) -> SimpleNamespace:
+def stepping(Real: type, capacity: int) -> Stepping:
     """The functions that take one variant a step on, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     part = passes(Real, capacity)
@@ -243,4 +267,4 @@ def stepping(Real: type, capacity: int) -> SimpleNamespace:
         rk4_bodies(ensemble, state, drive, at)
         rk4_rollers(w, drive.rollers, chain, at.number, Real(at.weight), Real(at.reach))
 
-    return SimpleNamespace(leapfrog=leapfrog, rk4=rk4)
+    return Stepping(leapfrog=leapfrog, rk4=rk4)

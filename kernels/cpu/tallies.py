@@ -1,7 +1,7 @@
 """Sums over the rollers of one variant at one step: tension, mid-strand displacement, energy."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
@@ -12,8 +12,18 @@ from ..sums import add_tension, after, displacement, merge_tension, unseen
 from .rollers import rows
 
 
+@dataclass(frozen=True)
+class RollerSums:
+    """The sums over the rollers of one variant."""
+
+    add_links: wp.Function
+    mid_displacement: wp.Function
+    add_strand_links: wp.Function
+    roller_energy: wp.Function
+
+
 @cache
-def tallies(Real: type, capacity: int) -> SimpleNamespace:
+def tallies(Real: type, capacity: int) -> RollerSums:
     """The sums over the rollers of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     load = accessors(Real).load
@@ -22,7 +32,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
     LINK_X, LINK_Y, FX, FY = at.link_x, at.link_y, at.fx, at.fy
 
     @wp.func
-    def add_links(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, sums: ChainSums, weight: wp.float64):
+    def add_links(w: wp.array[Real], n: int, chain: kinds.Chain, sums: ChainSums, weight: wp.float64):
         """Tension of every link, and the power of the links' dampers."""
         seen = unseen()
         rates = Real(0.0)
@@ -38,7 +48,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         return sums
 
     @wp.func
-    def mid_displacement(w: wp.array(dtype=Real), n: int, strand: Strand):
+    def mid_displacement(w: wp.array[Real], n: int, strand: Strand):
         """Transverse displacement of the chain where it passes mid-strand [m], positive to the left of travel."""
         i = strand.middle
         j = after(i, n)
@@ -51,7 +61,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         )
 
     @wp.func
-    def add_strand_links(w: wp.array(dtype=Real), n: int, strand: Strand, sums: StrandSums):
+    def add_strand_links(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
         """Tension of the links between the strand's two tangent points."""
         seen = unseen()
         link = strand.first_link
@@ -65,7 +75,7 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
         return sums
 
     @wp.func
-    def roller_energy(w: wp.array(dtype=Real), n: int, chain: kinds.Chain, back: Real):
+    def roller_energy(w: wp.array[Real], n: int, chain: kinds.Chain, back: Real):
         """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities'
         instant.
         """
@@ -88,4 +98,9 @@ def tallies(Real: type, capacity: int) -> SimpleNamespace:
             i = i + 1
         return total
 
-    return SimpleNamespace(**{name: value for name, value in locals().items() if isinstance(value, wp.Function)})
+    return RollerSums(
+        add_links=add_links,
+        mid_displacement=mid_displacement,
+        add_strand_links=add_strand_links,
+        roller_energy=roller_energy,
+    )

@@ -1,7 +1,7 @@
 """What the block kernels' time loop does at some steps only, and when."""
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -57,8 +57,15 @@ def flags_of(drive: Drive, step: int):
     return flags
 
 
+@dataclass(frozen=True)
+class EventFunctions:
+    """Where frames go."""
+
+    frame_at: wp.Function
+
+
 @cache
-def block_events(Real: type, sprockets: int, frame: Any) -> SimpleNamespace:
+def block_events(Real: type, sprockets: int, frame: Any) -> EventFunctions:
     """Where frames go, for drives of this number of sprockets; they lie as `frame` says (`frames.frame_writers`)."""
     kinds = types(Real)
     width = frame_writers(Real, frame).width
@@ -72,4 +79,4 @@ def block_events(Real: type, sprockets: int, frame: Any) -> SimpleNamespace:
         number = step // every - (first + every - 1) // every
         return int(drive.first_value) + number * width(drive.rollers, wp.static(sprockets))
 
-    return SimpleNamespace(frame_at=frame_at)
+    return EventFunctions(frame_at=frame_at)

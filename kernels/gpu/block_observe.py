@@ -4,8 +4,8 @@ A thread adds up its own links' tension over `STRAND_LOOK_EVERY` steps, then add
 the link is on; one thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
 """
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
@@ -31,8 +31,21 @@ from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 
 
+@dataclass(frozen=True)
+class ObserveFunctions:
+    """What looks at one variant on a block."""
+
+    begin_seeing: wp.Function
+    see: wp.Function
+    flush: wp.Function
+    look: wp.Function
+    add_middle: wp.Function
+    roller_energy: wp.Function
+    observe_sprocket: wp.Function
+
+
 @cache
-def block_observing(kind: BlockKind) -> SimpleNamespace:
+def block_observing(kind: BlockKind) -> ObserveFunctions:
     """The functions that look at one variant on a block."""
     Real, sprockets, moving, slots = kind.Real, kind.sprockets, kind.moving, kind.slots
     kinds, Now = types(Real), now_struct(Real)
@@ -165,13 +178,19 @@ def block_observing(kind: BlockKind) -> SimpleNamespace:
             tallies.sprocket[at] = add_energy(tallies.sprocket[at], now.flags & START != 0, energy)
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
 
-    return SimpleNamespace(
-        **{name: value for name, value in locals().items() if isinstance(value, wp.Function)},
+    return ObserveFunctions(
+        begin_seeing=begin_seeing,
+        see=see,
+        flush=flush,
+        look=look,
+        add_middle=add_middle,
+        roller_energy=roller_energy,
+        observe_sprocket=observe_sprocket,
     )
 
 
 @wp.kernel(enable_backward=False)
-def collect(drives: wp.array(dtype=Drive), tallies: Tallies, sums: Sums):
+def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
     """Adds up one variant's tallies, roller by roller in order: a thread a variant."""
     variant = wp.tid()
     drive = drives[variant]

@@ -18,10 +18,10 @@ TURN = 2 * np.pi
 
 @wp.kernel(enable_backward=False)
 def look(
-    x: wp.array(dtype=wp.float64),
+    x: wp.array[wp.float64],
     table: structs.Table,
-    values: wp.array(dtype=wp.float64),
-    out: wp.array(dtype=wp.vec3d),
+    values: wp.array[wp.float64],
+    out: wp.array[wp.vec3d],
 ):
     i = wp.tid()
     value, integral, slope = table_at(x[i], table, values)

@@ -18,7 +18,7 @@ def strand_frequency(direction, k, tension=2000.0):
     part, kinds = passes(real, 264), types(real)
 
     @wp.kernel(enable_backward=False, module="unique")
-    def vibrate(w: wp.array(dtype=wp.float64), chain: kinds.Chain, h: real, steps: int, out: wp.array(dtype=wp.float64),
+    def vibrate(w: wp.array[wp.float64], chain: kinds.Chain, h: real, steps: int, out: wp.array[wp.float64],
                 row: int, watched: int, base: real):  # fmt: skip
         # rollers 0 and n - 1 are held; the link that would close the loop acts between held ends only
         n = int(M + 2)

@@ -12,27 +12,27 @@ KINDS = types(wp.float64)
 
 
 @wp.kernel(enable_backward=False)
-def tooth_gaps(points: wp.array(dtype=wp.vec2d), gap: KINDS.Sprocket, out: wp.array(dtype=wp.vec3d)):
+def tooth_gaps(points: wp.array[wp.vec2d], gap: KINDS.Sprocket, out: wp.array[wp.vec3d]):
     i = wp.tid()
     penetration, radial, lateral = tooth_gap(points[i][0] - gap.pitch_radius, points[i][1], gap)
     out[i] = wp.vec3d(penetration, radial, lateral)
 
 
 @wp.kernel(enable_backward=False)
-def guide_gaps(points: wp.array(dtype=wp.vec2d), bar: KINDS.Guide, out: wp.array(dtype=wp.vec3d)):
+def guide_gaps(points: wp.array[wp.vec2d], bar: KINDS.Guide, out: wp.array[wp.vec3d]):
     i = wp.tid()
     penetration, along, across = guide_gap(points[i][0], points[i][1], bar)
     out[i] = wp.vec3d(penetration, along, across)
 
 
 @wp.kernel(enable_backward=False)
-def seats(points: wp.array(dtype=wp.vec2d), angle: wp.float64, teeth: int, out: wp.array(dtype=int)):
+def seats(points: wp.array[wp.vec2d], angle: wp.float64, teeth: int, out: wp.array[int]):
     i = wp.tid()
     out[i] = nearest_seat(points[i], wp.cos(angle), wp.sin(angle), teeth)
 
 
 @wp.kernel(enable_backward=False)
-def moves(points: wp.array(dtype=wp.vec2d), tangent: wp.float64, out: wp.array(dtype=int)):
+def moves(points: wp.array[wp.vec2d], tangent: wp.float64, out: wp.array[int]):
     i = wp.tid()
     out[i] = seat_step(points[i][0], points[i][1], tangent)
 
@@ -216,7 +216,7 @@ def test_single_precision_keeps_the_penetration_on_a_large_flank():
     single = types(wp.float32)
 
     @wp.kernel(enable_backward=False, module="unique")
-    def one(xi: wp.float32, lateral: wp.float32, gap: single.Sprocket, out: wp.array(dtype=wp.float32)):
+    def one(xi: wp.float32, lateral: wp.float32, gap: single.Sprocket, out: wp.array[wp.float32]):
         penetration, radial, along = tooth_gap(xi, lateral, gap)
         out[0] = penetration
 

@@ -64,7 +64,7 @@ def test_dissipated_energy_is_what_the_mass_lost():
 def test_contact_never_pulls():
     # leaving fast: the law alone would give a negative force
     @wp.kernel(enable_backward=False, module="unique")
-    def force_at(law: KINDS.ContactLaw, out: wp.array(dtype=wp.float64)):
+    def force_at(law: KINDS.ContactLaw, out: wp.array[wp.float64]):
         normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
         leaving = wp.float64(-10.0) * normal
         force, size, first, dissipated, energy = respond(wp.float64(1e-5), normal, leaving, wp.float64(0.1), law)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,27 @@ BUFFER_SHARE = 0.25
 """Part of the memory budget that the two frame buffers may take."""
 
 
+@dataclass(frozen=True)
+class Recording:
+    """What is recorded, and where it goes.
+
+    Attributes:
+        record: which trajectories to keep.
+        precision: "float64" or "float32".
+        memory: budget for state, buffers and kept trajectories [bytes].
+        archive: file that frames go to instead of memory.
+        options: how the archive is written; None takes the defaults.
+        overwrite: replace an archive of that name.
+    """
+
+    record: Record
+    precision: str
+    memory: int
+    archive: str | Path | None = None
+    options: ArchiveOptions | None = None
+    overwrite: bool = False
+
+
 class Recorder:
     """Lays out the frame buffers, and keeps or writes what they bring.
 
@@ -37,23 +59,19 @@ class Recorder:
         drives: Sequence[Drive],
         schedules: Sequence[Schedule],
         packed: Packed,
-        precision: str,
-        record: Record,
-        memory: int,
-        archive: str | Path | None,
-        overwrite: bool,
         info: RunInfo,
-        archive_options: ArchiveOptions | None = None,
+        recording: Recording,
     ) -> None:
+        record, memory = recording.record, recording.memory
         self.drives, self.schedules, self.packed = drives, schedules, packed
         self.channels = tuple(record.channels)
         self.indices = record.indices(len(drives))
         self.widths = np.array([frame_width(drives[v]) for v in self.indices], dtype=np.int64)
         self.every = np.array([schedules[v].sample_every for v in self.indices], dtype=np.int64)
-        self.bytes_per_value = np.dtype(precision).itemsize
+        self.bytes_per_value = np.dtype(recording.precision).itemsize
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
         self._archive: Any = None
-        self.archive_path = Path(archive) if archive is not None else None
+        self.archive_path = Path(recording.archive) if recording.archive is not None else None
         self._buffer_values = int(BUFFER_SHARE * memory) // (2 * self.bytes_per_value)
         if self.widths.sum() > min(self._buffer_values, 2**31 - 1):
             raise SimulationError(
@@ -66,7 +84,7 @@ class Recorder:
             from warpchain.archive import ArchiveWriter
 
             self._archive = ArchiveWriter(
-                self.archive_path, drives, self.indices, info, archive_options, overwrite, salvage=True
+                self.archive_path, drives, self.indices, info, recording.options, recording.overwrite, salvage=True
             )
 
     def _check_memory(self, memory: int) -> None:

@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.engine.progress import Report, Stop, interruptible, reporter
-from warpchain.engine.recorder import Recorder
+from warpchain.engine.recorder import Recorder, Recording
 from warpchain.errors import DriveError, SimulationError
-from warpchain.results.metrics import row_of, table_of
+from warpchain.results.metrics import Ended, metrics_table
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.version import installed
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.devices import Engine
     from warpchain.engine.packed import Packed
@@ -87,22 +89,16 @@ def simulate(
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
-    record = record or Record()
-    schedules = schedules_of(chosen, duration, step, record, window)
+    recording = Recording(record or Record(), precision, memory, archive, archive_options, overwrite)
+    schedules = schedules_of(chosen, duration, step, recording.record, window)
     cores = workers or available_cores()
     packed = pack(chosen, schedules)
     real_of(precision)  # an unknown precision ends here
     devices = chosen_devices(device, packed)[: len(chosen)]
-    info = RunInfo(
-        version=installed(),
-        device=",".join(devices),
-        precision=precision,
-        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        step=schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None,
-    )
+    info = _run_info(devices, precision, schedules)
     begun = time.monotonic()
     block = launch_steps(devices, packed, max(1, BLOCK_WORK // int(packed.drives["rollers"].max())))
-    recorder = Recorder(chosen, schedules, packed, precision, record, memory, archive, overwrite, info, archive_options)
+    recorder = Recorder(chosen, schedules, packed, info, recording)
     engine = None
     try:
         with reporter(progress) as report, interruptible() as stop:
@@ -112,7 +108,7 @@ def simulate(
             engine = engine_on(devices, packed.at_precision(precision), cores)
             _march(engine, block, buffer_values, recorder, report, stop)
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
-        metrics = table_of(_rows(engine, chosen, schedules, settled))
+        metrics = _metrics(engine, chosen, schedules, settled)
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
     finally:
         if engine is not None:
@@ -168,6 +164,17 @@ def schedules_of(
         every = max(1, round(1.0 / (rate * h))) if v in recorded else 0
         schedules.append(Schedule(h, steps, first, last, every))
     return schedules
+
+
+def _run_info(devices: Sequence[str], precision: str, schedules: Sequence[Schedule]) -> RunInfo:
+    """The facts of a run that begins now."""
+    return RunInfo(
+        version=installed(),
+        device=",".join(devices),
+        precision=precision,
+        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        step=schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None,
+    )
 
 
 def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:
@@ -231,19 +238,10 @@ def _march(engine: Engine, block: int, buffer_values: int, recorder: Recorder, r
         recorder.take(taken[0].numpy(), *taken[1:])
 
 
-def _rows(
-    engine: Engine, drives: Sequence[Drive], schedules: Sequence[Schedule], settled: NDArray[Any]
-) -> list[dict[str, Any]]:
+def _metrics(engine: Engine, drives: Sequence[Drive], schedules: Sequence[Schedule], settled: NDArray[Any]) -> pa.Table:
     """The metrics of all variants."""
     from warpchain.engine.sums import split_sums
 
-    sums = engine.sums()
-    state = engine.progress()
-    rows = []
-    for v, (drive, schedule) in enumerate(zip(drives, schedules, strict=True)):
-        part = split_sums(sums, engine.packed, v)
-        row = row_of(drive, schedule, part, int(state["step"][v]), bool(state["diverged"][v]))
-        if drive.run.settle:
-            row |= {"settle_steps": int(settled["steps"][v]), "settle_residual": float(settled["residual"][v])}
-        rows.append(row)
-    return rows
+    sums, state = engine.sums(), engine.progress()
+    ended = Ended(drives, schedules, state["step"], state["diverged"] != 0, settled)
+    return metrics_table(ended, lambda variants: split_sums(sums, engine.packed, variants))

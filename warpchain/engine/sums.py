@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from warpchain.engine.packed import Packed
 
 
-def split_sums(sums: dict[str, Any], packed: Packed, variant: int) -> dict[str, Any]:
-    """The part of the sums that is one variant's."""
-    drive = packed.drives[variant]
-    sprockets, guides = int(drive["sprockets"]), int(drive["guides"])
-    first = int(drive["first_sprocket"])
-    partner = first + int(drive["first_guide"])
+def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.integer]) -> dict[str, Any]:
+    """The sums of V variants that have S sprockets and G guide-bars each.
+
+    Returns:
+        "chain" (V,), "strand", "sprocket" and "mount" (V, S), "contact" (V, S + G), a row a variant.
+    """
+    drives = packed.drives[variants]
+    sprockets, guides = int(drives["sprockets"][0]), int(drives["guides"][0])
+    first = drives["first_sprocket"][:, None].astype(np.int64)
+    sprocket = first + np.arange(sprockets)
+    partner = first + drives["first_guide"][:, None] + np.arange(sprockets + guides)
     return {
-        "chain": sums["chain"][variant],
-        "strand": sums["strand"][first : first + sprockets],
-        "sprocket": sums["sprocket"][first : first + sprockets],
-        "mount": sums["mount"][first : first + sprockets],
-        "contact": sums["contact"][partner : partner + sprockets + guides],
+        "chain": sums["chain"][variants],
+        "strand": sums["strand"][sprocket],
+        "sprocket": sums["sprocket"][sprocket],
+        "mount": sums["mount"][sprocket],
+        "contact": sums["contact"][partner],
     }

@@ -7,15 +7,18 @@ go by the row.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.mounts import moves
 from warpchain.results.formulas import (
     THINGS,
-    Number,
+    Values,
     deviation,
     displacement_std,
     impact_impulse,
@@ -35,15 +38,15 @@ class Column:
         name: its own; the name of what it is of, and a dot, stand before it: `camshaft.speed_mean`.
         unit: SI unit, "1" for a count, ratio or flag.
         title: what it is, in words.
-        value: forms it from what its group gives (`Summed`, `Balance` or `Judged`), or gives None where there is none;
-            left out where the number comes from elsewhere.
+        value: forms it from what its group gives (`Summed`, `Balance` or `Judged`) of one variant or of many at once,
+            masked where there is none (`formulas.where`); left out where the number comes from elsewhere.
         kind: float, int or bool.
     """
 
     name: str
     unit: str
     title: str
-    value: Callable[[Any], Number] | None = None
+    value: Callable[[Any], Values] | None = None
     kind: type = float
 
 
@@ -55,16 +58,16 @@ class Group:
         of: key of `THINGS`.
         columns: in the table's order.
         source: the field of `kernels.sum_structs.Sums` that they are formed from, if it is one.
-        weight: of a row of those sums, from the window's length [s] and the number of rollers; where 0, there is no
-            such thing in the window.
-        where: whether the drive's thing of this index has them.
+        weight: of rows of those sums, from the window's length [s] and the number of rollers; where 0, there is no such
+            thing in the window.
+        where: whether the drive's thing of this index has them; left out if every one has.
     """
 
     of: str
     columns: tuple[Column, ...]
     source: str = ""
-    weight: Callable[[Any, float, int], float] = lambda sums, duration, rollers: duration
-    where: Callable[[Drive, int], bool] = lambda drive, index: True
+    weight: Callable[[Any, Values, Values], Values] = lambda sums, duration, rollers: duration
+    where: Callable[[Drive, int], bool] | None = None
 
 
 TENSION_MIN = Column("tension_min", "N", "smallest link tension", total("tension_min"))
@@ -76,13 +79,13 @@ CHAIN = Group(
     "chain",
     (TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD),
     source="chain",
-    weight=lambda sums, duration, rollers: float(sums["samples"]) * rollers,
+    weight=lambda sums, duration, rollers: sums["samples"] * rollers,
 )
 STRAND_TENSION = Group(
     "strand",
     (TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD),
     source="strand",
-    weight=lambda sums, duration, rollers: float(sums["links"]),
+    weight=lambda sums, duration, rollers: sums["links"],
 )
 STRAND_DISPLACEMENT = Group(
     "strand",
@@ -93,7 +96,7 @@ STRAND_DISPLACEMENT = Group(
         Column("displacement_rms", "m", "root mean square of the mid-strand displacement", rms("displacement")),
     ),
     source="strand",
-    weight=lambda sums, duration, rollers: float(sums["samples"]),
+    weight=lambda sums, duration, rollers: sums["samples"],
 )
 SPROCKET = Group(
     "sprocket",
@@ -216,8 +219,27 @@ def of_drive(drive: Drive, blocks: Blocks = METRICS) -> Iterator[tuple[str, int,
     for groups in blocks:
         for index, prefix in enumerate(THINGS[groups[0].of](drive)):
             for group in groups:
-                if group.where(drive, index):
+                if group.where is None or group.where(drive, index):
                     yield prefix, index, group
+
+
+SOME = tuple(group for groups in METRICS for group in groups if group.where is not None)
+"""The groups that only some things have."""
+
+
+def _kind(drive: Drive) -> Hashable:
+    """What decides which columns a drive has, and of what its energy balance consists."""
+    has = (group.where(drive, i) for group in SOME for i in range(len(THINGS[group.of](drive))) if group.where)
+    sprockets = ((sprocket.name, sprocket.prescribed is None) for sprocket in drive.sprockets)
+    return (*sprockets, None, *(guide.name for guide in drive.guides), None, *has)
+
+
+def same_columns(drives: Sequence[Drive]) -> list[NDArray[np.intp]]:
+    """Numbers of the drives of each kind: those of one kind have the same columns, formed alike."""
+    kinds: dict[Hashable, list[int]] = {}
+    for v, drive in enumerate(drives):
+        kinds.setdefault(_kind(drive), []).append(v)
+    return [np.array(numbers) for numbers in kinds.values()]
 
 
 def metric_names(drive: Drive) -> list[str]:

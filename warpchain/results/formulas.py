@@ -8,20 +8,29 @@ driver's revolutions, n_s a sprocket's tooth passings, m a roller's mass:
     impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
 
 There is no friction in the model: (b) is the work of normal impacts, not of sliding in the bushings.
+
+Every formula takes the numbers of one variant or arrays (V,) of variants of the same columns.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from warpchain.drive import Drive
 
-Number = float | int | None
+Values = Any
+"""A number, or an array of one number a variant (V,)."""
+
+
+def where(given: ArrayLike, values: ArrayLike) -> np.ma.MaskedArray[Any, Any]:
+    """Values where they are given, masked elsewhere."""
+    return np.ma.MaskedArray(values, mask=~np.broadcast_to(given, np.shape(values)))
 
 
 def partner_names(drive: Drive) -> list[str]:
@@ -43,37 +52,37 @@ class Summed:
     """What the kernels added up of one thing over the window.
 
     Attributes:
-        sums: a row of the group's sums.
+        sums: rows of the group's sums.
         weight: what means divide by: samples, or the window's length [s].
     """
 
     sums: Any
-    weight: float
+    weight: Values
 
 
-def total(field: str) -> Callable[[Summed], Number]:
+def total(field: str) -> Callable[[Summed], Values]:
     """A sum itself."""
     return lambda of: of.sums[field]
 
 
-def mean(field: str, component: int | None = None) -> Callable[[Summed], Number]:
+def mean(field: str, component: int | None = None) -> Callable[[Summed], Values]:
     """A sum over its weight."""
     if component is not None:
-        return lambda of: of.sums[field][component] / of.weight
+        return lambda of: of.sums[field][..., component] / of.weight
     return lambda of: of.sums[field] / of.weight
 
 
-def deviation(field: str) -> Callable[[Summed], Number]:
+def deviation(field: str) -> Callable[[Summed], Values]:
     """Standard deviation, from a sum and that of squares."""
 
-    def value(of: Summed) -> float:
+    def value(of: Summed) -> Values:
         center = of.sums[field] / of.weight
-        return float(np.sqrt(max(of.sums[f"{field}_square"] / of.weight - center * center, 0.0)))
+        return np.sqrt(np.maximum(of.sums[f"{field}_square"] / of.weight - center * center, 0.0))
 
     return value
 
 
-def rms(field: str) -> Callable[[Summed], Number]:
+def rms(field: str) -> Callable[[Summed], Values]:
     """Root of the mean square."""
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
@@ -90,72 +99,89 @@ class Balance:
         change: of the mechanical energy.
     """
 
-    input: float
-    output: float
-    links: float
-    dissipated: float
-    change: float
+    input: Values
+    output: Values
+    links: Values
+    dissipated: Values
+    change: Values
 
     @property
-    def residual(self) -> float:
+    def residual(self) -> Values:
         """What the balance misses."""
         return self.input - self.output - self.dissipated - self.change
 
     @property
-    def relative(self) -> float:
+    def relative(self) -> Values:
         """The residual over half the sum of the terms' magnitudes."""
         turnover = 0.5 * (abs(self.input) + abs(self.output) + self.dissipated + abs(self.change))
-        return self.residual / turnover if turnover else 0.0
+        return np.where(turnover == 0.0, 0.0, self.residual / turnover)
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What a design is judged by: a variant's other metrics, for one of its things.
+    """What designs are judged by: the other metrics of variants of the same columns, for one of their things.
 
     Attributes:
-        drive: the variant.
-        metrics: its row so far.
+        drives: the variants.
+        metrics: their columns so far, (V,) each, masked where a variant has none.
         prefix: of the thing's columns, "" for the whole chain.
         index: the thing's.
     """
 
-    drive: Drive
-    metrics: dict[str, Any]
+    drives: Sequence[Drive]
+    metrics: Mapping[str, np.ma.MaskedArray[Any, Any]]
     prefix: str
     index: int
 
-    def __getitem__(self, name: str) -> Any:
-        """Another metric of the thing, None if it has none."""
-        return self.metrics.get(self.prefix + name)
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Another metric of the thing, nan where there is none."""
+        found = self.metrics.get(self.prefix + name, np.ma.masked_all(len(self.drives)))
+        return np.where(np.ma.getmaskarray(found), np.nan, np.ma.getdata(found))
 
-    def turns(self, s: int) -> float:
+    def has(self, *names: str) -> NDArray[np.bool_]:
+        """Where other metrics of the thing are given."""
+        none = np.ma.masked_all(len(self.drives))
+        masks = [np.ma.getmaskarray(self.metrics.get(self.prefix + name, none)) for name in names]
+        return ~np.any(masks, axis=0)
+
+    @property
+    def mass(self) -> NDArray[np.float64]:
+        """Mass of a roller [kg]."""
+        return np.array([drive.chain.mass for drive in self.drives])
+
+    def teeth(self, s: int) -> NDArray[np.int64]:
+        """Number of teeth of a sprocket."""
+        return np.array([drive.sprockets[s].teeth for drive in self.drives])
+
+    def turns(self, s: int) -> NDArray[Any]:
         """Revolutions of a sprocket in the window."""
-        seconds = self.metrics["window_end"] - self.metrics["window_start"]
-        return abs(self.metrics[f"{self.drive.sprockets[s].name}.speed_mean"]) * seconds / (2.0 * math.pi)
+        names = ("window_start", "window_end", f"{self.drives[0].sprockets[s].name}.speed_mean")
+        start, end, speed = (np.ma.getdata(self.metrics[name]) for name in names)
+        return np.abs(speed) * (end - start) / (2.0 * math.pi)
 
 
-def peak_factor(of: Judged) -> Number:
+def peak_factor(of: Judged) -> Values:
     """(a), of the chain or of a strand."""
-    return of["tension_max"] / of["tension_mean"] if (of["tension_mean"] or 0.0) > 0.0 else None
+    return where(of["tension_mean"] > 0.0, of["tension_max"] / of["tension_mean"])
 
 
-def displacement_std(of: Judged) -> Number:
+def displacement_std(of: Judged) -> Values:
     """Standard deviation [m] of a strand's displacement, from its mean and its root mean square."""
     center, root = of["displacement_mean"], of["displacement_rms"]
-    return None if center is None or root is None else math.sqrt(max(root * root - center * center, 0.0))
+    spread = np.sqrt(np.maximum(root * root - center * center, 0.0))
+    return where(of.has("displacement_mean", "displacement_rms"), spread)
 
 
-def per_revolution(of: Judged) -> Number:
+def per_revolution(of: Judged) -> Values:
     """(b) [J], of one partner, or of all for the chain."""
-    revolutions = of.turns(of.drive.driver)
-    if revolutions == 0.0:
-        return None
-    if of.prefix:
-        return of["dissipated"] / revolutions
-    return sum(of.metrics[f"{name}.dissipated"] for name in partner_names(of.drive)) / revolutions
+    drive = of.drives[0]
+    revolutions = of.turns(drive.driver)
+    prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(drive)]
+    dissipated = sum(np.ma.getdata(of.metrics[f"{prefix}dissipated"]) for prefix in prefixes)
+    return where(revolutions != 0.0, dissipated / revolutions)
 
 
-def impact_impulse(of: Judged) -> Number:
+def impact_impulse(of: Judged) -> Values:
     """(c) [N s], of a sprocket."""
-    passings = of.drive.sprockets[of.index].teeth * of.turns(of.index)
-    return math.sqrt(2.0 * of.drive.chain.mass * max(of["dissipated"], 0.0) / passings) if passings > 0.0 else None
+    passings = of.teeth(of.index) * of.turns(of.index)
+    return where(passings > 0.0, np.sqrt(2.0 * of.mass * np.maximum(of["dissipated"], 0.0) / passings))

@@ -1,97 +1,180 @@
 """The table of metrics: one row a variant, from what the kernels added up over the window.
 
-Which columns there are, and how each is formed, stands in the registry (`results.columns`).
+Which columns there are, and how each is formed, stands in the registry (`results.columns`). Variants whose drives have
+the same columns are worked on at once, as arrays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.columns import BALANCE, DESIGN, MEASURED, column_of, of_drive, unit_of
-from warpchain.results.formulas import Balance, Judged, Summed
+from warpchain.results.columns import BALANCE, DESIGN, MEASURED, SETTLING, column_of, of_drive, same_columns, unit_of
+from warpchain.results.formulas import Balance, Judged, Summed, where
 from warpchain.results.schedule import Schedule
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Row = dict[str, Any]
+Columns = dict[str, np.ma.MaskedArray[Any, Any]]
+"""Columns (V,) by name, masked where a variant has none."""
 
 
-def measured_row(drive: Drive, sums: dict[str, Any], duration: float) -> Row:
-    """What the sums of one variant give; `duration` is the window's length [s]."""
-    row: Row = {}
-    for prefix, index, group in of_drive(drive, MEASURED):
-        mine = np.atleast_1d(sums[group.source])[index]
-        summed = Summed(mine, group.weight(mine, duration, drive.chain.links))
-        if summed.weight:
-            row |= {prefix + column.name: column.value(summed) for column in group.columns if column.value}
-    return row
+@dataclass(frozen=True)
+class Ended:
+    """What V variants came to.
+
+    Attributes:
+        drives: (V,) the variants.
+        schedules: (V,) when they step and are measured.
+        steps: (V,) the step that each came to.
+        diverged: (V,) whether it was stopped as diverged.
+        settled: (V,) "steps" and "residual" of its settling.
+    """
+
+    drives: Sequence[Drive]
+    schedules: Sequence[Schedule]
+    steps: NDArray[np.integer]
+    diverged: NDArray[np.bool_]
+    settled: NDArray[Any]
+
+    def of(self, variants: NDArray[np.intp]) -> Ended:
+        """Some of them."""
+        drives, schedules = [self.drives[v] for v in variants], [self.schedules[v] for v in variants]
+        return Ended(drives, schedules, self.steps[variants], self.diverged[variants], self.settled[variants])
+
+    def schedule(self, field: str) -> NDArray[Any]:
+        """(V,) one field of the schedules."""
+        return np.array([getattr(schedule, field) for schedule in self.schedules])
 
 
-def energy_balance(drive: Drive, sums: dict[str, Any]) -> Balance:
-    """Work done and energy gone over the window.
+def run_columns(ended: Ended) -> Columns:
+    """How variants ran, and the window [s]; every variant has these."""
+    step = ended.schedule("step")
+    return {
+        "diverged": np.ma.asarray(ended.diverged),
+        "diverged_time": where(ended.diverged, ended.steps * step),
+        "window_start": np.ma.asarray(ended.schedule("window_start") * step),
+        "window_end": np.ma.asarray(ended.schedule("window_end") * step),
+    }
+
+
+def measured_columns(ended: Ended, sums: Mapping[str, Any]) -> Columns:
+    """What the sums of variants of the same columns give, as `metrics_of` takes them."""
+    columns: Columns = {}
+    duration = (ended.schedule("window_end") - ended.schedule("window_start")) * ended.schedule("step")
+    links = np.array([drive.chain.links for drive in ended.drives])
+    for prefix, index, group in of_drive(ended.drives[0], MEASURED):
+        rows = sums[group.source]
+        mine = rows if rows.ndim == 1 else rows[:, index]
+        summed = Summed(mine, group.weight(mine, duration, links))
+        for column in group.columns:
+            if column.value:
+                columns[prefix + column.name] = where(summed.weight != 0, column.value(summed))
+    return columns
+
+
+def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
+    """Work done and energy gone over the window, (V,) each; `drive` is any of the variants.
 
     What prescribes angles and centers does the input work; the loads take the output work.
     """
     chain, sprockets, mounts = sums["chain"], sums["sprocket"], sums["mount"]
     driven = np.array([s.prescribed is not None for s in drive.sprockets])
-    dissipated = float(chain["dissipated"]) + float(sums["contact"]["dissipated"].sum())
+    contact_work = np.compress(driven, sprockets["contact_work"], axis=1)
+    load_work = np.compress(~driven, sprockets["load_work"], axis=1)
+    dissipated = chain["dissipated"] + sums["contact"]["dissipated"].sum(axis=1)
     return Balance(
-        input=float(mounts["work"].sum()) - float(sprockets["contact_work"][driven].sum()),
-        output=-float(sprockets["load_work"][~driven].sum()),
+        input=mounts["work"].sum(axis=1) - contact_work.sum(axis=1),
+        output=-load_work.sum(axis=1),
         links=chain["dissipated"],
-        dissipated=dissipated + float(mounts["dissipated"].sum()),
-        change=float(chain["energy_end"] - chain["energy_start"]),
+        dissipated=dissipated + mounts["dissipated"].sum(axis=1),
+        change=chain["energy_end"] - chain["energy_start"],
     )
 
 
-def design_row(drive: Drive, metrics: Row) -> Row:
-    """What designs are judged by, from the other metrics of a variant.
+def design_columns(drives: Sequence[Drive], metrics: Columns) -> Columns:
+    """What designs are judged by, from the other metrics of variants of the same columns.
 
-    What needs turning sprockets is left out where they stand still.
+    What needs turning sprockets is masked where they stand still.
     """
-    row: Row = {}
-    for prefix, index, group in of_drive(drive, DESIGN):
-        judged = Judged(drive, metrics, prefix, index)
-        values = {prefix + column.name: column.value(judged) for column in group.columns if column.value}
-        row |= {name: value for name, value in values.items() if value is not None}
-    return row
+    columns: Columns = {}
+    with np.errstate(all="ignore"):
+        for prefix, index, group in of_drive(drives[0], DESIGN):
+            judged = Judged(drives, metrics, prefix, index)
+            columns |= {prefix + c.name: np.ma.asarray(c.value(judged)) for c in group.columns if c.value}
+    return columns
 
 
-def row_of(drive: Drive, schedule: Schedule, sums: dict[str, Any], steps: int, diverged: bool) -> Row:
-    """One variant's metrics.
+def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
+    """The metrics of V variants whose drives have the same columns.
 
     Args:
-        sums: "chain", "strand", "sprocket", "mount" and "contact" sums of this variant alone.
-        steps: the step that the variant came to.
+        sums: "chain" (V,), "strand", "sprocket" and "mount" (V, S) and "contact" (V, S + G) sums of these alone.
     """
-    row: Row = {"diverged": diverged, "diverged_time": steps * schedule.step if diverged else None}
-    row |= {"window_start": schedule.window_start * schedule.step, "window_end": schedule.window_end * schedule.step}
-    if steps <= schedule.window_end or diverged:
-        return row
-    row |= measured_row(drive, sums, (schedule.window_end - schedule.window_start) * schedule.step)
-    balance = energy_balance(drive, sums)
-    row |= {column.name: column.value(balance) for column in BALANCE.columns if column.value}
-    return row | design_row(drive, row)
+    drive = ended.drives[0]
+    with np.errstate(all="ignore"):
+        columns = measured_columns(ended, sums)
+        balance = energy_balance(drive, sums)
+        columns |= {c.name: np.ma.asarray(c.value(balance)) for c in BALANCE.columns if c.value}
+        columns |= design_columns(ended.drives, run_columns(ended) | columns)
+    measured = (ended.steps > ended.schedule("window_end")) & ~ended.diverged
+    columns = {name: where(measured, values) for name, values in columns.items()}
+    settling = (column.name for _, _, group in of_drive(drive, ((SETTLING,),)) for column in group.columns)
+    return columns | {name: np.ma.asarray(ended.settled[name.removeprefix("settle_")]) for name in settling}
+
+
+def metrics_table(ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[str, Any]]) -> pa.Table:
+    """The metrics of all variants; a column stands where the first variant that has one has it among its own.
+
+    Args:
+        sums_of: gives the sums of variants whose drives have the same columns, by their numbers, as `metrics_of` takes
+            them.
+    """
+    count = len(ended.drives)
+    columns: Columns = {"variant": np.ma.arange(count), **run_columns(ended)}
+    places = {name: (-1, place) for place, name in enumerate(columns)}
+    for variants in same_columns(ended.drives):
+        found = metrics_of(ended.of(variants), sums_of(variants))
+        for place, (name, values) in enumerate(found.items()):
+            having = variants[~np.ma.getmaskarray(values)]
+            if len(having):
+                places[name] = min(places.get(name, (count, 0)), (int(having[0]), place))
+                columns.setdefault(name, np.ma.MaskedArray(np.zeros(count, _kind(name)), mask=True))[variants] = values
+    ordered = sorted(columns, key=places.__getitem__)
+    return _table({name: (columns[name].filled(0), np.ma.getmaskarray(columns[name])) for name in ordered})
 
 
 def table_of(rows: Sequence[Row]) -> pa.Table:
     """A pyarrow table of rows; a column that a row lacks is null there, and its field says its unit."""
+    names: dict[str, None] = {}
+    for row in rows:
+        names |= dict.fromkeys(row)
+    names.pop("variant", None)
+    columns = {name: ([row.get(name) for row in rows], None) for name in names}
+    return _table({"variant": (range(len(rows)), None), **columns})
+
+
+def _kind(name: str) -> type:
+    """Type of a column's values."""
+    known = column_of(name)
+    return known.kind if known else float
+
+
+def _table(columns: Mapping[str, tuple[Any, NDArray[np.bool_] | None]]) -> pa.Table:
+    """Columns, and where they are null, as a table."""
     import pyarrow as pa
 
     kinds = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}
-    names: dict[str, None] = {"variant": None}
-    for row in rows:
-        names |= dict.fromkeys(row)
-    columns, fields = [], []
-    for name in names:
-        values = range(len(rows)) if name == "variant" else [row.get(name) for row in rows]
-        known = column_of(name)
-        kind = kinds[known.kind if known else float]
-        columns.append(pa.array(values, kind))
-        fields.append(pa.field(name, kind, metadata={"unit": unit_of(name)}))
-    return pa.Table.from_arrays(columns, schema=pa.schema(fields))
+    arrays = [pa.array(values, kinds[_kind(name)], mask=mask) for name, (values, mask) in columns.items()]
+    fields = [
+        pa.field(name, array.type, metadata={"unit": unit_of(name)})
+        for name, array in zip(columns, arrays, strict=True)
+    ]
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))

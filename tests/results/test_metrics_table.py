@@ -1,0 +1,99 @@
+"""The table of metrics of many variants at once: each row is what the variant has alone."""
+
+import numpy as np
+import pyarrow as pa
+from drives import two_sprockets
+
+from warpchain.drive import Drive
+from warpchain.kernels import relaxation, sum_structs
+from warpchain.results.columns import same_columns
+from warpchain.results.metrics import Ended, energy_balance, metrics_table
+from warpchain.results.schedule import Schedule
+
+STRUCTS = {
+    "chain": sum_structs.ChainSums,
+    "strand": sum_structs.StrandSums,
+    "sprocket": sum_structs.SprocketSums,
+    "mount": sum_structs.MountSums,
+    "contact": sum_structs.ContactSums,
+}
+SHAKEN = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-4, "frequency": 40.0}
+
+
+def drives() -> list[Drive]:
+    """Three kinds: as it is, one that settles, one with a moving sprocket."""
+    plain = two_sprockets(settle="false")
+    moving = plain.with_values({"sprockets.driver.mount": SHAKEN})
+    return [plain, two_sprockets(), moving, plain, moving, plain, two_sprockets(), moving]
+
+
+def sums_of(drive: Drive, variant: int) -> dict[str, np.ndarray]:
+    """Made-up sums of one variant: some strands without links, a sprocket that stands still."""
+    random = np.random.default_rng(variant)
+    sprockets = len(drive.sprockets)
+    counts = {"chain": 1, "contact": sprockets + len(drive.guides)}
+    made = {}
+    for name, struct in STRUCTS.items():
+        rows = np.zeros(counts.get(name, sprockets), struct.numpy_dtype())
+        for field in rows.dtype.names:
+            rows[field] = random.integers(0, 3, rows[field].shape) * random.uniform(0.5, 2.0, rows[field].shape)
+        made[name] = rows
+    made["chain"] = made["chain"][0]
+    return made
+
+
+def table_of(chosen: list[int]) -> pa.Table:
+    """The table of some of the drives; the third has diverged, the sixth was interrupted."""
+    every = drives()
+    settled = np.zeros(len(every), relaxation.Settling.numpy_dtype())
+    settled["steps"], settled["residual"] = np.arange(len(every)), np.linspace(0.0, 1.0, len(every))
+    schedules = [Schedule(1e-6 * (v + 1), 100, 50, 100, 0) for v in chosen]
+    steps = np.array([101, 101, 70, 101, 101, 80, 101, 101])[chosen]
+    mine = [every[v] for v in chosen]
+    ended = Ended(mine, schedules, steps, np.array(chosen) == 2, settled[chosen])
+
+    def stacked(numbers: np.ndarray) -> dict[str, np.ndarray]:
+        each = [sums_of(mine[n], chosen[n]) for n in numbers]
+        return {name: np.stack([sums[name] for sums in each]) for name in STRUCTS}
+
+    return metrics_table(ended, stacked)
+
+
+def test_a_row_of_many_is_the_row_alone():
+    many = table_of(list(range(8))).to_pylist()
+    for v, row in enumerate(many):
+        alone = table_of([v]).to_pylist()[0]
+        assert {name: value for name, value in row.items() if value is not None and name != "variant"} == {
+            name: value for name, value in alone.items() if value is not None and name != "variant"
+        }
+    assert [row["diverged"] for row in many] == [v == 2 for v in range(8)]
+    assert many[2]["diverged_time"] == 70 * 3e-6
+    assert many[2]["tension_mean"] is None and many[5]["tension_mean"] is None
+
+
+def test_columns_stand_where_the_first_variant_has_them():
+    """Row by row, what a variant has and no one before it had comes after what was there."""
+    names: dict[str, None] = {}
+    for v in range(8):
+        alone = table_of([v])
+        names |= dict.fromkeys(alone.column_names)
+    assert table_of(list(range(8))).column_names == list(names)
+    assert "settle_steps" in names
+
+
+def test_sums_over_many_partners_go_as_for_one():
+    """With 8 partners and more numpy adds up in pairs: along a variant's own, whatever the number of variants."""
+    drive, random = drives()[0], np.random.default_rng(0)
+    sums = {name: np.zeros((50, *([13] * (name != "chain"))), STRUCTS[name].numpy_dtype()) for name in STRUCTS}
+    sums["contact"]["dissipated"] = random.normal(size=(50, 13))
+    found = energy_balance(
+        drive, {name: rows if name in ("chain", "contact") else rows[:, :2] for name, rows in sums.items()}
+    )
+    assert found.dissipated.tolist() == [row["dissipated"].sum() for row in sums["contact"]]
+
+
+def test_kinds_go_by_columns():
+    every = drives()
+    assert [kind.tolist() for kind in same_columns(every)] == [[0, 3, 5], [1, 6], [2, 4, 7]]
+    longer = every[0].with_values({"run.duration": 9.0})
+    assert len(same_columns([every[0], longer])) == 1
