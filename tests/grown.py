@@ -14,18 +14,15 @@ TESTS = Path(__file__).resolve().parent
 CONTRIBUTING = TESTS.parent / "CONTRIBUTING.md"
 
 
-def blocks(title, kind):
-    """The code blocks of a kind (`python`, `diff`) in the section of CONTRIBUTING.md with this title."""
-    section = re.search(rf"^## {re.escape(title)}\n(.*?)(?=^## |\Z)", CONTRIBUTING.read_text(), re.M | re.S).group(1)
-    return re.findall(rf"^```{kind}\n(.*?)^```", section, re.M | re.S)
-
-
 def recipe(title):
-    """The changes that a recipe makes: (path, lines that stand there once, lines that it puts in their place)."""
-    found = []
-    for block in blocks(title, "diff"):
-        path = ""
-        for part in re.split(r"^(?=\+\+\+ )|^@@.*\n", block, flags=re.M):
+    """The changes in the section of CONTRIBUTING.md with this title.
+
+    Each is (path, lines that stand there once, lines that a `diff` block puts in their place); @@ begins another one.
+    """
+    section = re.search(rf"^## {re.escape(title)}\n(.*?)(?=^## |\Z)", CONTRIBUTING.read_text(), re.M | re.S).group(1)
+    found, path = [], ""
+    for block in re.findall(r"^```diff\n(.*?)^```", section, re.M | re.S):
+        for part in re.split(r"^(?=\+\+\+ )|^@@\n", block, flags=re.M):
             lines = part.splitlines(keepends=True)
             if lines and lines[0].startswith("+++ "):
                 path = lines.pop(0)[4:].strip()
@@ -36,9 +33,11 @@ def recipe(title):
 
 
 def recipe_code(title, name, **names):
-    """What a recipe's Python blocks define as `name`, given the names that they use."""
-    for code in blocks(title, "python"):
-        exec(compile(code, CONTRIBUTING.name, "exec"), names)
+    """The function `name` that a recipe adds, given the names that it uses."""
+    code = next(new for _, _, new in recipe(title) if f"def {name}(" in new)
+    exec(
+        compile(re.search(rf"^def {name}\(.*?(?=^\S|\Z)", code, re.M | re.S).group(0), CONTRIBUTING.name, "exec"), names
+    )
     return names[name]
 
 
