@@ -25,7 +25,7 @@ class Harmonics:
 
 @wp.struct
 class Table:
-    """Where a body's speed or torque table stands in the ensemble's list (see `kernels.table`)."""
+    """Where a body's speed or torque table stands in the ensemble's list (see `kernels.physics.table`)."""
 
     cells: wp.int32  # 0: no table
     first: wp.int32

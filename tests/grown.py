@@ -1,6 +1,7 @@
-"""The package with lines put in, in a folder and a process of its own: what it takes to extend it."""
+"""Recipes of CONTRIBUTING.md, followed in a copy of the package, in a folder and a process of its own."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -9,32 +10,53 @@ from pathlib import Path
 import warpchain
 
 ROOT = Path(warpchain.__file__).resolve().parent
+TESTS = Path(__file__).resolve().parent
+CONTRIBUTING = TESTS.parent / "CONTRIBUTING.md"
 
 
-def grown(folder, lines):
-    """A copy of the package and its kernels in which lines follow others.
+def recipe(title):
+    """The changes in the section of CONTRIBUTING.md with this title.
 
-    Args:
-        lines: {path: {line that stands there once: line that is to follow it}}.
+    Each is (path, lines that stand there once, lines that a `diff` block puts in their place); @@ begins another one.
     """
-    for part in ("warpchain", "kernels"):
-        source = ROOT if part == "warpchain" else ROOT.parent / part
+    section = re.search(rf"^## {re.escape(title)}\n(.*?)(?=^## |\Z)", CONTRIBUTING.read_text(), re.M | re.S).group(1)
+    found, path = [], ""
+    for block in re.findall(r"^```diff\n(.*?)^```", section, re.M | re.S):
+        for part in re.split(r"^(?=\+\+\+ )|^@@\n", block, flags=re.M):
+            lines = part.splitlines(keepends=True)
+            if lines and lines[0].startswith("+++ "):
+                path = lines.pop(0)[4:].strip()
+            if lines:
+                old, new = ("".join(line[1:] for line in lines if line[0] in kept) for kept in (" -", " +"))
+                found.append((path, old, new))
+    return found
+
+
+def recipe_code(title, name, **names):
+    """The function `name` that a recipe adds, given the names that it uses."""
+    code = next(new for _, _, new in recipe(title) if f"def {name}(" in new)
+    exec(
+        compile(re.search(rf"^def {name}\(.*?(?=^\S|\Z)", code, re.M | re.S).group(0), CONTRIBUTING.name, "exec"), names
+    )
+    return names[name]
+
+
+def grown(folder, changes):
+    """A copy of the package, its kernels and tests with changes as from `recipe`."""
+    for part in ("warpchain", "kernels", "tests"):
+        source = ROOT if part == "warpchain" else TESTS if part == "tests" else ROOT.parent / part
         shutil.copytree(source, folder / part, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
-    for path, pairs in lines.items():
+    for path, old, new in changes:
         text = (folder / path).read_text()
-        for before, added in pairs.items():
-            assert text.count(before + "\n") == 1, before
-            indent = next(line for line in text.splitlines() if line.endswith(before.strip()))
-            indent = indent[: len(indent) - len(indent.lstrip())]
-            text = text.replace(before + "\n", f"{before}\n{indent}{added}\n")
-        (folder / path).write_text(text)
+        assert text.count(old) == 1, (path, old)
+        (folder / path).write_text(text.replace(old, new))
     return folder
 
 
 def run_in(folder, code, *words):
-    """Runs Python code with the package of a folder; what it prints."""
-    environment = os.environ | {"PYTHONPATH": str(folder)}
-    command = [sys.executable, "-c", code, *map(str, words)]
+    """Runs Python code, or a module if it is named with -m, with the package of a folder; what it prints."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(folder), str(folder / "tests")))}
+    command = [sys.executable, *(code.split() if code.startswith("-m ") else ("-c", code)), *map(str, words)]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

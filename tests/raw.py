@@ -21,6 +21,8 @@ def chain(
     damping=0.0,
     gravity=(0.0, 0.0),
     sprockets=(),
+    guides=(),
+    carriers=0,
     step,
     steps,
     integrator="leapfrog",
@@ -28,22 +30,26 @@ def chain(
     sample_every=0,
     precision="float64",
 ):
-    """One variant: a closed chain of rollers; each sprocket is a dict of the values that it needs."""
+    """One variant: a closed chain of rollers; each sprocket and guide-bar is a dict of the values that it needs.
+
+    After the sprockets' bodies come those of `carriers`, whose rows are left at zero.
+    """
     kinds = structs.types(REAL[precision])
-    n, wheels = len(position), len(sprockets)
+    n, wheels, bars, bodies = len(position), len(sprockets), len(guides), len(sprockets) + carriers
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = Packed(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
         lengths=np.full(n, pitch, dtype=precision),
-        sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, wheels),
-        mounts=zeros(structs.Mount, wheels), guides=zeros(kinds.Guide),
+        sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
+        mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
-        bodies=zeros(structs.BodyState, wheels), strands=zeros(structs.Strand, wheels),
-        seat=np.full(max(n * wheels, 1), -1, dtype=np.int32), assemblies=(None,),
+        bodies=zeros(structs.BodyState, bodies), strands=zeros(structs.Strand, wheels),
+        seat=np.full(max(n * (wheels + bars), 1), -1, dtype=np.int32), assemblies=(None,),
     )  # fmt: skip
     row = packed.drives[0]
-    row["rollers"], row["sprockets"], row["bodies"], row["integrator"] = n, wheels, wheels, INTEGRATORS[integrator]
+    row["rollers"], row["sprockets"], row["guides"], row["bodies"] = n, wheels, bars, bodies
+    row["integrator"] = INTEGRATORS[integrator]
     row["step"], row["steps"], row["sample_every"] = step, steps, sample_every
     row["window_start"], row["window_end"] = window or (0, steps)
     row["low"], row["high"] = -1e3, 1e3
@@ -79,6 +85,14 @@ def chain(
         seats.append(np.stack([np.cos(angle), np.sin(angle)], axis=1))
         strand = packed.strands[s]
         strand["direction"], strand["length"] = (1.0, 0.0), 1.0
+    for bar, values in zip(packed.guides, guides, strict=False):
+        chord = np.subtract(values["end"], values["start"])
+        bar["body"], bar["start"], bar["length"] = values.get("body", structs.GROUND), values["start"], np.hypot(*chord)
+        bar["direction"] = chord / np.hypot(*chord)
+        bar["roller_radius"], bar["end_radius"] = values["roller_radius"], values.get("end_radius", 0.1)
+        law = bar["law"]
+        law["form"], law["stiffness"], law["exponent"] = values.get("form", 0), values["stiffness"], 1.0
+        law["hysteresis"], law["speed_floor"] = values.get("damping", 0.0), 0.01
     if seats:
         packed.seats = np.concatenate(seats)
     return packed

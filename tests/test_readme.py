@@ -1,12 +1,18 @@
-"""The README's example prints what stands there, and its links lead somewhere."""
+"""The README's example prints what stands there; links, paths and names in the documents lead somewhere."""
 
+import importlib
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-README = Path(__file__).resolve().parent.parent / "README.md"
+from warpchain.archive.proto import MESSAGES
+from warpchain.archive.schema import END_METADATA
+
+ROOT = Path(__file__).resolve().parent.parent
+README = ROOT / "README.md"
+PAGES = [README, *sorted((ROOT / "docs").glob("*.md")), ROOT / "CONTRIBUTING.md"]
 
 
 def test_example_prints_what_it_says(capsys, tmp_path, monkeypatch):
@@ -23,9 +29,67 @@ def test_example_prints_what_it_says(capsys, tmp_path, monkeypatch):
     assert (tmp_path / "torques.mcap").exists()
 
 
-@pytest.mark.parametrize(
-    "page", [README, *sorted((README.parent / "docs").glob("*.md")), README.parent / "CONTRIBUTING.md"]
-)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_links_lead_to_files(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
         assert (page.parent / target).exists(), target
+
+
+def paths(text):
+    """Paths within the tree that a document names, and names of files alone in backquotes."""
+    found = re.findall(r"(?<![\w/.-])(?:warpchain|kernels|scripts|tests)/[\w/.*-]*[\w/]", text)
+    return found, re.findall(r"`(\w+\.(?:py|c|cu))`", text)
+
+
+def resolves(name):
+    """Whether a dotted name is a module, or something in one."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        try:
+            found = importlib.import_module(".".join(parts[:count]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[count:]:
+            if not hasattr(found, part):
+                return False
+            found = getattr(found, part)
+        return True
+    return False
+
+
+def names(text):
+    """Dotted names of the package that a document gives in backquotes or imports; not those within archives."""
+    within = (*MESSAGES, END_METADATA)
+    found = [word for span in re.findall(r"`([^`\n]+)`", text) for word in re.findall(r"\bwarpchain(?:\.\w+)+", span)]
+    for module, members in re.findall(r"^ *from (warpchain[\w.]*) import (.+)$", text, re.M):
+        found += [f"{module}.{member.strip()}" for member in members.split("#")[0].split(",")]
+    return [name for name in found if not any(f"{name}.".startswith(f"{other}.") for other in within)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_paths_lead_to_files(page):
+    whole, alone = paths(page.read_text())
+    assert not [path for path in whole if not any(ROOT.glob(path.rstrip("/")))]
+    assert not [name for name in alone if not any(any((ROOT / top).rglob(name)) for top in ("warpchain", "kernels"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_names_of_the_package_resolve(page):
+    assert not [name for name in names(page.read_text()) if not resolves(name)]
+
+
+def test_the_changelog_says_where_names_are_now():
+    moved = re.findall(r"^ *\|[^|]+\|([^|]+)\|$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    found = names("\n".join(moved))
+    assert len(found) > 5
+    assert not [name for name in found if not resolves(name)]
+
+
+def test_paths_and_names_that_lead_nowhere_would_be_found():
+    text = """See `warpchain/laws.py`, kernels/*.py and `gone.py`; `python scripts/test x`, out/scripts/no.py.
+    `warpchain.simulate(drives)` and `warpchain.gone.more(1)`, `warpchain.State.time`
+    from warpchain.drive import load_drive, lode_drive  # two
+    """
+    assert paths(text) == (["warpchain/laws.py", "kernels/*.py", "scripts/test"], ["gone.py"])
+    assert [name for name in names(text) if not resolves(name)] == ["warpchain.gone.more", "warpchain.drive.lode_drive"]
+    assert "warpchain.simulate" in names(text) and not any("State" in name for name in names(text))

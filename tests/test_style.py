@@ -1,12 +1,29 @@
-"""House rules that a machine can hold: a light command line."""
+"""House rules that a machine can hold: a light command line, functions that a reader holds in the head."""
 
+import ast
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
 
 import warpchain
 
 HEAVY = ("warp", "rerun", "matplotlib", "pyarrow", "numpy", "pydantic", "mcap", "scipy")
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = [
+    path for folder in ("warpchain", "kernels", "scripts") for path in sorted((ROOT / folder).glob("**/*.py"))
+    if not path.is_relative_to(ROOT / "warpchain" / "kernels")
+]  # fmt: skip
+MOST_LINES, MOST_ARGUMENTS = 80, 8
+LARGE = {
+    # public calls whose arguments are named: each is an option that users set, and is described there
+    ("warpchain/engine/simulation.py", "simulate"),
+    ("warpchain/view/rerun/playback.py", "view"),
+}
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
 def test_help_is_quick_and_loads_nothing_heavy():
@@ -28,3 +45,54 @@ def test_importing_the_package_loads_nothing_heavy():
 def test_version_is_the_installed_one():
     done = subprocess.run([sys.executable, "-m", "warpchain", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"warpchain {warpchain.__version__}\n"
+
+
+def lines(node: ast.AST) -> int:
+    """Lines from a definition's first decorator to its end."""
+    return node.end_lineno - min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)]) + 1
+
+
+def within(node: ast.AST) -> Iterator[ast.AST]:
+    """The functions and classes defined in a node, but not those in them."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, (*FUNCTIONS, ast.ClassDef)):
+            yield child
+        else:
+            yield from within(child)
+
+
+def large(source: str) -> Iterator[tuple[str, int, int]]:
+    """Functions with too many lines of their own or too many arguments beside self: name, lines, arguments."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, FUNCTIONS):
+            own = lines(node) - sum(map(lines, within(node)))
+            taken = node.args
+            named = [argument.arg for argument in (*taken.posonlyargs, *taken.args, *taken.kwonlyargs)]
+            count = len([name for name in named if name not in ("self", "cls")])
+            count += sum(rest is not None for rest in (taken.vararg, taken.kwarg))
+            if own > MOST_LINES or count > MOST_ARGUMENTS:
+                yield node.name, own, count
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_functions_are_short(path):
+    name = str(path.relative_to(ROOT))
+    assert not [found for found in large(path.read_text()) if (name, found[0]) not in LARGE]
+
+
+def test_what_is_excused_is_large():
+    for name, function in LARGE:
+        assert function in [found[0] for found in large((ROOT / name).read_text())]
+
+
+def test_large_functions_would_be_found():
+    body = "\n".join(f"    x{k} = {k}" for k in range(79))
+    assert not list(large(f"def f():\n{body}"))
+    assert list(large(f"def f():\n{body}\n    y = 1")) == [("f", 81, 0)]
+    assert list(large(f"@g\ndef f():\n{body}")) == [("f", 81, 0)]
+    inner = "\n".join(f"    {line}" for line in f"def g():\n{body}".splitlines())
+    assert not list(large(f"def f():\n{inner}\n    return g"))
+    assert list(large(f"class A:\n{inner}\n        y = 1")) == [("g", 81, 0)]
+    assert not list(large("def f(self, a, b, c, d, e, f, g, h): pass"))
+    assert list(large("def f(a, b, /, c, d, e, f, *g, h, i): pass")) == [("f", 1, 9)]
+    assert list(large("async def f(a, b, c, d, e, f, g, h, **i): pass")) == [("f", 1, 9)]

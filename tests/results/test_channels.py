@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from drives import two_sprockets
-from grown import ROOT, grown, run_in
+from grown import ROOT, grown, recipe, run_in
 
 from warpchain import Record, Trajectory, dumps_drive, simulate
 from warpchain.results.channels import (
@@ -19,20 +19,6 @@ from warpchain.results.channels import (
     FrameLayout,
     frame_width,
 )
-
-ADDED = {
-    "warpchain/results/channels.py": {
-        '    Channel("sprocket_center", "m", "sprocket", "center", ("x", "y")),': (
-            'Channel("elongation_rate", "m/s", "link", "rate of the link\'s elongation"),'
-        )
-    },
-    "kernels/frames.py": {
-        '        frames[mine + wp.static(place("guide_force")) * n] = seen.guide_force': (
-            'frames[mine + wp.static(place("elongation_rate")) * n] = seen.rate'
-        )
-    },
-}
-"""The one row and the one write of a channel that is not recorded today."""
 
 USED = """
 import sys
@@ -64,10 +50,12 @@ np.savez("was.npz", **one.channels())
 """
 
 
-def test_adding_a_channel_touches_the_table_and_one_write(tmp_path):
+def test_the_recipe_of_a_channel(tmp_path):
+    changes = recipe("A new channel")
+    assert [path for path, _, _ in changes] == ["warpchain/results/channels.py", "kernels/frames.py"]
     drive = two_sprockets(integrator="rk4", settle="false")
     (tmp_path / "drive.toml").write_text(dumps_drive(drive))
-    run_in(grown(tmp_path, ADDED), USED, tmp_path / "drive.toml")
+    run_in(grown(tmp_path, changes), USED, tmp_path / "drive.toml")
     mine = simulate(drive, duration=0.005, device="cpu", record=Record(rate=20000.0))[0]
     with np.load(tmp_path / "was.npz") as theirs:  # the others stay as they are
         for name, values in mine.channels().items():

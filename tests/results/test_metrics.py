@@ -4,25 +4,12 @@ import json
 
 import pytest
 from drives import two_sprockets
-from grown import grown, run_in
+from grown import grown, recipe, run_in
 
 from warpchain import Record, dumps_drive, load_drive, simulate
 from warpchain.examples import drive_path, example_names
 from warpchain.results.columns import COLUMNS, METRICS, RECORDED, RUN, column_of, metric_names, title_of, unit_of
 from warpchain.results.objectives import add_objectives
-
-ADDED = {
-    "warpchain/results/columns.py": {
-        '        Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),': (
-            'Column("moment_max", "N m", "largest moment of the contact forces", total("moment_max")),'
-        )
-    },
-    "kernels/sum_structs.py": {"    moment: wp.float64  # [N m s]": "moment_max: wp.float64  # [N m]"},
-    "kernels/sums.py": {
-        "    sums.moment = sums.moment + weight * moment": "sums.moment_max = wp.max(sums.moment_max, moment)"
-    },
-}
-"""A row, the field of its sum, and the line that adds to it, of a metric that is not taken today."""
 
 USED = """
 import json, sys
@@ -50,10 +37,13 @@ def drives():
     return [*(load_drive(drive_path(name)) for name in example_names()), moving, two_sprockets(settle="false")]
 
 
-def test_adding_a_metric_touches_the_registry_and_its_sum(tmp_path):
+def test_the_recipe_of_a_metric(tmp_path):
+    changes = recipe("A new metric")
+    paths = ["warpchain/results/columns.py", "kernels/sum_structs.py", "kernels/sums.py"]
+    assert [path for path, _, _ in changes] == paths
     drive = two_sprockets(settle="false")
     (tmp_path / "drive.toml").write_text(dumps_drive(drive))
-    printed = run_in(grown(tmp_path, ADDED), USED, tmp_path / "drive.toml")
+    printed = run_in(grown(tmp_path, changes), USED, tmp_path / "drive.toml")
     theirs = json.loads(printed.splitlines()[-1])
     mine = simulate(drive, duration=0.005, step=5e-6, device="cpu", record=Record("none")).metrics.to_pylist()[0]
     others = {name: value for name, value in theirs.items() if not name.endswith(".moment_max")}

@@ -61,7 +61,7 @@ class Law:
     """A contact law as the drive file names it.
 
     Attributes:
-        force: name of its function in `kernels/impact.py`.
+        force: name of its function in `kernels/physics/impact.py`.
         factor: of the restitution e, the law's own dimensionless factor (d or zeta), 0 for e = 1.
         rebound: of that factor, the speed after an impact over the speed before; falls from 1 towards 0.
         unit: of stiffness K [N/m^n] and mass m [kg], what the factor is multiplied by for the kernels.
@@ -91,7 +91,7 @@ LAWS = {
         viscous=True,
     ),
 }
-"""The laws by name; a new one is a function in `kernels/impact.py` and a row here."""
+"""The laws by name; a new one is a function in `kernels/physics/impact.py` and a row here."""
 
 
 def law_factor(name: str, restitution: float, means: Means = "parameter") -> float:

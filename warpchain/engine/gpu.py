@@ -26,7 +26,7 @@ from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
-from warpchain.kernels.structs import DIVERGENCE_CHECK
+from warpchain.kernels.structs import DIVERGENCE_CHECK, GROUND
 from warpchain.results.channels import FRAME
 
 MOST_LINKS = 16 * THREADS[-1]
@@ -67,6 +67,17 @@ def refusal(packed: Packed) -> str | None:
     for v in np.flatnonzero(partners > MOST_PARTNERS):
         return (
             f'variant {v}: {partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}; use device="cpu"'
+        )
+    for g in np.flatnonzero(packed.guides["body"][: drives["guides"].sum()] != GROUND):
+        v = np.flatnonzero(drives["first_guide"] <= g)[-1]
+        return (
+            f"variant {v}: guide-bar {g - drives['first_guide'][v]} is carried by a body: a GPU takes guide-bars on "
+            'the ground only; use device="cpu"'
+        )
+    for v in np.flatnonzero(drives["bodies"] != drives["sprockets"]):
+        return (
+            f"variant {v}: {drives['bodies'][v]} bodies for {drives['sprockets'][v]} sprockets: a GPU takes no bodies "
+            'but sprockets; use device="cpu"'
         )
     return None
 

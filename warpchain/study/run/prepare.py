@@ -51,7 +51,7 @@ def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, me
     """Rows of a shard: about half a minute's work of the device, enough to fill it, within the memory.
 
     Args:
-        parts: the fewest shards wanted.
+        parts: a shard has at most rows / parts rows, rounded up.
         cores: CPU threads of a shard.
         memory: budget of a shard [bytes].
     """

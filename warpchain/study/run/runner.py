@@ -46,7 +46,8 @@ def run_study(
         executor: runs the shards; its workers must see the folder under the same name. None runs them here.
         part: (i, n) runs only the shards k with k mod n = i, 0 <= i < n, and leaves the second pass and the whole table
             to `merge_study`.
-        parts: a new folder gets at least this many shards, for as many workers.
+        parts: workers to keep busy: in a new folder, unless the study states `run.shard`, no shard has more than
+            rows / parts rows, rounded up (10 rows in 6 parts make 5 shards of 2).
         workers: CPU threads of a shard; None takes all cores.
         memory: budget of a shard [bytes].
         progress: True shows a bar; a function is called with (variants done, all variants).
