@@ -33,7 +33,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.gpu)])
 def device(request, monkeypatch):
-    """Each device in turn as the one that `simulate` takes where none is named; what a GPU cannot run is skipped there."""
+    """Each device in turn as the one that `simulate` takes where none is named; what a GPU cannot run is skipped."""
     from warpchain.engine import devices, gpu
 
     chosen = devices.chosen_devices
