@@ -1,7 +1,7 @@
 r"""The two integrators' numbers, for whatever is moved: rollers and bodies, on the CPU and on the GPU.
 
 Leapfrog: v(n + 1/2) = v(n - 1/2) + h a(n), x(n + 1) = x(n) + h v(n + 1/2), the first kick being half a step; damping
-reads v(n - 1/2). What is looked at at step n takes v(n) = v(n - 1/2) + h a(n) / 2.
+reads v(n - 1/2). What is observed at step n takes v(n) = v(n - 1/2) + h a(n) / 2.
 
 rk4 is the classical scheme of four stages k: slopes at the step's start, twice at its middle, at its end; their sum is
 weighted 1/6, 1/3, 1/3, 1/6. Contacts keep their memory from step starts (stage 0) only.

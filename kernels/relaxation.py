@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-LOOK_EVERY = wp.constant(4)  # steps between two looks at the kinetic energy
+ENERGY_EVERY = wp.constant(4)  # steps between two checks of the kinetic energy
 
 
 @wp.struct
@@ -23,7 +23,7 @@ class Settling:
     steps: wp.int32  # taken so far
     limit: wp.int32  # most steps to take
     residual: wp.float64  # largest net force over the largest link force or weight
-    energy: wp.float64  # kinetic energy at the last look [J]
+    energy: wp.float64  # kinetic energy at the last check [J]
     settled: wp.int32
 
 
@@ -54,7 +54,7 @@ def relative_residual(worst: wp.float64, tension: wp.float64, mass: wp.float64, 
 
 @wp.func
 def judged(now: Settling, energy: wp.float64, residual: wp.float64):
-    """The relaxation after a look at its kinetic energy [J] and residual, and whether it stops and restarts."""
+    """The relaxation after a check of its kinetic energy [J] and residual, and whether it stops and restarts."""
     restart = int(0)
     now.residual = residual
     if residual < now.tolerance:

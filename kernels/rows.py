@@ -13,18 +13,18 @@ STATE_ROWS = wp.constant(6)
 class Accessors:
     """How the values of a row are read and written."""
 
-    load: wp.Function
-    store: wp.Function
+    load_row: wp.Function
+    store_row: wp.Function
 
 
 @cache
 def accessors(Real: type) -> Accessors:
-    """`load(array, i)` and `store(array, i, value)` for contiguous arrays of `Real`, without a stride."""
+    """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride."""
 
     @wp.func_native("return a.data[i];")
-    def load(a: wp.array[Real], i: int) -> Real: ...
+    def load_row(a: wp.array[Real], i: int) -> Real: ...
 
     @wp.func_native("a.data[i] = value;")
-    def store(a: wp.array[Real], i: int, value: Real): ...
+    def store_row(a: wp.array[Real], i: int, value: Real): ...
 
-    return Accessors(load=load, store=store)
+    return Accessors(load_row=load_row, store_row=store_row)

@@ -150,7 +150,7 @@ class Pose:
 
 @wp.struct
 class Strand:
-    """The nominal straight line of a strand, and which part of the chain lies on it (looked up every few steps)."""
+    """The nominal straight line of a strand, and which part of the chain lies on it (updated every few steps)."""
 
     start: wp.vec2d  # [m]
     direction: wp.vec2d
@@ -160,7 +160,7 @@ class Strand:
     links: wp.int32  # how many
 
 
-DIVERGENCE_CHECK = wp.constant(32)  # steps between two looks at whether a variant has left its box
+DIVERGENCE_CHECK = wp.constant(32)  # steps between two checks of whether a variant has left its box
 
 
 @wp.struct
@@ -183,7 +183,7 @@ def types(Real: type) -> SimpleNamespace:
         form: wp.int32  # place of its function in `impact.FORCES`
         stiffness: Real  # K [N/m^n]
         exponent: Real  # n
-        hysteresis: Real  # d [-]; with Kelvin-Voigt c [N s/m]
+        damping: Real  # hysteresis factor d [-]; with Kelvin-Voigt c [N s/m]
         speed_floor: Real  # v_min [m/s]
 
     @wp.struct

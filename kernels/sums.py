@@ -14,8 +14,8 @@ from .root import reciprocal
 from .structs import BodyState, Mount, Strand
 from .sum_structs import ChainSums, ContactSums, LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
 
-STRAND_LOOK_EVERY = wp.constant(16)
-"""Steps between two looks at which links lie on a strand; the chain moves a small part of a pitch in between."""
+STRAND_EVERY = wp.constant(16)
+"""Steps between two updates of which links lie on a strand; the chain moves a small part of a pitch in between."""
 
 
 @wp.func

@@ -70,7 +70,7 @@ def chain(
         sprocket["tip_reach"] = radius + pitch / 2
         law = sprocket["law"]
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
-        law["hysteresis"] = 0.75 * (1 - values.get("restitution", 1.0) ** 2)
+        law["damping"] = 0.75 * (1 - values.get("restitution", 1.0) ** 2)
         law["speed_floor"] = values.get("speed_floor", 0.01)
         motion, body = packed.motions[s], packed.bodies[s]
         motion["sign"] = 1.0
@@ -92,7 +92,7 @@ def chain(
         bar["roller_radius"], bar["end_radius"] = values["roller_radius"], values.get("end_radius", 0.1)
         law = bar["law"]
         law["form"], law["stiffness"], law["exponent"] = values.get("form", 0), values["stiffness"], 1.0
-        law["hysteresis"], law["speed_floor"] = values.get("damping", 0.0), 0.01
+        law["damping"], law["speed_floor"] = values.get("damping", 0.0), 0.01
     if seats:
         packed.seats = np.concatenate(seats)
     return packed

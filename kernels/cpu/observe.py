@@ -9,11 +9,11 @@ import warp as wp
 from ..frames import frame_writers
 from ..integrate import leapfrog_lag
 from ..physics.body import body_energy, held_by
-from ..physics.motion import load_at, load_at_speed
+from ..physics.motion import load_moment, load_moment_at_speed
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums
-from ..sums import STRAND_LOOK_EVERY, add_contact, add_displacement, add_energy, add_mount, add_sprocket, following
+from ..sums import STRAND_EVERY, add_contact, add_displacement, add_energy, add_mount, add_sprocket, following
 from .rollers import passes, rows
 from .steps import moving
 from .tallies import tallies
@@ -21,7 +21,7 @@ from .tallies import tallies
 
 @wp.struct
 class Instant:
-    """At which instant a variant is looked at."""
+    """At which instant a variant is observed."""
 
     step: wp.int32
     time: wp.float64  # [s]
@@ -45,7 +45,7 @@ def instant_of(drive: Drive, step: int):
 
 @dataclass(frozen=True)
 class Observing:
-    """What looks at one variant, and the length of its frames."""
+    """What sampling at one variant, and the length of its frames."""
 
     measure: wp.Function
     sample: wp.Function
@@ -54,12 +54,12 @@ class Observing:
 
 @cache
 def observing(Real: type, capacity: int, frame: Any) -> Observing:
-    """The functions that look at one variant, for rows of `capacity` values of type `Real`; `frame` as in `frames`."""
+    """The functions that observe one variant, for rows of `capacity` values of type `Real`; `frame` as in `frames`."""
     kinds = types(Real)
     vec2 = kinds.vec2
     tally = tallies(Real, capacity)
     follow = following(Real).follow
-    load = accessors(Real).load
+    load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
     body_now = moving(Real).body_now
     row = rows(capacity)
@@ -103,8 +103,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         wrench = state.wrenches[b]
         body = body_now(ensemble, state, b, at.time, at.lag)
         before = state.bodies[b].speed
-        load_part = load_at(at.time, body.angle, before, motion, ensemble.curves)
-        load_part = load_at_speed(at.time, load_part, before, body.speed, motion)
+        load_part = load_moment(at.time, body.angle, before, motion, ensemble.curves)
+        load_part = load_moment_at_speed(at.time, load_part, before, body.speed, motion)
         if mount.active == 1:
             held, power = held_by(at.time, body, wrench, load_part, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
@@ -138,7 +138,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
             strand = state.strands[i]
-            if at.step % STRAND_LOOK_EVERY == 0 or at.step == drive.window_start:
+            if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
                 strand = follow(w, X, Y, n, strand)
                 state.strands[i] = strand
             strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
@@ -148,10 +148,10 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     def seen(w: wp.array[Real], i: int):
         """What a frame wants of roller i beside its motion."""
         of = kinds.Extra()
-        of.tension = load(w, TENSION + i)
-        of.rate = load(w, RATE + i)
-        of.sprocket_force = load(w, SPROCKET_FORCE + i)
-        of.guide_force = load(w, GUIDE_FORCE + i)
+        of.tension = load_row(w, TENSION + i)
+        of.rate = load_row(w, RATE + i)
+        of.sprocket_force = load_row(w, SPROCKET_FORCE + i)
+        of.guide_force = load_row(w, GUIDE_FORCE + i)
         return of
 
     @wp.func
@@ -172,8 +172,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         inverse_mass = chain.inverse_mass
         for i in range(n):
             a = acceleration(w, i, inverse_mass, chain.gravity)
-            position = vec2(load(w, X + i), load(w, Y + i))
-            velocity = vec2(load(w, VX + i) + lag * a[0], load(w, VY + i) + lag * a[1])
+            position = vec2(load_row(w, X + i), load_row(w, Y + i))
+            velocity = vec2(load_row(w, VX + i) + lag * a[0], load_row(w, VY + i) + lag * a[1])
             write_roller(frames, begin, n, i, position, velocity, seen(w, i))
         for s in range(drive.sprockets):
             b = drive.first_body + s

@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from ..relaxation import LOOK_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
+from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..rows import STATE_ROWS, accessors
 from ..structs import types
 from .rollers import passes, rows
@@ -17,7 +17,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
     kinds = types(Real)
     part = passes(Real, capacity)
     evaluate = evaluating(Real, capacity).evaluate
-    load, store = accessors(Real).load, accessors(Real).store
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     at = rows(capacity)
     VX, VY, TENSION = at.vx, at.vy, at.tension
     kick_drift, acceleration = part.kick_drift, part.acceleration
@@ -27,8 +27,8 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         total = wp.float64(0.0)
         i = int(0)
         while i < n:
-            vx = load(w, VX + i)
-            vy = load(w, VY + i)
+            vx = load_row(w, VX + i)
+            vy = load_row(w, VY + i)
             total += wp.float64(vx * vx + vy * vy)
             i = i + 1
         return wp.float64(0.5) * wp.float64(mass) * total
@@ -37,8 +37,8 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
     def stop(w: wp.array[Real], n: int):
         i = int(0)
         while i < n:
-            store(w, VX + i, Real(0.0))
-            store(w, VY + i, Real(0.0))
+            store_row(w, VX + i, Real(0.0))
+            store_row(w, VY + i, Real(0.0))
             i = i + 1
 
     @wp.func
@@ -49,7 +49,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         i = int(0)
         while i < n:
             worst = wp.max(worst, finite_size(acceleration(w, i, chain.inverse_mass, chain.gravity)))
-            tension = wp.max(tension, wp.abs(load(w, TENSION + i)))
+            tension = wp.max(tension, wp.abs(load_row(w, TENSION + i)))
             i = i + 1
         gravity = wp.vec2d(wp.float64(chain.gravity[0]), wp.float64(chain.gravity[1]))
         return relative_residual(wp.float64(worst), wp.float64(tension), wp.float64(chain.mass), gravity)
@@ -61,20 +61,20 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         settling: wp.array[Settling],
         w: wp.array[Real],
         first: int,
-        block: int,
+        steps: int,
     ):
-        """Variants `first` + thread: up to `block` steps of relaxation."""
+        """Variants `first` + thread: up to `steps` steps of relaxation."""
         variant = first + wp.tid()
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         s = settling[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
-        end = wp.min(s.steps + block, s.limit)
+        end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
             evaluate(ensemble, state, drive, chain, w, 0)
             restart = int(0)
-            if s.steps % LOOK_EVERY == 0:
+            if s.steps % ENERGY_EVERY == 0:
                 s, restart = judged(s, kinetic_energy(w, n, chain.mass), residual(w, n, chain))
                 if restart == 1:
                     stop(w, n)

@@ -1,7 +1,7 @@
 """The CPU kernel's passes over the rollers of one variant: link forces, contacts, kick and drift.
 
-The rollers lie in a scratch of rows of constant length (`rows`), read and written through `load` and `store`, which
-tell the compiler that neighbors in a row are neighbors in memory; with plain loops (`while`, not `range`) it then
+The rollers lie in a scratch of rows of constant length (`rows`), read and written through `load_row` and `store_row`,
+which tell the compiler that neighbors in a row are neighbors in memory; with plain loops (`while`, not `range`) it then
 vectorizes the passes without branches: 1,080 million link forces a second on one core with AVX-512, against 115 with
 Warp's strided array indexing (docs/performance.md).
 """
@@ -81,7 +81,7 @@ def passes(Real: type, capacity: int) -> Passes:
     kinds = types(Real)
     vec2 = kinds.vec2
     compensated = Real == wp.float32
-    load, store = accessors(Real).load, accessors(Real).store
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     at = rows(capacity)
     X, Y, VX, VY, X_LOW, Y_LOW, LINK_X, LINK_Y = at.x, at.y, at.vx, at.vy, at.x_low, at.y_low, at.link_x, at.link_y
     LENGTH, FX, FY, SPROCKET_FORCE, GUIDE_FORCE, TENSION, RATE = (
@@ -117,60 +117,62 @@ def passes(Real: type, capacity: int) -> Passes:
         """Position of roller i in float64 [m]."""
         if wp.static(compensated):
             return wp.vec2d(
-                wp.float64(load(w, X + i)) + wp.float64(load(w, X_LOW + i)),
-                wp.float64(load(w, Y + i)) + wp.float64(load(w, Y_LOW + i)),
+                wp.float64(load_row(w, X + i)) + wp.float64(load_row(w, X_LOW + i)),
+                wp.float64(load_row(w, Y + i)) + wp.float64(load_row(w, Y_LOW + i)),
             )
         else:
-            return wp.vec2d(wp.float64(load(w, X + i)), wp.float64(load(w, Y + i)))
+            return wp.vec2d(wp.float64(load_row(w, X + i)), wp.float64(load_row(w, Y + i)))
 
     @wp.func
     def apart(w: wp.array[Real], i: int):
         """Vector from roller i to roller i + 1 [m], exact at float32 too."""
-        d = vec2(load(w, X + i + 1) - load(w, X + i), load(w, Y + i + 1) - load(w, Y + i))
+        d = vec2(load_row(w, X + i + 1) - load_row(w, X + i), load_row(w, Y + i + 1) - load_row(w, Y + i))
         if wp.static(compensated):
-            d += vec2(load(w, X_LOW + i + 1) - load(w, X_LOW + i), load(w, Y_LOW + i + 1) - load(w, Y_LOW + i))
+            d += vec2(
+                load_row(w, X_LOW + i + 1) - load_row(w, X_LOW + i), load_row(w, Y_LOW + i + 1) - load_row(w, Y_LOW + i)
+            )
         return d
 
     @wp.func
     def move(w: wp.array[Real], i: int, dx: Real, dy: Real):
         """Roller i by (dx, dy) [m]; what float32 rounds off is kept in the low part."""
         if wp.static(compensated):
-            x, x_low = two_sum(load(w, X + i), load(w, X_LOW + i), dx)
-            y, y_low = two_sum(load(w, Y + i), load(w, Y_LOW + i), dy)
-            store(w, X + i, x)
-            store(w, Y + i, y)
-            store(w, X_LOW + i, x_low)
-            store(w, Y_LOW + i, y_low)
+            x, x_low = two_sum(load_row(w, X + i), load_row(w, X_LOW + i), dx)
+            y, y_low = two_sum(load_row(w, Y + i), load_row(w, Y_LOW + i), dy)
+            store_row(w, X + i, x)
+            store_row(w, Y + i, y)
+            store_row(w, X_LOW + i, x_low)
+            store_row(w, Y_LOW + i, y_low)
         else:
-            store(w, X + i, load(w, X + i) + dx)
-            store(w, Y + i, load(w, Y + i) + dy)
+            store_row(w, X + i, load_row(w, X + i) + dx)
+            store_row(w, Y + i, load_row(w, Y + i) + dy)
 
     @wp.func
     def link_pass(w: wp.array[Real], n: int, chain: kinds.Chain):
         """Tension and force of every link, eq. (2), (3), link i's at i + 1; contact forces start at zero."""
-        store(w, X + n, load(w, X))
-        store(w, Y + n, load(w, Y))
-        store(w, VX + n, load(w, VX))
-        store(w, VY + n, load(w, VY))
+        store_row(w, X + n, load_row(w, X))
+        store_row(w, Y + n, load_row(w, Y))
+        store_row(w, VX + n, load_row(w, VX))
+        store_row(w, VY + n, load_row(w, VY))
         if wp.static(compensated):
-            store(w, X_LOW + n, load(w, X_LOW))
-            store(w, Y_LOW + n, load(w, Y_LOW))
+            store_row(w, X_LOW + n, load_row(w, X_LOW))
+            store_row(w, Y_LOW + n, load_row(w, Y_LOW))
         i = int(0)
         while i < n:
             d = apart(w, i)
-            v = vec2(load(w, VX + i + 1) - load(w, VX + i), load(w, VY + i + 1) - load(w, VY + i))
-            tension, rate, u = link_force(d, v, load(w, LENGTH + i), chain.stiffness, chain.damping)
-            store(w, TENSION + i, tension)
-            store(w, RATE + i, rate)
-            store(w, LINK_X + i + 1, tension * u[0])
-            store(w, LINK_Y + i + 1, tension * u[1])
-            store(w, FX + i, Real(0.0))
-            store(w, FY + i, Real(0.0))
-            store(w, SPROCKET_FORCE + i, Real(0.0))
-            store(w, GUIDE_FORCE + i, Real(0.0))
+            v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
+            tension, rate, u = link_force(d, v, load_row(w, LENGTH + i), chain.stiffness, chain.damping)
+            store_row(w, TENSION + i, tension)
+            store_row(w, RATE + i, rate)
+            store_row(w, LINK_X + i + 1, tension * u[0])
+            store_row(w, LINK_Y + i + 1, tension * u[1])
+            store_row(w, FX + i, Real(0.0))
+            store_row(w, FY + i, Real(0.0))
+            store_row(w, SPROCKET_FORCE + i, Real(0.0))
+            store_row(w, GUIDE_FORCE + i, Real(0.0))
             i = i + 1
-        store(w, LINK_X, load(w, LINK_X + n))
-        store(w, LINK_Y, load(w, LINK_Y + n))
+        store_row(w, LINK_X, load_row(w, LINK_X + n))
+        store_row(w, LINK_Y, load_row(w, LINK_Y + n))
 
     @wp.func
     def add_response(totals: Totals, size: wp.float64, dissipated: wp.float64, energy: wp.float64):
@@ -184,9 +186,9 @@ def passes(Real: type, capacity: int) -> Passes:
     @wp.func
     def add_force(w: wp.array[Real], i: int, row: int, force: vec2, size: Real):
         """Adds a contact's force to roller i, and its magnitude to a row of magnitudes."""
-        store(w, FX + i, load(w, FX + i) + force[0])
-        store(w, FY + i, load(w, FY + i) + force[1])
-        store(w, row + i, load(w, row + i) + size)
+        store_row(w, FX + i, load_row(w, FX + i) + force[0])
+        store_row(w, FY + i, load_row(w, FY + i) + force[1])
+        store_row(w, row + i, load_row(w, row + i) + size)
 
     @wp.func
     def sprocket_pass(
@@ -205,12 +207,12 @@ def passes(Real: type, capacity: int) -> Passes:
         push = vec2(Real(0.0), Real(0.0))
         i = int(0)
         while i < n:
-            r = vec2(load(w, X + i), load(w, Y + i)) - center
+            r = vec2(load_row(w, X + i), load_row(w, Y + i)) - center
             at = memory.first + i
             square = wp.dot(r, r)
             if square > sprocket.near_square and square < sprocket.far_square:
-                before = load(memory.impact_speed, at)
-                v = vec2(load(w, VX + i), load(w, VY + i)) - center_velocity
+                before = load_row(memory.impact_speed, at)
+                v = vec2(load_row(w, VX + i), load_row(w, VY + i)) - center_velocity
                 p = place(w, i) - body.center
                 seat = tracked_seat(p, memory.seat[at], body.cosine, body.sine, sprocket, seats)
                 penetration, normal, relative = in_teeth(p, v, omega, seat, sprocket)
@@ -226,11 +228,11 @@ def passes(Real: type, capacity: int) -> Passes:
                     if before == Real(0.0):
                         totals.impacts += 1
                 if memory.stage == 0:
-                    store(memory.impact_speed, at, kept)
+                    store_row(memory.impact_speed, at, kept)
             else:
                 if memory.seat[at] >= 0:
                     memory.seat[at] = -1
-                    store(memory.impact_speed, at, Real(0.0))
+                    store_row(memory.impact_speed, at, Real(0.0))
             i = i + 1
         totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
         return totals
@@ -248,8 +250,8 @@ def passes(Real: type, capacity: int) -> Passes:
             p = place(w, i) - bar.start
             along = wp.dot(p, bar.direction)
             if along > -reach and along < end:
-                before = load(memory.impact_speed, at)
-                v = vec2(load(w, VX + i), load(w, VY + i))
+                before = load_row(memory.impact_speed, at)
+                v = vec2(load_row(w, VX + i), load_row(w, VY + i))
                 arm = place(w, i) - body.center
                 surface = surface_velocity(body, arm)
                 penetration, normal, relative = on_guide(p, v, vec2(Real(surface[0]), Real(surface[1])), bar)
@@ -264,10 +266,10 @@ def passes(Real: type, capacity: int) -> Passes:
                     if before == Real(0.0):
                         totals.impacts += 1
                 if memory.stage == 0:
-                    store(memory.impact_speed, at, kept)
+                    store_row(memory.impact_speed, at, kept)
             else:
                 if memory.stage == 0:
-                    store(memory.impact_speed, at, Real(0.0))
+                    store_row(memory.impact_speed, at, Real(0.0))
             i = i + 1
         totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
         return totals
@@ -276,8 +278,8 @@ def passes(Real: type, capacity: int) -> Passes:
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
         """Acceleration of roller i [m/s^2]: its two links, its contacts and gravity."""
         force = vec2(
-            load(w, LINK_X + i + 1) - load(w, LINK_X + i) + load(w, FX + i),
-            load(w, LINK_Y + i + 1) - load(w, LINK_Y + i) + load(w, FY + i),
+            load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i),
+            load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i),
         )
         return roller_acceleration(force, inverse_mass, gravity)
 
@@ -288,10 +290,10 @@ def passes(Real: type, capacity: int) -> Passes:
         i = int(0)
         while i < n:
             a = acceleration(w, i, inverse_mass, chain.gravity)
-            vx = load(w, VX + i) + kick * a[0]
-            vy = load(w, VY + i) + kick * a[1]
-            store(w, VX + i, vx)
-            store(w, VY + i, vy)
+            vx = load_row(w, VX + i) + kick * a[0]
+            vy = load_row(w, VY + i) + kick * a[1]
+            store_row(w, VX + i, vx)
+            store_row(w, VY + i, vy)
             move(w, i, h * vx, h * vy)
             i = i + 1
 
@@ -301,8 +303,8 @@ def passes(Real: type, capacity: int) -> Passes:
         good = int(1)
         i = int(0)
         while i < n:
-            x = wp.float64(load(w, X + i))
-            y = wp.float64(load(w, Y + i))
+            x = wp.float64(load_row(w, X + i))
+            y = wp.float64(load_row(w, Y + i))
             if not (x > low[0] and x < high[0] and y > low[1] and y < high[1]):
                 good = int(0)
             i = i + 1

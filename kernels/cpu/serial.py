@@ -1,4 +1,4 @@
-"""The CPU kernel: one Warp thread takes one variant through a block of steps.
+"""The CPU kernel: one Warp thread takes one variant through the steps of a launch.
 
 At step n, positions and forces are those of time n h; leapfrog's velocities are half a step behind, and what is
 recorded is brought to the same instant, v(n) = v(n - 1/2) + h a(n) / 2.
@@ -22,14 +22,14 @@ SCRATCH_ROWS = len(ROWS)
 
 @cache
 def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
-    """The kernel that takes variants through a block of steps, for up to `capacity` - 1 rollers.
+    """The kernel that takes variants through the steps of a launch, for up to `capacity` - 1 rollers.
 
     Frames lie as `frame` says (`frames.frame_writers`).
     """
     kinds = types(Real)
     part = passes(Real, capacity)
     do = stepping(Real, capacity)
-    look = observing(Real, capacity, frame)
+    observe = observing(Real, capacity, frame)
     evaluate = evaluating(Real, capacity).evaluate
     inside, centers_inside = part.inside, moving(Real).centers_inside
 
@@ -41,16 +41,16 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         frames: wp.array[Real],
         w: wp.array[Real],
         first: int,
-        block: int,
+        steps: int,
     ):
-        """Variants `first` + thread: `block` steps on, sums and frames written on the way."""
+        """Variants `first` + thread: `steps` steps on, sums and frames written on the way."""
         variant = first + wp.tid()
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
-        end = wp.min(progress.step + block, drive.steps + 1)
+        end = wp.min(progress.step + steps, drive.steps + 1)
         at = drive.first_value
         step = progress.step
         while step < end and progress.diverged == 0:
@@ -60,11 +60,11 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                 evaluate(ensemble, state, drive, chain, w, stage)
                 if stage == 0:
                     if step >= drive.window_start and step <= drive.window_end:
-                        look.measure(ensemble, state, sums, variant, drive, chain, w, now)
+                        observe.measure(ensemble, state, sums, variant, drive, chain, w, now)
                     if drive.sample_every > 0:
                         if step % drive.sample_every == 0:
-                            look.sample(ensemble, state, drive, chain, w, frames, at, now)
-                            at = at + wp.int64(look.width(n, drive.sprockets))
+                            observe.sample(ensemble, state, drive, chain, w, frames, at, now)
+                            at = at + wp.int64(observe.width(n, drive.sprockets))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
                         if inside(w, n, drive.low, drive.high) == 0 or centers_inside(state, drive) == 0:
                             progress.diverged = 1

@@ -8,7 +8,7 @@ import warp as wp
 from ..integrate import Rk4Stage
 from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body
 from ..physics.contact import carried
-from ..physics.motion import load_at, prescribed_at
+from ..physics.motion import load_moment, prescribed_at
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from .rollers import passes, rows
@@ -84,7 +84,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
 
 @dataclass(frozen=True)
 class BodyFunctions:
-    """What moves the bodies of one variant, and looks at them."""
+    """What moves the bodies of one variant, and sampling at them."""
 
     leapfrog_bodies: wp.Function
     rk4_bodies: wp.Function
@@ -94,7 +94,7 @@ class BodyFunctions:
 
 @cache
 def moving(Real: type) -> BodyFunctions:
-    """The functions that move the bodies of one variant of an ensemble, and look at them."""
+    """The functions that move the bodies of one variant of an ensemble, and observe them."""
     kinds = types(Real)
 
     @wp.func
@@ -102,7 +102,7 @@ def moving(Real: type) -> BodyFunctions:
         """Accelerations of body `b` of all, from its wrench."""
         body = state.bodies[b]
         motion = ensemble.motions[b]
-        load = load_at(time, body.angle, body.speed, motion, ensemble.curves)
+        load = load_moment(time, body.angle, body.speed, motion, ensemble.curves)
         return body_rates(
             time, body, heading_of(body), state.wrenches[b], load, motion, ensemble.mounts[b], ensemble.curves
         )
@@ -177,7 +177,7 @@ def stepping(Real: type, capacity: int) -> Stepping:
     """The functions that take one variant a step on, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     part = passes(Real, capacity)
-    load, store = accessors(Real).load, accessors(Real).store
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     leapfrog_bodies, rk4_bodies = moving(Real).leapfrog_bodies, moving(Real).rk4_bodies
     acceleration, kick_drift, move = part.acceleration, part.kick_drift, part.move
     row = rows(capacity)
@@ -223,35 +223,35 @@ def stepping(Real: type, capacity: int) -> Stepping:
         i = int(0)
         while i < n:
             a = acceleration(w, i, inverse_mass, chain.gravity)
-            vx = load(w, VX + i)
-            vy = load(w, VY + i)
+            vx = load_row(w, VX + i)
+            vy = load_row(w, VY + i)
             if stage == 0:
-                store(w, X0 + i, load(w, X + i))
-                store(w, Y0 + i, load(w, Y + i))
-                store(w, X0_LOW + i, load(w, X_LOW + i))
-                store(w, Y0_LOW + i, load(w, Y_LOW + i))
-                store(w, VX0 + i, vx)
-                store(w, VY0 + i, vy)
-                store(w, SUM_X + i, Real(0.0))
-                store(w, SUM_Y + i, Real(0.0))
-                store(w, SUM_VX + i, Real(0.0))
-                store(w, SUM_VY + i, Real(0.0))
-            store(w, SUM_X + i, load(w, SUM_X + i) + weight * vx)
-            store(w, SUM_Y + i, load(w, SUM_Y + i) + weight * vy)
-            store(w, SUM_VX + i, load(w, SUM_VX + i) + weight * a[0])
-            store(w, SUM_VY + i, load(w, SUM_VY + i) + weight * a[1])
-            store(w, X + i, load(w, X0 + i))
-            store(w, Y + i, load(w, Y0 + i))
-            store(w, X_LOW + i, load(w, X0_LOW + i))
-            store(w, Y_LOW + i, load(w, Y0_LOW + i))
+                store_row(w, X0 + i, load_row(w, X + i))
+                store_row(w, Y0 + i, load_row(w, Y + i))
+                store_row(w, X0_LOW + i, load_row(w, X_LOW + i))
+                store_row(w, Y0_LOW + i, load_row(w, Y_LOW + i))
+                store_row(w, VX0 + i, vx)
+                store_row(w, VY0 + i, vy)
+                store_row(w, SUM_X + i, Real(0.0))
+                store_row(w, SUM_Y + i, Real(0.0))
+                store_row(w, SUM_VX + i, Real(0.0))
+                store_row(w, SUM_VY + i, Real(0.0))
+            store_row(w, SUM_X + i, load_row(w, SUM_X + i) + weight * vx)
+            store_row(w, SUM_Y + i, load_row(w, SUM_Y + i) + weight * vy)
+            store_row(w, SUM_VX + i, load_row(w, SUM_VX + i) + weight * a[0])
+            store_row(w, SUM_VY + i, load_row(w, SUM_VY + i) + weight * a[1])
+            store_row(w, X + i, load_row(w, X0 + i))
+            store_row(w, Y + i, load_row(w, Y0 + i))
+            store_row(w, X_LOW + i, load_row(w, X0_LOW + i))
+            store_row(w, Y_LOW + i, load_row(w, Y0_LOW + i))
             if stage == 3:
-                move(w, i, load(w, SUM_X + i), load(w, SUM_Y + i))
-                store(w, VX + i, load(w, VX0 + i) + load(w, SUM_VX + i))
-                store(w, VY + i, load(w, VY0 + i) + load(w, SUM_VY + i))
+                move(w, i, load_row(w, SUM_X + i), load_row(w, SUM_Y + i))
+                store_row(w, VX + i, load_row(w, VX0 + i) + load_row(w, SUM_VX + i))
+                store_row(w, VY + i, load_row(w, VY0 + i) + load_row(w, SUM_VY + i))
             else:
                 move(w, i, reach * vx, reach * vy)
-                store(w, VX + i, load(w, VX0 + i) + reach * a[0])
-                store(w, VY + i, load(w, VY0 + i) + reach * a[1])
+                store_row(w, VX + i, load_row(w, VX0 + i) + reach * a[0])
+                store_row(w, VY + i, load_row(w, VY0 + i) + reach * a[1])
             i = i + 1
 
     @wp.func

@@ -26,7 +26,7 @@ class RollerSums:
 def tallies(Real: type, capacity: int) -> RollerSums:
     """The sums over the rollers of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    load = accessors(Real).load
+    load_row = accessors(Real).load_row
     at = rows(capacity)
     X, Y, VX, VY, TENSION, RATE = at.x, at.y, at.vx, at.vy, at.tension, at.rate
     LINK_X, LINK_Y, FX, FY = at.link_x, at.link_y, at.fx, at.fy
@@ -38,8 +38,8 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         rates = Real(0.0)
         i = int(0)
         while i < n:
-            seen = add_tension(seen, load(w, TENSION + i))
-            rate = load(w, RATE + i)
+            seen = add_tension(seen, load_row(w, TENSION + i))
+            rate = load_row(w, RATE + i)
             rates += rate * rate
             i = i + 1
         sums = merge_tension(sums, seen)
@@ -53,10 +53,10 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         i = strand.middle
         j = after(i, n)
         return displacement(
-            wp.float64(load(w, X + i)),
-            wp.float64(load(w, Y + i)),
-            wp.float64(load(w, X + j)),
-            wp.float64(load(w, Y + j)),
+            wp.float64(load_row(w, X + i)),
+            wp.float64(load_row(w, Y + i)),
+            wp.float64(load_row(w, X + j)),
+            wp.float64(load_row(w, Y + j)),
             strand,
         )
 
@@ -67,7 +67,7 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         link = strand.first_link
         count = int(0)
         while count < strand.links:
-            seen = add_tension(seen, load(w, TENSION + link))
+            seen = add_tension(seen, load_row(w, TENSION + link))
             link = after(link, n)
             count = count + 1
         sums = merge_tension(sums, seen)
@@ -83,14 +83,20 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         inverse_mass = chain.inverse_mass
         i = int(0)
         while i < n:
-            ax = inverse_mass * (load(w, LINK_X + i + 1) - load(w, LINK_X + i) + load(w, FX + i)) + chain.gravity[0]
-            ay = inverse_mass * (load(w, LINK_Y + i + 1) - load(w, LINK_Y + i) + load(w, FY + i)) + chain.gravity[1]
-            vx = wp.float64(load(w, VX + i) + back * ax)
-            vy = wp.float64(load(w, VY + i) + back * ay)
-            spring = wp.float64(load(w, TENSION + i) - chain.damping * load(w, RATE + i))
-            lift = wp.float64(chain.gravity[0]) * wp.float64(load(w, X + i)) + wp.float64(
+            ax = (
+                inverse_mass * (load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i))
+                + chain.gravity[0]
+            )
+            ay = (
+                inverse_mass * (load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i))
+                + chain.gravity[1]
+            )
+            vx = wp.float64(load_row(w, VX + i) + back * ax)
+            vy = wp.float64(load_row(w, VY + i) + back * ay)
+            spring = wp.float64(load_row(w, TENSION + i) - chain.damping * load_row(w, RATE + i))
+            lift = wp.float64(chain.gravity[0]) * wp.float64(load_row(w, X + i)) + wp.float64(
                 chain.gravity[1]
-            ) * wp.float64(load(w, Y + i))
+            ) * wp.float64(load_row(w, Y + i))
             total += wp.float64(0.5) * (
                 wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness)
             )

@@ -2,7 +2,7 @@
 
 Thread i has the rollers i, i + threads, ...: one each where variants are few, all of the chain on one warp where they
 are many, which then never waits for another. Rollers lie in shared rows. A few threads also take a sprocket each on.
-Whatever does not happen every step waits for the next event. One kernel is made for each `BlockKind`.
+Whatever does not on_event every step waits for the next event. One kernel is made for each `BlockKind`.
 """
 
 from functools import cache
@@ -16,11 +16,11 @@ from .block_bodies import block_bodies
 from .block_events import END
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, now_struct
-from .block_looks import block_looks
 from .block_observe import block_observing
 from .block_partners import block_partners
 from .block_rk4 import block_rk4
 from .block_rows import block_rows
+from .block_sampling import block_sampling
 
 
 @cache
@@ -35,8 +35,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
-    looks, partners = block_looks(kind, frame), block_partners(kind)
-    barrier, shared_arrays, view = row.talk.barrier, row.talk.shared_arrays, row.talk.view
+    sampling, partners = block_sampling(kind, frame), block_partners(kind)
+    barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
     pull, acceleration, velocity = row.pull, row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
     SPROCKETS, wrench_on = forces.SPROCKETS, forces.wrench_on
@@ -74,9 +74,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.measured = 0
         if wp.static(measuring) and now.stage == 0:
             now.measured = now.window
-        now.heeded = now.driven
+        now.summed = now.driven
         if now.measured != 0 or now.flags != 0:
-            now.heeded = SPROCKETS
+            now.summed = SPROCKETS
         return now
 
     @wp.func
@@ -100,7 +100,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             body = bodies.advance(ensemble, state, shared, mine, now, wrench)
             if wp.static(measuring) and now.measured != 0:
                 observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
-            looks.see_sprocket(ensemble, state, frames, mine, now, since, body, wrench)
+            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, since, body, wrench)
 
     @wp.func
     def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
@@ -143,7 +143,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     ):
         """Everything back into the state."""
         if wp.static(measuring) and now.samples > 0:
-            looks.flush_links(ensemble, tallies, shared, mine, now.samples)
+            sampling.flush_links(ensemble, tallies, shared, mine, now.samples)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
@@ -188,17 +188,17 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         bodies.plan(ensemble, shared, mine.variant, i, now.step)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
-                now = looks.happen(ensemble, tallies, shared, mine, now)
+                now = sampling.on_event(ensemble, tallies, shared, mine, now)
             now = wanted(now)
             tension, rate = pull(shared, lengths, mine.rollers, i)
-            now.samples = looks.see_links(state, shared, mine, now, lengths, tension, rate)
+            now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
             if mine.sprocket >= 0 and now.stage == 0:
                 bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
             barrier()
             if now.flags != 0:
-                looks.see_rollers(ensemble, state, tallies, shared, frames, mine, now, since)
+                sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now, since)
             advance_sprocket(ensemble, state, tallies, shared, frames, mine, now, since)
             advance_rollers(state, shared, mine, now)
             now = next_stage(now)

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body
-from ..physics.motion import load_at, prescribed_at
+from ..physics.motion import load_moment, prescribed_at
 from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
@@ -135,7 +135,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, time: wp.float64):
         """Works out the load on body s, while other threads are at their contacts."""
         pose = shared.poses[s]
-        shared.poses[s].load = load_at(time, pose.angle, pose.speed, shared.motions[s], ensemble.curves)
+        shared.poses[s].load = load_moment(time, pose.angle, pose.speed, shared.motions[s], ensemble.curves)
 
     @wp.func
     def settle_at(shared: kinds.Shared, s: int, pose: Pose):
@@ -166,7 +166,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         body = state_of(pose)
         heading = wp.vec2d(pose.cosine, pose.sine)
         rates = body_rates(time, body, heading, wrench, pose.load, motion, mount, ensemble.curves)
-        looked_at = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
+        observed = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
         if now.going != 0:
             at = course_of(s, now.step + 1)  # which stands for nothing where the angle is free
             ahead = shared.course[at]
@@ -180,7 +180,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             pose.center = body.center
             pose.velocity = body.velocity
             settle_at(shared, s, pose)
-        return looked_at
+        return observed
 
     @wp.func
     def runge_kutta(
@@ -191,7 +191,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         now: Now,
         wrench: Wrench,
     ):
-        """Takes the thread's body to where the next stage looks at it, if the run goes on; returns it as it was."""
+        """Takes the thread's body to where the next stage evaluates it, if the run goes on; returns it as it was."""
         s = mine.sprocket
         h = mine.h
         body = state_of(shared.poses[s])
@@ -202,7 +202,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             mount = Mount()
             if wp.static(moving):
                 mount = shared.mounts[s]
-            load = load_at(at.time, body.angle, body.speed, motion, ensemble.curves)
+            load = load_moment(at.time, body.angle, body.speed, motion, ensemble.curves)
             heading = wp.vec2d(shared.poses[s].cosine, shared.poses[s].sine)
             rates = body_rates(at.time, body, heading, wrench, load, motion, mount, ensemble.curves)
             moved, stages = rk4_body(at, body, state.body_stages[b], rates, motion, mount, ensemble.curves)

@@ -8,10 +8,10 @@ import warp as wp
 
 from ..frames import frame_writers
 from ..structs import DIVERGENCE_CHECK, Drive, types
-from ..sums import STRAND_LOOK_EVERY
+from ..sums import STRAND_EVERY
 
 EVENT = wp.constant(1)
-"""What can happen at a step, as bits."""
+"""What can on_event at a step, as bits."""
 LAST = wp.constant(2)
 FRAME = wp.constant(4)
 START = wp.constant(8)  # of the window
@@ -26,7 +26,7 @@ def next_event(drive: Drive, step: int):
     """The next step after `step` at which more happens than forces and motion."""
     event = (step // DIVERGENCE_CHECK + 1) * DIVERGENCE_CHECK
     if step < drive.window_end:
-        event = wp.min(event, (step // STRAND_LOOK_EVERY + 1) * STRAND_LOOK_EVERY)
+        event = wp.min(event, (step // STRAND_EVERY + 1) * STRAND_EVERY)
         event = wp.min(event, drive.window_end)
     if step < drive.window_start:
         event = wp.min(event, drive.window_start)

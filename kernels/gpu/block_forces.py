@@ -41,18 +41,18 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     vec2 = kinds.vec2
     row = block_rows(kind)
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
-    X, Y, group_sum = row.X, row.Y, row.talk.group_sum
-    load, store = accessors(Real).load, accessors(Real).store
-    load_whole, store_whole = accessors(wp.int32).load, accessors(wp.int32).store
-    load_part, store_part = accessors(wp.float64).load, accessors(wp.float64).store
+    X, Y, group_sum = row.X, row.Y, row.sharing.group_sum
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    load_part, store_part = accessors(wp.float64).load_row, accessors(wp.float64).store_row
     SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.func
     def near(shared: kinds.Shared, j: int, n: int):
         """The partners that roller j may touch, as bits: sprockets whose band it is in, guide-bars it is on."""
         rows = shared.rows
-        x = load(rows, X + j)
-        y = load(rows, Y + j)
+        x = load_row(rows, X + j)
+        y = load_row(rows, Y + j)
         mask = int(0)
         for s in range(wp.static(sprockets)):
             band = shared.bands[s]
@@ -90,7 +90,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         v0 is kept at a step's start only (rk4 has three more stages).
         """
         if before == Real(0.0) and now.stage == 0:
-            store(state.impact_speed, at, first)
+            store_row(state.impact_speed, at, first)
         if now.measured != 0:
             begun = wp.where(before == Real(0.0), 1, 0)
             add_contact(tallies.contact, at, size, size, power, begun, now.weight)
@@ -99,7 +99,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     def open(state: kinds.State, now: Now, at: int, before: Real):
         """A contact that is open keeps nothing."""
         if before != Real(0.0) and now.stage == 0:
-            store(state.impact_speed, at, Real(0.0))
+            store_row(state.impact_speed, at, Real(0.0))
 
     @wp.func
     def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
@@ -123,12 +123,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         j: int,
         s: int,
     ):
-        """Adds the force of the teeth of sprocket s to roller j's, and its reaction to the sprocket if it is heeded."""
+        """Adds the force of the teeth of sprocket s to roller j's, and its reaction to the sprocket if it is summed."""
         teeth = shared.teeth[s]
         pose = shared.poses[s]
         at = mine.memory + j + s * mine.rollers
         kept = load_whole(state.seat, at)
-        before = load(state.impact_speed, at)
+        before = load_row(state.impact_speed, at)
         p = place(shared.rows, j, pose.center)
         seat = tracked_seat(p, kept, pose.cosine, pose.sine, teeth, ensemble.seats)
         if seat.number != kept:
@@ -145,7 +145,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
             keep(state, tallies, now, at, before, first, size, dissipated)
             set_force(shared, j, force_on(shared, j) + force)
-            if (now.heeded >> s) & 1 != 0:
+            if (now.summed >> s) & 1 != 0:
                 arm = vec2(Real(p[0]), Real(p[1]))
                 add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
         else:
@@ -156,7 +156,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """Adds the force of guide-bar g, which stands on the ground, to roller j's."""
         bar = shared.bars[g]
         at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
-        before = load(state.impact_speed, at)
+        before = load_row(state.impact_speed, at)
         still = vec2(Real(0.0), Real(0.0))
         p = place(shared.rows, j, bar.start)
         penetration, normal, relative = on_guide(p, velocity(shared.rows, j), still, bar)

@@ -67,6 +67,6 @@ def now_struct(Real: type) -> type:
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
         driven: wp.int32  # sprockets that their moment moves, as bits
-        heeded: wp.int32  # sprockets whose moment is wanted now, as bits
+        summed: wp.int32  # sprockets whose moment is wanted now, as bits
 
     return Now

@@ -1,6 +1,6 @@
 """What a block's threads take from an evaluated step: sums of the window, and the energy balance.
 
-A thread adds up its own links' tension over `STRAND_LOOK_EVERY` steps, then adds that to the tally of the strand that
+A thread adds up its own links' tension over `STRAND_EVERY` steps, then adds that to the tally of the strand that
 the link is on; one thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
 """
 
@@ -10,7 +10,7 @@ from functools import cache
 import warp as wp
 
 from ..physics.body import body_energy, held_by
-from ..physics.motion import load_at_speed
+from ..physics.motion import load_moment_at_speed
 from ..rows import accessors
 from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
 from ..sum_structs import ContactSums, LinkTally, Sums, Tallies
@@ -33,12 +33,12 @@ from .block_rows import block_rows
 
 @dataclass(frozen=True)
 class ObserveFunctions:
-    """What looks at one variant on a block."""
+    """What sampling at one variant on a block."""
 
-    begin_seeing: wp.Function
-    see: wp.Function
+    reset_link: wp.Function
+    add_link: wp.Function
     flush: wp.Function
-    look: wp.Function
+    update_strand: wp.Function
     add_middle: wp.Function
     roller_energy: wp.Function
     observe_sprocket: wp.Function
@@ -46,35 +46,35 @@ class ObserveFunctions:
 
 @cache
 def block_observing(kind: BlockKind) -> ObserveFunctions:
-    """The functions that look at one variant on a block."""
+    """The functions that observe one variant on a block."""
     Real, sprockets, moving, slots = kind.Real, kind.sprockets, kind.moving, kind.slots
     kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
     row = block_rows(kind)
     X, Y = row.X, row.Y
-    load, store = accessors(Real).load, accessors(Real).store
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     LOWEST, HIGHEST, TENSION, SQUARE, RATE = (wp.constant(k * slots) for k in range(5))
     follow = following(Real).follow
 
     @wp.func
-    def begin_seeing(shared: kinds.Shared, j: int):
+    def reset_link(shared: kinds.Shared, j: int):
         """Nothing has been seen of link j."""
-        store(shared.seen, LOWEST + j, Real(3.0e38))
-        store(shared.seen, HIGHEST + j, -Real(3.0e38))
-        store(shared.seen, TENSION + j, Real(0.0))
-        store(shared.seen, SQUARE + j, Real(0.0))
-        store(shared.seen, RATE + j, Real(0.0))
+        store_row(shared.seen, LOWEST + j, Real(3.0e38))
+        store_row(shared.seen, HIGHEST + j, -Real(3.0e38))
+        store_row(shared.seen, TENSION + j, Real(0.0))
+        store_row(shared.seen, SQUARE + j, Real(0.0))
+        store_row(shared.seen, RATE + j, Real(0.0))
 
     @wp.func
-    def see(shared: kinds.Shared, j: int, tension: Real, rate: Real, weight: Real):
+    def add_link(shared: kinds.Shared, j: int, tension: Real, rate: Real, weight: Real):
         """One step's tension of link j, and its rate squared over the time `weight` that the step stands for [s]."""
-        if tension < load(shared.seen, LOWEST + j):
-            store(shared.seen, LOWEST + j, tension)
-        if tension > load(shared.seen, HIGHEST + j):
-            store(shared.seen, HIGHEST + j, tension)
-        store(shared.seen, TENSION + j, load(shared.seen, TENSION + j) + tension)
-        store(shared.seen, SQUARE + j, load(shared.seen, SQUARE + j) + tension * tension)
-        store(shared.seen, RATE + j, load(shared.seen, RATE + j) + weight * (rate * rate))
+        if tension < load_row(shared.seen, LOWEST + j):
+            store_row(shared.seen, LOWEST + j, tension)
+        if tension > load_row(shared.seen, HIGHEST + j):
+            store_row(shared.seen, HIGHEST + j, tension)
+        store_row(shared.seen, TENSION + j, load_row(shared.seen, TENSION + j) + tension)
+        store_row(shared.seen, SQUARE + j, load_row(shared.seen, SQUARE + j) + tension * tension)
+        store_row(shared.seen, RATE + j, load_row(shared.seen, RATE + j) + weight * (rate * rate))
 
     @wp.func
     def category_of(shared: kinds.Shared, j: int, n: int):
@@ -102,20 +102,20 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         drive = ensemble.drives[variant]
         at = drive.first_tally + category_of(shared, j, n) * n + j
         seen = LinkTally()
-        seen.tension_min = wp.float64(load(shared.seen, LOWEST + j))
-        seen.tension_max = wp.float64(load(shared.seen, HIGHEST + j))
-        seen.tension = wp.float64(load(shared.seen, TENSION + j))
-        seen.tension_square = wp.float64(load(shared.seen, SQUARE + j))
+        seen.tension_min = wp.float64(load_row(shared.seen, LOWEST + j))
+        seen.tension_max = wp.float64(load_row(shared.seen, HIGHEST + j))
+        seen.tension = wp.float64(load_row(shared.seen, TENSION + j))
+        seen.tension_square = wp.float64(load_row(shared.seen, SQUARE + j))
         tally = merge_tension(tallies.link[at], seen)
         tally.samples = tally.samples + wp.int64(samples)
         tallies.link[at] = tally
         roller = tallies.roller[drive.first_roller + j]
-        power = wp.float64(ensemble.chains[variant].damping) * wp.float64(load(shared.seen, RATE + j))
+        power = wp.float64(ensemble.chains[variant].damping) * wp.float64(load_row(shared.seen, RATE + j))
         roller.dissipated = roller.dissipated + power
         tallies.roller[drive.first_roller + j] = roller
 
     @wp.func
-    def look(shared: kinds.Shared, n: int, s: int):
+    def update_strand(shared: kinds.Shared, n: int, s: int):
         """Strand s brought up to date."""
         shared.strands[s] = follow(shared.rows, X, Y, n, shared.strands[s])
 
@@ -125,9 +125,11 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         rows = shared.rows
         a = shared.strands[s].middle
         b = wp.where(a + 1 < n, a + 1, 0)
-        ax = wp.float64(load(rows, X + a))
-        ay = wp.float64(load(rows, Y + a))
-        value = displacement(ax, ay, wp.float64(load(rows, X + b)), wp.float64(load(rows, Y + b)), shared.strands[s])
+        ax = wp.float64(load_row(rows, X + a))
+        ay = wp.float64(load_row(rows, Y + a))
+        value = displacement(
+            ax, ay, wp.float64(load_row(rows, X + b)), wp.float64(load_row(rows, Y + b)), shared.strands[s]
+        )
         shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
 
     @wp.func
@@ -138,8 +140,8 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         chain = ensemble.chains[variant]
         mass = wp.float64(chain.mass)
         spring = wp.float64(extra.tension - chain.damping * extra.rate)
-        x = wp.float64(load(shared.rows, X + j))
-        y = wp.float64(load(shared.rows, Y + j))
+        x = wp.float64(load_row(shared.rows, X + j))
+        y = wp.float64(load_row(shared.rows, Y + j))
         lift = wp.float64(chain.gravity[0]) * x + wp.float64(chain.gravity[1]) * y
         moving_part = wp.float64(0.5) * mass * wp.float64(wp.dot(v, v))
         elastic = wp.float64(0.5) * spring * spring / wp.float64(chain.stiffness)
@@ -167,7 +169,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         mount = Mount()
         if wp.static(moving):
             mount = shared.mounts[s]
-        load = load_at_speed(time, before.load, before.speed, body.speed, motion)
+        load = load_moment_at_speed(time, before.load, before.speed, body.speed, motion)
         if wp.static(moving):
             if mount.active != 0:
                 held, power = held_by(time, body, wrench, load, motion, mount, ensemble.curves)
@@ -179,10 +181,10 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
 
     return ObserveFunctions(
-        begin_seeing=begin_seeing,
-        see=see,
+        reset_link=reset_link,
+        add_link=add_link,
         flush=flush,
-        look=look,
+        update_strand=update_strand,
         add_middle=add_middle,
         roller_energy=roller_energy,
         observe_sprocket=observe_sprocket,

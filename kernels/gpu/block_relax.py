@@ -5,7 +5,7 @@ from functools import cache
 import warp as wp
 
 from ..physics.body import pose_of
-from ..relaxation import LOOK_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
+from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import types
 from ..sum_structs import Tallies
 from .block_forces import block_forces
@@ -23,8 +23,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     vec2 = kinds.vec2
     of_each = wp.types.vector(per, Real)
     row, forces, partners = block_rows(kind), block_forces(kind), block_partners(kind)
-    talk = row.talk
-    barrier, warp_sum, warp_max = talk.barrier, talk.warp_sum, talk.warp_max
+    sharing = row.sharing
+    barrier, warp_sum, warp_max = sharing.barrier, sharing.warp_sum, sharing.warp_max
     pull, acceleration, velocity = row.pull, row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
 
@@ -76,7 +76,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         return result
 
     @wp.func
-    def look(shared: kinds.Shared, mine: Mine, tension: of_each):
+    def energy_and_residual(shared: kinds.Shared, mine: Mine, tension: of_each):
         """Kinetic energy [J] and residual of the chain; all threads together."""
         chain = shared.chain[0]
         i = mine.thread
@@ -123,9 +123,9 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         """Variants `order[b]`, one a block of threads: up to `steps` steps of relaxation."""
         number = wp.tid() // wp.static(threads)
         i = wp.tid() % wp.static(threads)
-        shared = talk.shared_arrays(state, number)
+        shared = sharing.shared_arrays(state, number)
         mine = begin(ensemble, state, shared, order[number], i)
-        lengths = talk.view(ensemble.lengths, mine.first, mine.rollers)
+        lengths = sharing.view(ensemble.lengths, mine.first, mine.rollers)
         now = settling[mine.variant]
         end = wp.min(now.steps + steps, now.limit)
         barrier()
@@ -137,8 +137,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             forces.contacts(ensemble, state, tallies, shared, mine, still, by_teeth, by_bar)
             barrier()
             restart = int(0)
-            if now.steps % LOOK_EVERY == 0:
-                energy, residual = look(shared, mine, tension)
+            if now.steps % ENERGY_EVERY == 0:
+                energy, residual = energy_and_residual(shared, mine, tension)
                 now, restart = judged(now, energy, residual)
                 if restart == 1:
                     stop(shared, i)

@@ -23,12 +23,12 @@ def block_rk4(kind: BlockKind) -> wp.Function:
     row = block_rows(kind)
     X, Y, X_LOW, Y_LOW = row.X, row.Y, row.X_LOW, row.Y_LOW
     acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
-    load, store = accessors(Real).load, accessors(Real).store
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     compensated = Real == wp.float32
 
     @wp.func
     def stage_roller(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, j: int):
-        """Roller j, evaluated, to where the next stage looks at it; the fourth ends the step."""
+        """Roller j, evaluated, to where the next stage evaluates it; the fourth ends the step."""
         stage = rk4_stage(now.stage, wp.float64(0.0), mine.h)
         weight = Real(stage.weight)
         reach = Real(stage.reach)
@@ -39,28 +39,28 @@ def block_rk4(kind: BlockKind) -> wp.Function:
         v = velocity(rows, j)
         a = acceleration(shared, j)
         if stage.number == 0:
-            store(kept, at, load(rows, X + j))
-            store(kept, at + n, load(rows, Y + j))
-            store(kept, at + 2 * n, v[0])
-            store(kept, at + 3 * n, v[1])
+            store_row(kept, at, load_row(rows, X + j))
+            store_row(kept, at + n, load_row(rows, Y + j))
+            store_row(kept, at + 2 * n, v[0])
+            store_row(kept, at + 3 * n, v[1])
             if wp.static(compensated):
-                store(kept, at + 4 * n, load(rows, X_LOW + j))
-                store(kept, at + 5 * n, load(rows, Y_LOW + j))
+                store_row(kept, at + 4 * n, load_row(rows, X_LOW + j))
+                store_row(kept, at + 5 * n, load_row(rows, Y_LOW + j))
             for k in range(6, 10):
-                store(kept, at + k * n, Real(0.0))
-        store(kept, at + 6 * n, load(kept, at + 6 * n) + weight * v[0])
-        store(kept, at + 7 * n, load(kept, at + 7 * n) + weight * v[1])
-        store(kept, at + 8 * n, load(kept, at + 8 * n) + weight * a[0])
-        store(kept, at + 9 * n, load(kept, at + 9 * n) + weight * a[1])
-        store(rows, X + j, load(kept, at))
-        store(rows, Y + j, load(kept, at + n))
+                store_row(kept, at + k * n, Real(0.0))
+        store_row(kept, at + 6 * n, load_row(kept, at + 6 * n) + weight * v[0])
+        store_row(kept, at + 7 * n, load_row(kept, at + 7 * n) + weight * v[1])
+        store_row(kept, at + 8 * n, load_row(kept, at + 8 * n) + weight * a[0])
+        store_row(kept, at + 9 * n, load_row(kept, at + 9 * n) + weight * a[1])
+        store_row(rows, X + j, load_row(kept, at))
+        store_row(rows, Y + j, load_row(kept, at + n))
         if wp.static(compensated):
-            store(rows, X_LOW + j, load(kept, at + 4 * n))
-            store(rows, Y_LOW + j, load(kept, at + 5 * n))
-        start = vec2(load(kept, at + 2 * n), load(kept, at + 3 * n))
+            store_row(rows, X_LOW + j, load_row(kept, at + 4 * n))
+            store_row(rows, Y_LOW + j, load_row(kept, at + 5 * n))
+        start = vec2(load_row(kept, at + 2 * n), load_row(kept, at + 3 * n))
         if stage.number == 3:
-            set_velocity(shared, j, start + vec2(load(kept, at + 8 * n), load(kept, at + 9 * n)))
-            move(shared, j, load(kept, at + 6 * n), load(kept, at + 7 * n))
+            set_velocity(shared, j, start + vec2(load_row(kept, at + 8 * n), load_row(kept, at + 9 * n)))
+            move(shared, j, load_row(kept, at + 6 * n), load_row(kept, at + 7 * n))
         else:
             set_velocity(shared, j, start + reach * a)
             move(shared, j, reach * v[0], reach * v[1])

@@ -17,7 +17,7 @@ from .exchange import Exchange, exchange
 class RowFunctions:
     """What is done on a block's rows, as functions of kernels, and where x, y and their low parts begin."""
 
-    talk: Exchange
+    sharing: Exchange
     X: int
     Y: int
     X_LOW: int
@@ -45,9 +45,9 @@ def block_rows(kind: BlockKind) -> RowFunctions:
     partners = kind.sprockets + kind.guides
     part_rows = (3 if kind.moving else 1) * kind.sprockets
     of_each = wp.types.vector(per, Real)
-    talk = exchange(kind)
-    barrier = talk.barrier
-    load, store = accessors(Real).load, accessors(Real).store
+    sharing = exchange(kind)
+    barrier = sharing.barrier
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     X, Y, VX, VY, FORCE_X, FORCE_Y, X_LOW, Y_LOW = (wp.constant(k * slots) for k in range(8))
 
     @wp.func
@@ -55,16 +55,18 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         """Position of roller j in float64 from `center` [m]."""
         if wp.static(compensated):
             return wp.vec2d(
-                wp.float64(load(rows, X + j)) - center[0] + wp.float64(load(rows, X_LOW + j)),
-                wp.float64(load(rows, Y + j)) - center[1] + wp.float64(load(rows, Y_LOW + j)),
+                wp.float64(load_row(rows, X + j)) - center[0] + wp.float64(load_row(rows, X_LOW + j)),
+                wp.float64(load_row(rows, Y + j)) - center[1] + wp.float64(load_row(rows, Y_LOW + j)),
             )
         else:
-            return wp.vec2d(wp.float64(load(rows, X + j)) - center[0], wp.float64(load(rows, Y + j)) - center[1])
+            return wp.vec2d(
+                wp.float64(load_row(rows, X + j)) - center[0], wp.float64(load_row(rows, Y + j)) - center[1]
+            )
 
     @wp.func
     def velocity(rows: wp.array[Real], j: int):
         """Velocity of roller j [m/s]."""
-        return vec2(load(rows, VX + j), load(rows, VY + j))
+        return vec2(load_row(rows, VX + j), load_row(rows, VY + j))
 
     @wp.func
     def link_of(shared: kinds.Shared, j: int, n: int, length: Real):
@@ -72,12 +74,13 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         chain = shared.chain[0]
         rows = shared.rows
         next = wp.where(j + 1 < n, j + 1, 0)
-        d = vec2(load(rows, X + next) - load(rows, X + j), load(rows, Y + next) - load(rows, Y + j))
+        d = vec2(load_row(rows, X + next) - load_row(rows, X + j), load_row(rows, Y + next) - load_row(rows, Y + j))
         if wp.static(compensated):
             d = d + vec2(
-                load(rows, X_LOW + next) - load(rows, X_LOW + j), load(rows, Y_LOW + next) - load(rows, Y_LOW + j)
+                load_row(rows, X_LOW + next) - load_row(rows, X_LOW + j),
+                load_row(rows, Y_LOW + next) - load_row(rows, Y_LOW + j),
             )
-        v = vec2(load(rows, VX + next) - load(rows, VX + j), load(rows, VY + next) - load(rows, VY + j))
+        v = vec2(load_row(rows, VX + next) - load_row(rows, VX + j), load_row(rows, VY + next) - load_row(rows, VY + j))
         tension, rate, u = link_force(d, v, length, chain.stiffness, chain.damping)
         return tension, rate, tension * u
 
@@ -89,13 +92,13 @@ def block_rows(kind: BlockKind) -> RowFunctions:
     @wp.func
     def force_on(shared: kinds.Shared, j: int):
         """What stands as roller j's force [N]."""
-        return vec2(load(shared.rows, FORCE_X + j), load(shared.rows, FORCE_Y + j))
+        return vec2(load_row(shared.rows, FORCE_X + j), load_row(shared.rows, FORCE_Y + j))
 
     @wp.func
     def set_force(shared: kinds.Shared, j: int, force: vec2):
         """Roller j's force [N]: of the link after it, then of both its links, then of its contacts too."""
-        store(shared.rows, FORCE_X + j, force[0])
-        store(shared.rows, FORCE_Y + j, force[1])
+        store_row(shared.rows, FORCE_X + j, force[0])
+        store_row(shared.rows, FORCE_Y + j, force[1])
 
     @wp.func
     def pull(shared: kinds.Shared, lengths: wp.array[Real], n: int, i: int):
@@ -110,7 +113,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         pull_y = of_each()
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
-            tension_k, rate_k, force = link_of(shared, j, n, load(lengths, j))
+            tension_k, rate_k, force = link_of(shared, j, n, load_row(lengths, j))
             set_force(shared, j, force)
             tension[k] = tension_k
             rate[k] = rate_k
@@ -135,25 +138,25 @@ def block_rows(kind: BlockKind) -> RowFunctions:
     @wp.func
     def set_velocity(shared: kinds.Shared, j: int, v: vec2):
         """Roller j's velocity."""
-        store(shared.rows, VX + j, v[0])
-        store(shared.rows, VY + j, v[1])
+        store_row(shared.rows, VX + j, v[0])
+        store_row(shared.rows, VY + j, v[1])
 
     @wp.func
     def move(shared: kinds.Shared, j: int, dx: Real, dy: Real):
         """Roller j by (dx, dy) [m]; what float32 rounds off goes to the low parts."""
         rows = shared.rows
-        x = load(rows, X + j)
-        y = load(rows, Y + j)
+        x = load_row(rows, X + j)
+        y = load_row(rows, Y + j)
         if wp.static(compensated):
-            new_x, low_x = two_sum(x, load(rows, X_LOW + j), dx)
-            new_y, low_y = two_sum(y, load(rows, Y_LOW + j), dy)
-            store(rows, X + j, new_x)
-            store(rows, Y + j, new_y)
-            store(rows, X_LOW + j, low_x)
-            store(rows, Y_LOW + j, low_y)
+            new_x, low_x = two_sum(x, load_row(rows, X_LOW + j), dx)
+            new_y, low_y = two_sum(y, load_row(rows, Y_LOW + j), dy)
+            store_row(rows, X + j, new_x)
+            store_row(rows, Y + j, new_y)
+            store_row(rows, X_LOW + j, low_x)
+            store_row(rows, Y_LOW + j, low_y)
         else:
-            store(rows, X + j, x + dx)
-            store(rows, Y + j, y + dy)
+            store_row(rows, X + j, x + dx)
+            store_row(rows, Y + j, y + dy)
 
     @wp.func
     def fetch(state: kinds.State, shared: kinds.Shared, mine: Mine):
@@ -162,13 +165,13 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         j = int(mine.thread)
         while j < wp.static(slots):
             row = STATE_ROWS * mine.first + wp.min(j, n - 1)
-            store(shared.rows, X + j, state.rollers[row])
-            store(shared.rows, Y + j, state.rollers[row + n])
-            store(shared.rows, VX + j, state.rollers[row + 2 * n])
-            store(shared.rows, VY + j, state.rollers[row + 3 * n])
+            store_row(shared.rows, X + j, state.rollers[row])
+            store_row(shared.rows, Y + j, state.rollers[row + n])
+            store_row(shared.rows, VX + j, state.rollers[row + 2 * n])
+            store_row(shared.rows, VY + j, state.rollers[row + 3 * n])
             if wp.static(compensated):
-                store(shared.rows, X_LOW + j, state.rollers[row + 4 * n])
-                store(shared.rows, Y_LOW + j, state.rollers[row + 5 * n])
+                store_row(shared.rows, X_LOW + j, state.rollers[row + 4 * n])
+                store_row(shared.rows, Y_LOW + j, state.rollers[row + 5 * n])
             held = int(0)
             if j < n:
                 memory = mine.memory + j
@@ -191,17 +194,17 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         j = int(mine.thread)
         while j < n:
             row = STATE_ROWS * mine.first + j
-            state.rollers[row] = load(shared.rows, X + j)
-            state.rollers[row + n] = load(shared.rows, Y + j)
-            state.rollers[row + 2 * n] = load(shared.rows, VX + j)
-            state.rollers[row + 3 * n] = load(shared.rows, VY + j)
+            state.rollers[row] = load_row(shared.rows, X + j)
+            state.rollers[row + n] = load_row(shared.rows, Y + j)
+            state.rollers[row + 2 * n] = load_row(shared.rows, VX + j)
+            state.rollers[row + 3 * n] = load_row(shared.rows, VY + j)
             if wp.static(compensated):
-                state.rollers[row + 4 * n] = load(shared.rows, X_LOW + j)
-                state.rollers[row + 5 * n] = load(shared.rows, Y_LOW + j)
+                state.rollers[row + 4 * n] = load_row(shared.rows, X_LOW + j)
+                state.rollers[row + 5 * n] = load_row(shared.rows, Y_LOW + j)
             j = j + wp.static(threads)
 
     return RowFunctions(
-        talk=talk,
+        sharing=sharing,
         X=X,
         Y=Y,
         X_LOW=X_LOW,

@@ -130,7 +130,7 @@ def any_thread(flag: int) -> int:
 
 
 SEEN = 5
-"""Rows of what is seen of links between two looks at where the strands are (`block_observe`)."""
+"""Rows of what is seen of links between two updates of where the strands are (`block_observe`)."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ center is fixed and that has no balance wheel only turns (`Mount.active` = 0); t
 prescribed takes its mean speed over a leapfrog step, which leads it exactly from place to place.
 
 `body_rates` has the accelerations of all coordinates, `leapfrog_body` and `rk4_body` take a body on by one integrator
-each, `body_at` looks at it. A new kind of body adds its own forces in `body_rates`.
+each, `body_at` observes it. A new kind of body adds its own forces in `body_rates`.
 """
 
 import warp as wp
@@ -111,7 +111,7 @@ def rk4_body(
     mount: Mount,
     curves: Curves,
 ):
-    """A body where the next of the four stages looks at it, or after the fourth at the step's end, and its `stages`."""
+    """A body where the next of the four stages evaluates it, after the fourth at the step's end, and its `stages`."""
     straight = wp.vec2d(rates[0], rates[1])
     turning = body.speed
     moving = body.velocity

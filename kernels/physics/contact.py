@@ -20,7 +20,7 @@ from .guide import guide_gap
 from .impact import contact_force, elastic_force
 from .tooth import nearest_seat, seat_step, tooth_gap, wrapped_seat
 
-load_direction = accessors(wp.vec2d).load
+load_direction = accessors(wp.vec2d).load_row
 
 
 @wp.func

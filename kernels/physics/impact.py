@@ -53,8 +53,8 @@ def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
         impact_speed: v0 [m/s].
         law: the contact's parameters (`structs.ContactLaw`).
     """
-    force = hysteretic(elastic, speed, impact_speed, law.hysteresis)
+    force = hysteretic(elastic, speed, impact_speed, law.damping)
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
-            force = wp.static(FORCES[form])(elastic, speed, impact_speed, law.hysteresis)
+            force = wp.static(FORCES[form])(elastic, speed, impact_speed, law.damping)
     return wp.max(force, type(elastic)(0.0))

@@ -95,7 +95,7 @@ def prescribed_acceleration(time: wp.float64, motion: Motion, curves: Curves):
 
 
 @wp.func
-def load_at(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, curves: Curves):
+def load_moment(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, curves: Curves):
     """Load moment [N m] of a body that is free to turn, counter-clockwise; 0 of one whose angle is prescribed."""
     if motion.prescribed == 1:
         return wp.float64(0.0)
@@ -116,7 +116,7 @@ def load_at(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Moti
 
 
 @wp.func
-def load_at_speed(time: wp.float64, load: wp.float64, before: wp.float64, speed: wp.float64, motion: Motion):
+def load_moment_at_speed(time: wp.float64, load: wp.float64, before: wp.float64, speed: wp.float64, motion: Motion):
     """The load moment [N m] at another angular velocity than `before`, where it is `load`."""
     change = motion.load[1] * (speed - before) + motion.load[2] * (speed * wp.abs(speed) - before * wp.abs(before))
     return load - change * ramp(time, motion.load_ramp_time)

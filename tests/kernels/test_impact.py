@@ -11,7 +11,7 @@ from warpchain.kernels.physics.contact import respond
 
 def rebound(e, stiffness=1e6, exponent=1.0, mass=2.0, speed=0.7, h=None):
     law = KINDS.ContactLaw()
-    law.stiffness, law.exponent, law.hysteresis, law.speed_floor = stiffness, exponent, 0.75 * (1 - e * e), 1e-9
+    law.stiffness, law.exponent, law.damping, law.speed_floor = stiffness, exponent, 0.75 * (1 - e * e), 1e-9
     out = wp.zeros(3, dtype=wp.float64, device="cpu")
     duration = (
         np.sqrt(mass / stiffness)
@@ -72,7 +72,7 @@ def test_contact_never_pulls():
         out[1] = dissipated
 
     law = KINDS.ContactLaw()
-    law.stiffness, law.exponent, law.hysteresis, law.speed_floor = 1e8, 1.0, 0.5, 0.01
+    law.stiffness, law.exponent, law.damping, law.speed_floor = 1e8, 1.0, 0.5, 0.01
     out = wp.full(2, -7.0, dtype=wp.float64, device="cpu")
     wp.launch(force_at, dim=1, inputs=[law, out], device="cpu")
     assert out.numpy()[0] == 0.0

@@ -71,17 +71,17 @@ class CpuEngine:
 
         return [self._pool.submit(work, first) for first in range(0, self.variants, group)]
 
-    def advance(self, block: int, frames: wp.array) -> list[Future[None]]:
-        """Starts `block` steps of every variant that has not ended; frames go to `frames`."""
-        return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [block])
+    def advance(self, steps: int, frames: wp.array) -> list[Future[None]]:
+        """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
+        return self._launch("advance", [self.ensemble, self.state, self.cpu_sums, frames], [steps])
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
         self._settling = wp.array(settling, dtype=relaxation.Settling, device="cpu")
 
-    def settle(self, block: int) -> list[Future[None]]:
-        """Starts up to `block` steps of relaxation of every variant that has not settled."""
-        return self._launch("relax", [self.ensemble, self.state, self._settling], [block])
+    def settle(self, steps: int) -> list[Future[None]]:
+        """Starts up to `steps` steps of relaxation of every variant that has not settled."""
+        return self._launch("relax", [self.ensemble, self.state, self._settling], [steps])
 
     def settling(self) -> NDArray[Any]:
         """The state of each variant's relaxation."""
@@ -100,7 +100,7 @@ class CpuEngine:
         return {name: np.array(getattr(self.cpu_sums, name).numpy(), copy=True) for name in SUMS}
 
     def frame_buffer(self, values: int) -> wp.array:
-        """A buffer for a block's frames."""
+        """A buffer for a launch's frames."""
         return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")
 
     def close(self) -> None:

@@ -14,7 +14,7 @@ from warpchain.errors import SimulationError
 
 
 class Buffer(Protocol):
-    """Frames of one block of steps."""
+    """Frames of one launch."""
 
     def numpy(self) -> NDArray[np.floating]:
         """The frames, in the host's memory."""
@@ -26,9 +26,9 @@ class Engine(Protocol):
 
     packed: Packed
 
-    def advance(self, block: int, frames: Any) -> list[Future[None]]: ...
+    def advance(self, steps: int, frames: Any) -> list[Future[None]]: ...
     def start_settling(self, settling: NDArray[Any]) -> None: ...
-    def settle(self, block: int) -> list[Future[None]]: ...
+    def settle(self, steps: int) -> list[Future[None]]: ...
     def settling(self) -> NDArray[Any]: ...
     def rollers(self) -> NDArray[np.floating]: ...
     def progress(self) -> NDArray[Any]: ...
@@ -137,7 +137,7 @@ def _cuts(packed: Packed, count: int) -> list[int]:
 
 
 class SeveralBuffers:
-    """The parts' buffers of one block of steps, joined in the host's memory."""
+    """The parts' buffers of one launch, joined in the host's memory."""
 
     def __init__(self, buffers: Sequence[Any], firsts: Sequence[int], values: int, real: Any) -> None:
         self.buffers, self.firsts = buffers, firsts
@@ -172,19 +172,19 @@ class SeveralEngines:
             for future in made:
                 future.result()  # raises
 
-    def advance(self, block: int, frames: SeveralBuffers) -> list[Future[None]]:
-        """Starts `block` steps on all engines."""
+    def advance(self, steps: int, frames: SeveralBuffers) -> list[Future[None]]:
+        """Starts `steps` steps on all engines."""
         pairs = zip(self.engines, frames.buffers, strict=True)
-        return [future for engine, buffer in pairs for future in engine.advance(block, buffer)]
+        return [future for engine, buffer in pairs for future in engine.advance(steps, buffer)]
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         """Hands each engine its variants' relaxation."""
         for engine, (a, b) in zip(self.engines, self.cuts, strict=True):
             engine.start_settling(settling[a:b])
 
-    def settle(self, block: int) -> list[Future[None]]:
-        """Starts up to `block` steps of relaxation on all engines."""
-        return [future for engine in self.engines for future in engine.settle(block)]
+    def settle(self, steps: int) -> list[Future[None]]:
+        """Starts up to `steps` steps of relaxation on all engines."""
+        return [future for engine in self.engines for future in engine.settle(steps)]
 
     def settling(self) -> NDArray[Any]:
         """The state of each variant's relaxation."""
@@ -207,7 +207,7 @@ class SeveralEngines:
         return {name: np.concatenate([sums[name] for sums in each]) for name in each[0]}
 
     def frame_buffer(self, values: int) -> SeveralBuffers:
-        """A buffer for a block's frames, each part's on its own device."""
+        """A buffer for a launch's frames, each part's on its own device."""
         firsts = [values if first is None else first for first in self.firsts]
         ends = [*firsts[1:], values]
         buffers = [

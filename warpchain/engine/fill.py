@@ -60,7 +60,7 @@ def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> Non
     row["form"] = FORMS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
-    row["hysteresis"] = contact_damping(contact, stiffness, mass)
+    row["damping"] = contact_damping(contact, stiffness, mass)
     row["speed_floor"] = contact.impact_speed_floor
 
 

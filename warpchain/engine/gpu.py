@@ -98,7 +98,7 @@ def _memory_named(device: str, packed: Packed) -> Iterator[None]:
 
 
 class FrameBuffer:
-    """A block's frames: on the device, and in the host's memory once `numpy` is called."""
+    """A launch's frames: on the device, and in the host's memory once `numpy` is called."""
 
     def __init__(self, values: int, real: type, device: str) -> None:
         self.values = values
@@ -221,16 +221,16 @@ class GpuEngine:
             self._kernels[name, kind] = kernel
         return self._kernels[name, kind]
 
-    def _phases(self, bucket: Bucket, block: int) -> list[tuple[str, int, int]]:
-        """How to take a bucket `block` steps on: kernel, steps, and steps before in this launch.
+    def _phases(self, bucket: Bucket, steps: int) -> list[tuple[str, int, int]]:
+        """How to take a bucket `steps` steps on: kernel, steps, and steps before in this launch.
 
         What takes metrics is slower, so it runs from where the first window begins to where the last one ends.
         """
         drives, progress = self.packed.drives[bucket.variants], self._progress[bucket.variants]
         alive = (progress["diverged"] == 0) & (drives["window_end"] >= progress["step"])
-        until = np.maximum(drives["window_start"] - progress["step"], 0)[alive].min(initial=block)
-        bare = block if until >= block else int(until) // int(DIVERGENCE_CHECK) * int(DIVERGENCE_CHECK)
-        phases = [("advance", bare, 0), ("measure", block - bare, bare)]
+        until = np.maximum(drives["window_start"] - progress["step"], 0)[alive].min(initial=steps)
+        bare = steps if until >= steps else int(until) // int(DIVERGENCE_CHECK) * int(DIVERGENCE_CHECK)
+        phases = [("advance", bare, 0), ("measure", steps - bare, bare)]
         return [phase for phase in phases if phase[1] > 0]
 
     def _launch(self, kernel: Any, shape: BlockShape, bucket: Bucket, inputs: Sequence[Any]) -> None:
@@ -243,20 +243,20 @@ class GpuEngine:
             stream=self.stream,
         )
 
-    def advance(self, block: int, frames: FrameBuffer) -> list[Future[None]]:
-        """Starts `block` steps of every variant that has not ended; frames go to `frames`."""
+    def advance(self, steps: int, frames: FrameBuffer) -> list[Future[None]]:
+        """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
 
         launches = [
-            (bucket, self._kernel(name, bucket), steps, before)
+            (bucket, self._kernel(name, bucket), taken, before)
             for bucket in self.buckets
-            for name, steps, before in self._phases(bucket, block)
+            for name, taken, before in self._phases(bucket, steps)
         ]
 
         def work() -> None:
             with _memory_named(self.device, self.packed):
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
-                for bucket, kernel, steps, before in launches:
+                for bucket, kernel, taken, before in launches:
                     inputs = [
                         self.ensemble,
                         self.state,
@@ -264,7 +264,7 @@ class GpuEngine:
                         self.tallies,
                         frames.device,
                         bucket.order,
-                        steps,
+                        taken,
                         before,
                     ]
                     self._launch(kernel, bucket.shape, bucket, inputs)
@@ -289,15 +289,15 @@ class GpuEngine:
             self._settling = wp.array(settling, dtype=relaxation.Settling, device=self.device)
             self._settling_now = settling.copy()
 
-    def settle(self, block: int) -> list[Future[None]]:
-        """Starts up to `block` steps of relaxation of every variant that has not settled."""
+    def settle(self, steps: int) -> list[Future[None]]:
+        """Starts up to `steps` steps of relaxation of every variant that has not settled."""
 
         kernels = [self._kernel("relax", bucket) for bucket in self.buckets]
 
         def work() -> None:
             with _memory_named(self.device, self.packed):
                 for bucket, kernel in zip(self.buckets, kernels, strict=True):
-                    inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, block]
+                    inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, steps]
                     self._launch(kernel, kernel_shape("relax", bucket), bucket, inputs)
                 self._settling_now = self._read(self._settling)
 
@@ -327,7 +327,7 @@ class GpuEngine:
             return {name: np.array(getattr(sums, name).numpy(), copy=True) for name in SUMS}
 
     def frame_buffer(self, values: int) -> FrameBuffer:
-        """A buffer for a block's frames."""
+        """A buffer for a launch's frames."""
         with _memory_named(self.device, self.packed):
             return FrameBuffer(values, self.packed.real, self.device)
 

@@ -1,4 +1,4 @@
-"""Takes the frames that the kernels write, block by block, to memory or to an archive."""
+"""Takes the frames that the kernels write, launch by launch, to memory or to an archive."""
 
 from __future__ import annotations
 
@@ -98,24 +98,24 @@ class Recorder:
                 "lower the rate, or raise memory"
             )
 
-    def block(self, limit: int, most: int | None = None) -> int:
-        """Steps of a block, `limit` at most, such that its frames fit a buffer, of `most` bytes if given."""
+    def launch_steps(self, limit: int, most: int | None = None) -> int:
+        """Steps of a launch, `limit` at most, such that its frames fit a buffer, of `most` bytes if given."""
         if not self.indices:
             return limit
         values = self._buffer_values if most is None else min(self._buffer_values, most // self.bytes_per_value)
         room = max(min(values, 2**31 - 1) - int(self.widths.sum()), 0)
         return int(max(1, min(limit, room / float((self.widths / self.every).sum()))))
 
-    def layout(self, block: int) -> int:
-        """Fixes where each variant's frames begin in a buffer for blocks of `block` steps; returns its length."""
-        counts = block // self.every + 1 if self.indices else np.zeros(0, dtype=np.int64)
+    def layout(self, steps: int) -> int:
+        """Fixes where each variant's frames begin in a buffer for launches of `steps` steps; returns its length."""
+        counts = steps // self.every + 1 if self.indices else np.zeros(0, dtype=np.int64)
         ends = np.cumsum(counts * self.widths)
         self.first = ends - counts * self.widths
         self.packed.drives["first_value"][list(self.indices)] = self.first
         return int(ends[-1]) if self.indices else 0
 
     def take(self, buffer: NDArray[np.floating], before: NDArray[Any], after: NDArray[Any]) -> None:
-        """Takes the frames of a block from its buffer; `before` and `after` are the variants' progress."""
+        """Takes the frames of a launch from its buffer; `before` and `after` are the variants' progress."""
         for k, v in enumerate(self.indices):
             every, width = int(self.every[k]), int(self.widths[k])
             start = -(-int(before["step"][v]) // every)

@@ -45,8 +45,8 @@ def elastic(packed: Packed) -> Packed:
         rollers=packed.rollers.copy(),
     )
     still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
-    still.sprockets["law"]["hysteresis"] = 0.0
-    still.guides["law"]["hysteresis"] = 0.0
+    still.sprockets["law"]["damping"] = 0.0
+    still.guides["law"]["damping"] = 0.0
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
     for v in range(packed.variants):
         still.rows(v)[2:4] = 0.0
@@ -58,7 +58,7 @@ def settle(
     drives: Sequence[Drive],
     devices: Sequence[str],
     cores: int,
-    block: int,
+    steps: int,
     run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
 ) -> NDArray[Any]:
     """Settles the variants that ask for it: moves the rollers of `packed`, whose velocities stay.
@@ -67,7 +67,7 @@ def settle(
         packed: the ensemble in float64.
         devices: where to settle, as from `devices.chosen_devices`.
         cores: CPU threads.
-        block: steps of one launch.
+        steps: of one launch.
         run: waits for launches, given a function that tells (done, total) in roller-steps; False ends the settling.
 
     Returns:
@@ -93,7 +93,7 @@ def settle(
         engine.start_settling(state)
         going = True
         while going:
-            going = run(engine.settle(block), done)
+            going = run(engine.settle(steps), done)
             now = engine.settling()
             going = going and bool(((now["settled"] == 0) & (now["steps"] < now["limit"])).any())
         moved = engine.rollers()

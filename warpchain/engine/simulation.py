@@ -1,4 +1,4 @@
-"""Runs an ensemble of drives: settling, blocks of steps, recording, progress, and an orderly end on Ctrl-C."""
+"""Runs an ensemble of drives: settling, launches of steps, recording, progress, and an orderly end on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
 
-BLOCK_WORK = 20_000_000
-"""Roller-steps of a variant in one block at most, so that progress shows and Ctrl-C is heard."""
+LAUNCH_WORK = 20_000_000
+"""Roller-steps of a variant in one launch at most, so that progress shows and Ctrl-C is heard."""
 
 
 def simulate(
@@ -97,16 +97,16 @@ def simulate(
     devices = chosen_devices(device, packed)[: len(chosen)]
     info = _run_info(devices, precision, schedules)
     begun = time.monotonic()
-    block = launch_steps(devices, packed, max(1, BLOCK_WORK // int(packed.drives["rollers"].max())))
+    steps = launch_steps(devices, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
     recorder = Recorder(chosen, schedules, packed, info, recording)
     engine = None
     try:
         with reporter(progress) as report, interruptible() as stop:
-            settled = _settle(packed, chosen, devices, cores, block, report, stop)
-            block = launch_steps(devices, packed, recorder.block(block, frame_bytes(devices)))
-            buffer_values = recorder.layout(block)
+            settled = _settle(packed, chosen, devices, cores, steps, report, stop)
+            steps = launch_steps(devices, packed, recorder.launch_steps(steps, frame_bytes(devices)))
+            buffer_values = recorder.layout(steps)
             engine = engine_on(devices, packed.at_precision(precision), cores)
-            _march(engine, block, buffer_values, recorder, report, stop)
+            _march(engine, steps, buffer_values, recorder, report, stop)
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
         metrics = _metrics(engine, chosen, schedules, settled)
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
@@ -178,7 +178,7 @@ def _run_info(devices: Sequence[str], precision: str, schedules: Sequence[Schedu
 
 
 def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:
-    """Waits for a block; on a request to stop, drops what has not begun. Raises what a launch raised."""
+    """Waits for a launch; on a request to stop, drops what has not begun. Raises what a launch raised."""
     pending = set(futures)
     while pending:
         _, pending = wait(pending, timeout=0.1)
@@ -196,7 +196,7 @@ def _settle(
     drives: Sequence[Drive],
     devices: Sequence[str],
     cores: int,
-    block: int,
+    steps: int,
     report: Report,
     stop: Stop,
 ) -> NDArray[Any]:
@@ -208,11 +208,11 @@ def _settle(
 
     from warpchain.engine.settling import settle
 
-    return settle(packed, drives, devices, cores, block, run)
+    return settle(packed, drives, devices, cores, steps, run)
 
 
-def _march(engine: Engine, block: int, buffer_values: int, recorder: Recorder, report: Report, stop: Stop) -> None:
-    """Runs blocks of steps until every variant has ended; the frames of one are taken while the next runs."""
+def _march(engine: Engine, steps: int, buffer_values: int, recorder: Recorder, report: Report, stop: Stop) -> None:
+    """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
     drives = engine.packed.drives
     rollers = drives["rollers"].astype(float)
     total = float(((drives["steps"] + 1) * rollers).sum())
@@ -227,7 +227,7 @@ def _march(engine: Engine, block: int, buffer_values: int, recorder: Recorder, r
     before = engine.progress()
     turn = 0
     while ((before["step"] <= drives["steps"]) & (before["diverged"] == 0)).any() and not stop.asked:
-        futures = engine.advance(block, buffers[turn])
+        futures = engine.advance(steps, buffers[turn])
         if taken is not None:
             recorder.take(taken[0].numpy(), *taken[1:])
         _await(futures, stop, tick)

@@ -1,4 +1,4 @@
-"""What a block does at some steps only: events, and looks at links, rollers and sprockets for metrics and frames."""
+"""What a block does at some steps only: events, and samples of links, rollers and sprockets for metrics and frames."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +11,7 @@ from ..physics.body import in_box
 from ..rows import accessors
 from ..structs import BodyState, Drive, Wrench, types
 from ..sum_structs import Tallies
-from ..sums import STRAND_LOOK_EVERY, add_energy
+from ..sums import STRAND_EVERY, add_energy
 from .block_bodies import block_bodies
 from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
 from .block_kind import BlockKind, Mine, now_struct
@@ -21,27 +21,27 @@ from .exchange import any_thread
 
 
 @dataclass(frozen=True)
-class LookFunctions:
-    """A block's looks, as functions of kernels."""
+class SamplingFunctions:
+    """A block's sampling, as functions of kernels."""
 
-    happen: wp.Function
-    see_links: wp.Function
-    see_rollers: wp.Function
-    see_sprocket: wp.Function
+    on_event: wp.Function
+    sample_links: wp.Function
+    sample_rollers: wp.Function
+    write_sprocket_frame: wp.Function
     flush_links: wp.Function
 
 
 @cache
-def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
-    """The functions that look at one variant on a block, when it is time to; `frame` as in `frames.frame_writers`."""
+def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
+    """The functions that observe one variant on a block, when it is time to; `frame` as in `frames.frame_writers`."""
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     of_each = wp.types.vector(per, Real)
     row, bodies, observe = block_rows(kind), block_bodies(kind), block_observing(kind)
     frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
-    load, X, Y, vec2 = accessors(Real).load, row.X, row.Y, kinds.vec2
-    barrier, place, link_of = row.talk.barrier, row.place, row.link_of
+    load_row, X, Y, vec2 = accessors(Real).load_row, row.X, row.Y, kinds.vec2
+    barrier, place, link_of = row.sharing.barrier, row.place, row.link_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
     center_outside, set_heading, plan = bodies.center_outside, bodies.set_heading, bodies.plan
 
@@ -54,20 +54,20 @@ def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
             j = j + wp.static(threads)
 
     @wp.func
-    def look_at_strands(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now):
+    def update_strands(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now):
         """Brings the strands up to date, if it is time to; returns the samples of each link since."""
         samples = now.samples
-        if now.step % STRAND_LOOK_EVERY == 0 or now.flags & START != 0:
+        if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
             if samples > 0:
                 flush_links(ensemble, tallies, shared, mine, samples)
                 samples = 0
             barrier()
             if mine.sprocket >= 0:
-                observe.look(shared, mine.rollers, mine.sprocket)
+                observe.update_strand(shared, mine.rollers, mine.sprocket)
         if samples == 0:
             j = int(mine.thread)
             while j < mine.rollers:
-                observe.begin_seeing(shared, j)
+                observe.reset_link(shared, j)
                 j = j + wp.static(threads)
         return samples
 
@@ -86,7 +86,7 @@ def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
         return gone
 
     @wp.func
-    def happen(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now):
+    def on_event(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now):
         """What is due at this step beside forces and motion; all threads together."""
         drive = ensemble.drives[mine.variant]
         now.flags = flags_of(drive, now.step)
@@ -96,7 +96,7 @@ def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
             now.weight = Real(drive.step)
             if now.flags & ENDS != 0:
                 now.weight = Real(0.5) * now.weight
-            now.samples = look_at_strands(ensemble, tallies, shared, mine, now)
+            now.samples = update_strands(ensemble, tallies, shared, mine, now)
         if now.flags & CHECK != 0:
             now.diverged = any_thread(gone_from(drive, shared, mine))
             if mine.sprocket >= 0:
@@ -108,7 +108,7 @@ def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
         return now
 
     @wp.func
-    def see_links(
+    def sample_links(
         state: kinds.State,
         shared: kinds.Shared,
         mine: Mine,
@@ -121,14 +121,14 @@ def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
             for k in range(wp.static(per)):
-                observe.see(shared, k * wp.static(threads) + mine.thread, tension[k], rate[k], now.weight)
+                observe.add_link(shared, k * wp.static(threads) + mine.thread, tension[k], rate[k], now.weight)
             now.samples = now.samples + 1
             if mine.sprocket >= 0:
                 observe.add_middle(shared, n, mine.sprocket)
         if now.flags & EXTRA != 0:
             j = int(mine.thread)
             while j < n:
-                tension_j, rate_j, force = link_of(shared, j, n, load(lengths, j))
+                tension_j, rate_j, force = link_of(shared, j, n, load_row(lengths, j))
                 extra = kinds.Extra()
                 extra.tension = tension_j
                 extra.rate = rate_j
@@ -139,10 +139,10 @@ def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
     @wp.func
     def position(shared: kinds.Shared, j: int):
         """Position of roller j [m]."""
-        return vec2(load(shared.rows, X + j), load(shared.rows, Y + j))
+        return vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
 
     @wp.func
-    def see_rollers(
+    def sample_rollers(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         tallies: Tallies,
@@ -190,10 +190,10 @@ def block_looks(kind: BlockKind, frame: Any) -> LookFunctions:
             at = frame_at(ensemble, state, mine.variant, since, now.step)
             write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, wrench.moment)
 
-    return LookFunctions(
-        happen=happen,
-        see_links=see_links,
-        see_rollers=see_rollers,
-        see_sprocket=write_frame,
+    return SamplingFunctions(
+        on_event=on_event,
+        sample_links=sample_links,
+        sample_rollers=sample_rollers,
+        write_sprocket_frame=write_frame,
         flush_links=flush_links,
     )
