@@ -30,7 +30,7 @@ Values = Any
 
 def where(given: ArrayLike, values: ArrayLike) -> np.ma.MaskedArray[Any, Any]:
     """Values where they are given, masked elsewhere."""
-    return np.ma.MaskedArray(values, mask=~np.broadcast_to(given, np.shape(values)))
+    return np.ma.MaskedArray(values, mask=np.logical_not(given))
 
 
 def partner_names(drive: Drive) -> list[str]:

@@ -138,17 +138,21 @@ def metrics_table(ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[st
             them.
     """
     count = len(ended.drives)
-    columns: Columns = {"variant": np.ma.arange(count), **run_columns(ended)}
+    known = {"variant": np.ma.arange(count), **run_columns(ended)}
+    columns = {name: (values.filled(0), np.ma.getmaskarray(values)) for name, values in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
     for variants in same_columns(ended.drives):
         found = metrics_of(ended.of(variants), sums_of(variants))
         for place, (name, values) in enumerate(found.items()):
-            having = variants[~np.ma.getmaskarray(values)]
-            if len(having):
-                places[name] = min(places.get(name, (count, 0)), (int(having[0]), place))
-                columns.setdefault(name, np.ma.MaskedArray(np.zeros(count, _kind(name)), mask=True))[variants] = values
-    ordered = sorted(columns, key=places.__getitem__)
-    return _table({name: (columns[name].filled(0), np.ma.getmaskarray(columns[name])) for name in ordered})
+            having = ~np.ma.getmaskarray(values)
+            if having.any():
+                places[name] = min(places.get(name, (count, 0)), (int(variants[having.argmax()]), place))
+                if name not in columns:
+                    columns[name] = np.zeros(count, _kind(name)), np.ones(count, dtype=bool)
+                numbers, missing = columns[name]
+                numbers[variants[having]] = values.data[having]
+                missing[variants[having]] = False
+    return _table({name: columns[name] for name in sorted(columns, key=places.__getitem__)})
 
 
 def table_of(rows: Sequence[Row]) -> pa.Table:
