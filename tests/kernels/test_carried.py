@@ -166,8 +166,8 @@ def test_energy_has_the_body_in_it(integrator):
 
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
 def test_a_carried_bar_is_one_on_the_ground_seen_from_elsewhere(integrator):
-    # the body is turned a quarter, and moves on at a velocity that nothing changes, as does the chain: to rounding, some 1e-16 m
-    # of positions over a contact's K / m h^2 = 5e-3 and 400 steps, the same as a bar on the ground
+    # the body is turned a quarter and moves on at a velocity that nothing changes, as does the chain: the same as a bar
+    # on the ground, to rounding (some 1e-17 m a step of positions, and 1 / h times that of velocities, over 400 steps)
     angle, going, time = 0.5 * np.pi, np.array([0.7, -0.2]), 400 * 5e-5
     options = {"above": 1.1e-4, "damped": True, "integrator": integrator, "steps": 400}
     ground = straight(velocity=(0.3, -0.5), **options)
@@ -188,8 +188,8 @@ def test_a_carried_bar_is_one_on_the_ground_seen_from_elsewhere(integrator):
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
 def test_what_contacts_dissipate_is_what_chain_and_turning_body_lose(integrator):
     # the rate of the penetration has the body's turning in it, some 0.07 of 0.5 m/s. At this step a contact's h omega
-    # is 0.03: sums over steps are exact to (h omega)^2 / 6 = 2e-4; leapfrog's damping reads velocities half a step late,
-    # h omega / 2 = 0.016 of it, less as they change sign
+    # is 0.03: sums over steps are exact to (h omega)^2 / 6 = 2e-4; leapfrog's damping reads velocities half a step
+    # late, h omega / 2 = 0.016 of it, less as they change sign
     steps, step = 1600, 1.25e-5
     options = {"center": (0.15, 0.02), "above": 1e-4, "velocity": (0.3, -0.5), "integrator": integrator}
     packed = free(straight(steps=steps, window=(0, steps), **options), 0.02)
