@@ -24,7 +24,7 @@ class Harmonics:
 
 
 @wp.struct
-class Table:
+class Tabulated:
     """Where a body's speed or torque table stands in the ensemble's list (see `kernels.physics.table`)."""
 
     cells: wp.int32  # 0: no table
@@ -82,8 +82,8 @@ class Motion:
     load_ramp_time: wp.float64  # [s]
     drive_harmonics: Harmonics
     load_harmonics: Harmonics
-    drive_table: Table  # speed [rad/s] over time, instead of `speed` and `ramp_time`
-    load_table: Table  # torque [N m], on top of `load`
+    drive_table: Tabulated  # speed [rad/s] over time, instead of `speed` and `ramp_time`
+    load_table: Tabulated  # torque [N m], on top of `load`
 
 
 @wp.struct

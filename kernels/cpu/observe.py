@@ -78,7 +78,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         at: Instant,
     ):
         """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
-        total = tally.roller_energy(w, drive.rollers, chain, Real(at.lag))
+        total = tally.rollers_energy(w, drive.rollers, chain, Real(at.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):

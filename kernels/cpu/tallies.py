@@ -5,11 +5,12 @@ from functools import cache
 
 import warp as wp
 
+from ..physics.roller import roller_energy
 from ..rows import accessors
 from ..structs import Strand, types
 from ..sum_structs import ChainSums, StrandSums
 from ..sums import add_tension, after, displacement, merge_tension, unseen
-from .rollers import rows
+from .rollers import passes, rows
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class RollerSums:
     add_links: wp.Function
     mid_displacement: wp.Function
     add_strand_links: wp.Function
-    roller_energy: wp.Function
+    rollers_energy: wp.Function
 
 
 @cache
@@ -29,7 +30,7 @@ def tallies(Real: type, capacity: int) -> RollerSums:
     load_row = accessors(Real).load_row
     at = rows(capacity)
     X, Y, VX, VY, TENSION, RATE = at.x, at.y, at.vx, at.vy, at.tension, at.rate
-    LINK_X, LINK_Y, FX, FY = at.link_x, at.link_y, at.fx, at.fy
+    vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
 
     @wp.func
     def add_links(w: wp.array[Real], n: int, chain: kinds.Chain, sums: ChainSums, weight: wp.float64):
@@ -75,32 +76,19 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         return sums
 
     @wp.func
-    def roller_energy(w: wp.array[Real], n: int, chain: kinds.Chain, back: Real):
+    def rollers_energy(w: wp.array[Real], n: int, chain: kinds.Chain, back: Real):
         """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities'
         instant.
         """
         total = wp.float64(0.0)
-        inverse_mass = chain.inverse_mass
         i = int(0)
         while i < n:
-            ax = (
-                inverse_mass * (load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i))
-                + chain.gravity[0]
-            )
-            ay = (
-                inverse_mass * (load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i))
-                + chain.gravity[1]
-            )
-            vx = wp.float64(load_row(w, VX + i) + back * ax)
-            vy = wp.float64(load_row(w, VY + i) + back * ay)
-            spring = wp.float64(load_row(w, TENSION + i) - chain.damping * load_row(w, RATE + i))
-            lift = wp.float64(chain.gravity[0]) * wp.float64(load_row(w, X + i)) + wp.float64(
-                chain.gravity[1]
-            ) * wp.float64(load_row(w, Y + i))
-            total += wp.float64(0.5) * (
-                wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness)
-            )
-            total -= wp.float64(chain.mass) * lift
+            a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+            position = vec2(load_row(w, X + i), load_row(w, Y + i))
+            velocity = vec2(load_row(w, VX + i) + back * a[0], load_row(w, VY + i) + back * a[1])
+            held, weight = roller_energy(position, velocity, load_row(w, TENSION + i), load_row(w, RATE + i), chain)
+            total += held
+            total -= weight
             i = i + 1
         return total
 
@@ -108,5 +96,5 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         add_links=add_links,
         mid_displacement=mid_displacement,
         add_strand_links=add_strand_links,
-        roller_energy=roller_energy,
+        rollers_energy=rollers_energy,
     )

@@ -11,6 +11,7 @@ import warp as wp
 
 from ..physics.body import body_energy, held_by
 from ..physics.motion import load_moment_at_speed
+from ..physics.roller import roller_energy
 from ..rows import accessors
 from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
 from ..sum_structs import ContactSums, LinkTally, Sums, Tallies
@@ -40,7 +41,7 @@ class ObserveFunctions:
     flush: wp.Function
     update_strand: wp.Function
     add_middle: wp.Function
-    roller_energy: wp.Function
+    energy_of_roller: wp.Function
     observe_sprocket: wp.Function
 
 
@@ -133,19 +134,13 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
 
     @wp.func
-    def roller_energy(
+    def energy_of_roller(
         ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, j: int, v: vec2, extra: kinds.Extra
     ):
         """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
-        chain = ensemble.chains[variant]
-        mass = wp.float64(chain.mass)
-        spring = wp.float64(extra.tension - chain.damping * extra.rate)
-        x = wp.float64(load_row(shared.rows, X + j))
-        y = wp.float64(load_row(shared.rows, Y + j))
-        lift = wp.float64(chain.gravity[0]) * x + wp.float64(chain.gravity[1]) * y
-        moving_part = wp.float64(0.5) * mass * wp.float64(wp.dot(v, v))
-        elastic = wp.float64(0.5) * spring * spring / wp.float64(chain.stiffness)
-        return moving_part + elastic - mass * lift + wp.float64(extra.energy)
+        position = vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
+        held, weight = roller_energy(position, v, extra.tension, extra.rate, ensemble.chains[variant])
+        return held - weight + wp.float64(extra.energy)
 
     @wp.func
     def observe_sprocket(
@@ -186,7 +181,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         flush=flush,
         update_strand=update_strand,
         add_middle=add_middle,
-        roller_energy=roller_energy,
+        energy_of_roller=energy_of_roller,
         observe_sprocket=observe_sprocket,
     )
 

@@ -169,7 +169,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
                     at = frame_at(ensemble, state, mine.variant, since, now.step)
                     write.write_roller(frames, at, mine.rollers, j, position(shared, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
-                    energy = observe.roller_energy(ensemble, shared, mine.variant, j, v, extra)
+                    energy = observe.energy_of_roller(ensemble, shared, mine.variant, j, v, extra)
                     tally = tallies.roller[mine.first + j]
                     tallies.roller[mine.first + j] = add_energy(tally, now.flags & START != 0, energy)
             j = j + wp.static(threads)

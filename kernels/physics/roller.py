@@ -20,6 +20,23 @@ def two_sum(high: Any, low: Any, change: Any):
 
 
 @wp.func
-def spring_force(tension: Any, rate: Any, damping: Any):
-    """The elastic part of a link's tension [N], eq. (2): all but its damper's."""
-    return tension - damping * rate
+def roller_energy(position: Any, velocity: Any, tension: Any, rate: Any, chain: Any):
+    """What a roller and the link after it hold, kinetic and elastic, and what their weight does, m g . x [J].
+
+    Args:
+        position: of the roller [m].
+        velocity: of the roller [m/s].
+        tension: of the link [N]; all but its damper's part is elastic, eq. (2).
+        rate: of the link's elongation [m/s].
+        chain: the chain (`structs.Chain`).
+    """
+    spring = wp.float64(tension - chain.damping * rate)
+    vx = wp.float64(velocity[0])
+    vy = wp.float64(velocity[1])
+    lift = wp.float64(chain.gravity[0]) * wp.float64(position[0]) + wp.float64(chain.gravity[1]) * wp.float64(
+        position[1]
+    )
+    held = wp.float64(0.5) * (
+        wp.float64(chain.mass) * (vx * vx + vy * vy) + spring * spring / wp.float64(chain.stiffness)
+    )
+    return held, wp.float64(chain.mass) * lift

@@ -10,13 +10,13 @@ Beyond its ends a table keeps the value there, or begins anew.
 
 import warp as wp
 
-from ..structs import Table
+from ..structs import Tabulated
 
 CELL_VALUES = wp.constant(5)
 
 
 @wp.func
-def table_at(x: wp.float64, table: Table, values: wp.array[wp.float64]):
+def table_at(x: wp.float64, table: Tabulated, values: wp.array[wp.float64]):
     """Value, integral from x = 0 and slope of a table at `x`."""
     u = (x - table.start) / table.spacing
     cells = wp.float64(table.cells)

@@ -19,7 +19,7 @@ TURN = 2 * np.pi
 @wp.kernel(enable_backward=False)
 def look(
     x: wp.array[wp.float64],
-    table: structs.Table,
+    table: structs.Tabulated,
     values: wp.array[wp.float64],
     out: wp.array[wp.vec3d],
 ):
@@ -30,9 +30,9 @@ def look(
 
 def on_device(cells: Cells, x):
     """(values, integrals, slopes) of a table at x, as a kernel finds them."""
-    row = np.zeros(1, dtype=structs.Table.numpy_dtype())
+    row = np.zeros(1, dtype=structs.Tabulated.numpy_dtype())
     cells.fill(row[0], 0)
-    table = structs.Table()
+    table = structs.Tabulated()
     for name in row.dtype.names:
         setattr(table, name, row[name][0].item())
     out = wp.zeros(len(x), dtype=wp.vec3d, device="cpu")

@@ -27,13 +27,13 @@ _COMMON = 1e-6  # of a spacing: rows this near to the grid are on it
 
 @dataclass(frozen=True)
 class Cells:
-    """A table on a uniform grid: `kernels.structs.Table` and its values.
+    """A table on a uniform grid: `kernels.structs.Tabulated` and its values.
 
     Attributes:
         start, spacing: of the grid, in s or in rad of the sprocket's own angle.
         coefficients: (cells, 4) of the cubic in each cell, by powers of the place in the cell, 0 to 1.
         integral: (cells + 1,) from 0 to each cell's beginning, and to the end.
-        over_angle, repeats: see `kernels.structs.Table`.
+        over_angle, repeats: see `kernels.structs.Tabulated`.
     """
 
     start: float
@@ -49,7 +49,7 @@ class Cells:
         return np.append(cells.ravel(), self.integral[-1])
 
     def fill(self, row: Any, first: int) -> None:
-        """Fills a `kernels.structs.Table` whose values stand from `first` on."""
+        """Fills a `kernels.structs.Tabulated` whose values stand from `first` on."""
         row["cells"], row["first"] = len(self.coefficients), first
         row["over_angle"], row["repeats"] = self.over_angle, self.repeats
         row["start"], row["spacing"] = self.start, self.spacing
@@ -65,7 +65,7 @@ class TableList:
         self.seen: dict[tuple[int, float], tuple[Table, Cells, int]] = {}  # by identity: long tables are slow to hash
 
     def add(self, row: Any, table: Table, ratio: float) -> None:
-        """Fills a `kernels.structs.Table`; `ratio` is the sprocket's own angle over that of the table."""
+        """Fills a `kernels.structs.Tabulated`; `ratio` is the sprocket's own angle over that of the table."""
         if (id(table), ratio) not in self.seen:
             self.seen[id(table), ratio] = (table, *self._find(table, ratio))
         _, cells, first = self.seen[id(table), ratio]
