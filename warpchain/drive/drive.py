@@ -22,64 +22,21 @@ from warpchain.drive import toml as drive_toml
 from warpchain.drive.contact import (
     Contact,
     GuideContact,
-    GuideOverrides,
-    ImpactLaw,
-    Material,
-    SprocketContact,
     merged,
-)
-from warpchain.drive.motion import (
-    BalanceWheel,
-    ElasticMount,
-    FixedMount,
-    Harmonic,
-    Load,
-    Prescribed,
-    PrescribedMount,
-    SliderMount,
 )
 from warpchain.drive.part import (
     Allowed,
     Part,
     Problem,
 )
-from warpchain.drive.parts import Chain, Guide, RunSettings, Sprocket, WornLink
+from warpchain.drive.parts import Chain, Guide, RunSettings, Sprocket
 from warpchain.drive.paths import changed, lookup, settable
 from warpchain.drive.rules import guide_rules, shaft_rules, size_rules, sprocket_rules
 from warpchain.drive.stiffness import contact_stiffness
-from warpchain.drive.table import SpeedTable, TorqueTable, with_files
+from warpchain.drive.table import with_files
 from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text
-
-__all__ = [
-    "BalanceWheel",
-    "Chain",
-    "Contact",
-    "Drive",
-    "ElasticMount",
-    "FixedMount",
-    "Guide",
-    "GuideContact",
-    "GuideOverrides",
-    "Harmonic",
-    "ImpactLaw",
-    "Load",
-    "Material",
-    "Prescribed",
-    "PrescribedMount",
-    "RunSettings",
-    "SliderMount",
-    "SpeedTable",
-    "Sprocket",
-    "SprocketContact",
-    "TorqueTable",
-    "WornLink",
-    "dumps_drive",
-    "load_drive",
-    "loads_drive",
-    "save_drive",
-]
 
 
 class Drive(Part):
