@@ -1,5 +1,6 @@
 """Waits for what other threads and processes do."""
 
+import contextlib
 import time
 
 
@@ -9,3 +10,12 @@ def wait_for(condition, limit=60.0):
     while not condition():
         assert time.monotonic() < end, f"not within {limit:g} s"
         time.sleep(0.005)
+
+
+def bytes_in(folder):
+    """Bytes of the files of a folder, some of which may be given other names meanwhile."""
+    total = 0
+    for file in folder.iterdir():
+        with contextlib.suppress(FileNotFoundError):
+            total += file.stat().st_size
+    return total

@@ -1,6 +1,5 @@
 """What is left of a cut archive: whole chunks come back bitwise, nothing is made up, and nothing is silently empty."""
 
-import contextlib
 import os
 import resource
 import signal
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from drives import two_sprockets
 from rerun_check import rerun_accepts
-from waiting import wait_for
+from waiting import bytes_in, wait_for
 
 from warpchain import Record, read_archive, simulate, write_archive
 from warpchain.archive import ArchiveOptions
@@ -142,15 +141,6 @@ options = ArchiveOptions(**eval(sys.argv[2]))
 simulate(two_sprockets(duration=5.0, settle="false"), record=Record(rate=1e5), archive=sys.argv[1],
          archive_options=options)
 """
-
-
-def bytes_in(folder):
-    """Bytes of the files of a folder, some of which may be given other names meanwhile."""
-    total = 0
-    for file in folder.iterdir():
-        with contextlib.suppress(FileNotFoundError):
-            total += file.stat().st_size
-    return total
 
 
 @pytest.mark.parametrize("options", [{}, {"split_size": 300_000}], ids=["one", "split"])

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from command import run
-from waiting import wait_for
+from waiting import bytes_in, wait_for
 
 from warpchain import load_drive, read_archive
 from warpchain.assembly.summary import derive, strand_frequency
@@ -174,7 +174,7 @@ def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):
     ]
     process = subprocess.Popen([*command, "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     # frames have come to the file, compressed to some 6 kB each
-    wait_for(lambda: sum(file.stat().st_size for file in tmp_path.iterdir()) > 300_000 or process.poll() is not None)
+    wait_for(lambda: bytes_in(tmp_path) > 300_000 or process.poll() is not None)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 1
