@@ -193,7 +193,7 @@ def test_what_contacts_dissipate_is_what_chain_and_turning_body_lose(integrator)
     steps, step = 1600, 1.25e-5
     options = {"center": (0.15, 0.02), "above": 1e-4, "velocity": (0.3, -0.5), "integrator": integrator}
     packed = free(straight(steps=steps, window=(0, steps), **options), 0.02)
-    packed.drives["step"], packed.guides["law"]["hysteresis"], packed.chains["damping"] = step, 0.5, 0.0
+    packed.drives["step"], packed.guides["law"]["damping"], packed.chains["damping"] = step, 0.5, 0.0
     engine, _ = raw.run(packed)
     sums = engine.sums()
     lost = sums["chain"]["energy_start"][0] - sums["chain"]["energy_end"][0]
