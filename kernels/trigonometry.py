@@ -2,6 +2,8 @@ r"""Sine and cosine together, in float64: the same on every device, and without 
 
 angle = k pi/2 + r, |r| <= pi/4, pi/2 in three parts so that k times the first two is exact up to k = 2^20; then the
 series of sin r and cos r to r^17 and r^16, whose next terms are below 1e-19; then the quadrant k mod 4.
+
+Quotients of literals are `wp.static`: within a kernel Warp divides them in float32.
 """
 
 import warp as wp
@@ -19,21 +21,21 @@ def sine_cosine(angle: wp.float64):
     k = wp.rint(angle * TWO_OVER_PI)
     r = ((angle - k * HALF_PI_1) - k * HALF_PI_2) - k * HALF_PI_3
     q = r * r
-    s = one - q * wp.float64(1.0 / 272.0)
-    s = one - q * s * wp.float64(1.0 / 210.0)
-    s = one - q * s * wp.float64(1.0 / 156.0)
-    s = one - q * s * wp.float64(1.0 / 110.0)
-    s = one - q * s * wp.float64(1.0 / 72.0)
-    s = one - q * s * wp.float64(1.0 / 42.0)
-    s = one - q * s * wp.float64(1.0 / 20.0)
-    sine = r - r * q * s * wp.float64(1.0 / 6.0)
-    c = one - q * wp.float64(1.0 / 240.0)
-    c = one - q * c * wp.float64(1.0 / 182.0)
-    c = one - q * c * wp.float64(1.0 / 132.0)
-    c = one - q * c * wp.float64(1.0 / 90.0)
-    c = one - q * c * wp.float64(1.0 / 56.0)
-    c = one - q * c * wp.float64(1.0 / 30.0)
-    c = one - q * c * wp.float64(1.0 / 12.0)
+    s = one - q * wp.static(wp.float64(1.0 / 272.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 210.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 156.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 110.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 72.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 42.0))
+    s = one - q * s * wp.static(wp.float64(1.0 / 20.0))
+    sine = r - r * q * s * wp.static(wp.float64(1.0 / 6.0))
+    c = one - q * wp.static(wp.float64(1.0 / 240.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 182.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 132.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 90.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 56.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 30.0))
+    c = one - q * c * wp.static(wp.float64(1.0 / 12.0))
     cosine = one - wp.float64(0.5) * q * c
     quadrant = int(k) & 3
     odd = (quadrant & 1) == 1

@@ -33,8 +33,10 @@ class BodyFunctions:
 def rotated(direction: wp.vec2d, angle: wp.float64):
     """A unit vector turned by a small angle: the series to fifth order, then back to length one."""
     square = angle * angle
-    cosine = wp.float64(1.0) - square * (wp.float64(0.5) - square * wp.float64(1.0 / 24.0))
-    sine = angle * (wp.float64(1.0) - square * (wp.float64(1.0 / 6.0) - square * wp.float64(1.0 / 120.0)))
+    cosine = wp.float64(1.0) - square * (wp.float64(0.5) - square * wp.static(wp.float64(1.0 / 24.0)))
+    sine = angle * (
+        wp.float64(1.0) - square * (wp.static(wp.float64(1.0 / 6.0)) - square * wp.static(wp.float64(1.0 / 120.0)))
+    )
     x = direction[0] * cosine - direction[1] * sine
     y = direction[0] * sine + direction[1] * cosine
     scale = wp.float64(1.5) - wp.float64(0.5) * (x * x + y * y)
