@@ -45,7 +45,7 @@ def instant_of(drive: Drive, step: int):
 
 @dataclass(frozen=True)
 class Observing:
-    """What sampling at one variant, and the length of its frames."""
+    """What observes one variant, and the length of its frames."""
 
     measure: wp.Function
     sample: wp.Function

@@ -84,7 +84,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
 
 @dataclass(frozen=True)
 class BodyFunctions:
-    """What moves the bodies of one variant, and sampling at them."""
+    """What moves the bodies of one variant, and observes them."""
 
     leapfrog_bodies: wp.Function
     rk4_bodies: wp.Function

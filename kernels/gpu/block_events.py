@@ -11,7 +11,7 @@ from ..structs import DIVERGENCE_CHECK, Drive, types
 from ..sums import STRAND_EVERY
 
 EVENT = wp.constant(1)
-"""What can on_event at a step, as bits."""
+"""What can happen at a step, as bits."""
 LAST = wp.constant(2)
 FRAME = wp.constant(4)
 START = wp.constant(8)  # of the window

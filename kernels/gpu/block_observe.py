@@ -34,7 +34,7 @@ from .block_rows import block_rows
 
 @dataclass(frozen=True)
 class ObserveFunctions:
-    """What sampling at one variant on a block."""
+    """What observes one variant on a block."""
 
     reset_link: wp.Function
     add_link: wp.Function
