@@ -2,7 +2,7 @@
 
 Thread i has the rollers i, i + threads, ...: one each where variants are few, all of the chain on one warp where they
 are many, which then never waits for another. Rollers lie in shared rows. A few threads also take a sprocket each on.
-Whatever does not on_event every step waits for the next event. One kernel is made for each `BlockKind`.
+Whatever does not happen every step waits for the next event. One kernel is made for each `BlockKind`.
 """
 
 from functools import cache
@@ -15,7 +15,7 @@ from ..sum_structs import Sums, Tallies
 from .block_bodies import block_bodies
 from .block_events import END
 from .block_forces import block_forces
-from .block_kind import BlockKind, Mine, now_struct
+from .block_kind import BlockKind, Mine, mine_of, now_struct
 from .block_observe import block_observing
 from .block_partners import block_partners
 from .block_rk4 import block_rk4
@@ -42,20 +42,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     SPROCKETS, wrench_on = forces.SPROCKETS, forces.wrench_on
     observe_sprocket = block_observing(kind).observe_sprocket
     stage_roller = block_rk4(kind)
-
-    @wp.func
-    def begin(ensemble: kinds.Ensemble, variant: int, i: int):
-        """What thread i of a variant's block is at."""
-        drive = ensemble.drives[variant]
-        mine = Mine()
-        mine.variant = variant
-        mine.rollers = drive.rollers
-        mine.first = drive.first_roller
-        mine.memory = drive.first_contact
-        mine.thread = i
-        mine.sprocket = forces.sprocket_of(i)
-        mine.h = drive.step
-        return mine
 
     @wp.func
     def driven(shared: kinds.Shared):
@@ -170,7 +156,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """
         number = wp.tid() // wp.static(threads)
         i = wp.tid() % wp.static(threads)
-        mine = begin(ensemble, order[number], i)
+        variant = order[number]
+        mine = mine_of(ensemble.drives[variant], variant, i, forces.sprocket_of(i))
         shared = shared_arrays(state, number)
         lengths = view(ensemble.lengths, mine.first, mine.rollers)
         row.fetch(state, shared, mine)

@@ -5,6 +5,8 @@ from functools import cache
 
 import warp as wp
 
+from ..structs import Drive
+
 
 @dataclass(frozen=True)
 class BlockKind:
@@ -46,6 +48,20 @@ class Mine:
     thread: wp.int32  # of the block
     sprocket: wp.int32  # that the thread moves, negative for most
     h: wp.float64  # time step [s]
+
+
+@wp.func
+def mine_of(drive: Drive, variant: int, thread: int, sprocket: int):
+    """What a thread of a variant's block is at."""
+    mine = Mine()
+    mine.variant = variant
+    mine.rollers = drive.rollers
+    mine.first = drive.first_roller
+    mine.memory = drive.first_contact
+    mine.thread = thread
+    mine.sprocket = sprocket
+    mine.h = drive.step
+    return mine
 
 
 @cache

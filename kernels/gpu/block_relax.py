@@ -9,7 +9,7 @@ from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_r
 from ..structs import types
 from ..sum_structs import Tallies
 from .block_forces import block_forces
-from .block_kind import BlockKind, Mine, now_struct
+from .block_kind import BlockKind, Mine, mine_of, now_struct
 from .block_partners import block_partners
 from .block_rows import block_rows
 from .exchange import lanes
@@ -32,12 +32,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     def begin(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, i: int):
         """What thread i is at; what is shared of a sprocket, at rest, and with the first of the chain."""
         drive = ensemble.drives[variant]
-        mine = Mine()
-        mine.variant = variant
-        mine.rollers = drive.rollers
-        mine.first = drive.first_roller
-        mine.memory = drive.first_contact
-        mine.thread = i
+        mine = mine_of(drive, variant, i, -1)  # all sprockets are held
         row.fetch(state, shared, mine)
         if i < wp.static(sprockets):
             pose = pose_of(state.bodies[drive.first_body + i])

@@ -5,7 +5,7 @@ Nothing of one variant depends on another: the packing only decides where its va
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,6 +32,10 @@ def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], pre
     """Rows x, y, vx, vy and the low parts of x, y: what `precision` rounds off a position, (6, N)."""
     high = position.astype(precision)
     return np.concatenate([high.T, velocity.T, (position - high).T]).astype(precision)
+
+
+Places = slice | NDArray[np.int64]
+"""Where values stand: one after the other, or anywhere."""
 
 
 @dataclass(frozen=True)
@@ -84,11 +88,12 @@ def _spread(first: NDArray[np.int64], count: NDArray[np.int64]) -> NDArray[np.in
     return np.repeat(first - new, count) + np.arange(int(count.sum()))
 
 
-def _rows(values: NDArray[Any], places: NDArray[np.int64], width: int) -> NDArray[Any]:
+def _rows(values: NDArray[Any], places: Places, width: int) -> NDArray[Any]:
     """The values at these places, `width` each; the first of all where there are none, as Warp reads no empty array."""
-    if not len(places):
-        return values[:1]
-    return values[places] if width == 1 else values.reshape(-1, width)[places].ravel()
+    if width > 1:
+        return values.reshape(-1, width)[places].reshape(-1)
+    chosen = values[places]
+    return chosen if len(chosen) else values[:1]
 
 
 @dataclass
@@ -138,23 +143,32 @@ class Packed:
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
     def part(self, a: int, b: int) -> Packed:
-        """Variants `a` to `b` - 1 as an ensemble of their own."""
-        return self.taken(range(a, b))
+        """Variants `a` to `b` - 1 as an ensemble of their own, which shares this one's arrays."""
+        drives, last = self.drives[a:b].copy(), self.drives[b - 1 : b]
+        places = {
+            name: slice(int(drives[kind.first][0]), int((last[kind.first] + kind.count(last))[0]))
+            for name, kind in KINDS.items()
+        }
+        return self._of(drives, slice(a, b), places, self.assemblies[a:b])
 
     def taken(self, which: Sequence[int]) -> Packed:
         """The variants of these indices, each as often as it is named, as an ensemble of their own."""
         chosen = np.asarray(which, dtype=np.int64)
         drives = self.drives[chosen]
         places = {
-            name: _spread(drives[per.first].astype(np.int64), per.count(drives).astype(np.int64))
-            for name, per in KINDS.items()
+            name: _spread(drives[kind.first].astype(np.int64), kind.count(drives).astype(np.int64))
+            for name, kind in KINDS.items()
         }
+        return self._of(drives, chosen, places, tuple(self.assemblies[v] for v in which))
+
+    def _of(
+        self, drives: NDArray[Any], chosen: Places, places: Mapping[str, Places], assemblies: tuple[Assembly, ...]
+    ) -> Packed:
+        """The ensemble of `chosen` variants, whose rows are `drives` and whose parts stand at `places` in this one."""
         arrays: dict[str, Any] = {
             name: _rows(getattr(self, name), places[kind], width) for name, (kind, width) in FIELDS.items()
         }
-        chains = self.chains[chosen]
-        assemblies = tuple(self.assemblies[v] for v in which)
-        return replace(self, drives=numbered(drives), chains=chains, assemblies=assemblies, **arrays)
+        return replace(self, drives=numbered(drives), chains=self.chains[chosen], assemblies=assemblies, **arrays)
 
     def at_precision(self, precision: str) -> Packed:
         """This ensemble, which is in float64, at another precision; what positions lose goes to their low parts.
