@@ -187,6 +187,14 @@ def types(Real: type) -> SimpleNamespace:
         speed_floor: Real  # v_min [m/s]
 
     @wp.struct
+    class Friction:
+        """Coefficients of dry friction (`physics.friction`)."""
+
+        mu_dynamic: Real  # mu_d
+        mu_static: Real  # mu_s
+        stribeck_speed: Real  # v_s [m/s]
+
+    @wp.struct
     class Chain:
         """The chain of one variant, eq. (1)-(3)."""
 
@@ -312,6 +320,7 @@ def types(Real: type) -> SimpleNamespace:
         vec2=vec2,
         Shared=Shared,
         ContactLaw=ContactLaw,
+        Friction=Friction,
         Chain=Chain,
         Sprocket=Sprocket,
         Band=Band,
