@@ -212,8 +212,8 @@ def types(Real: type) -> SimpleNamespace:
         first_seat: wp.int32  # of this number of teeth in the table of seat directions
         exact_radius: wp.float64  # R [m]
         pitch_radius: Real  # R [m]
-        near_square: Real  # (R - p/2)^2, and
-        far_square: Real  # (R + p/2)^2: rollers between are engaged
+        near_square: Real  # (R - b)^2, not below 0, and
+        far_square: Real  # (R + b)^2: rollers between are engaged, b = max(p/2, R_tip + Rr - R)
         half_pitch_tangent: Real  # tan(pi / z)
         clearance: Real  # Rc = R_seat - Rr [m]
         cos_half_seat: Real  # of half the seating angle
@@ -240,6 +240,7 @@ def types(Real: type) -> SimpleNamespace:
         length: Real  # |b - a| [m]
         end_radius: Real  # Rg [m]
         roller_radius: Real  # Rr [m]
+        deepest_entry: Real  # a roller first seen deeper than this has not come through the face [m]
         law: ContactLaw
 
     @wp.struct
@@ -276,7 +277,7 @@ def types(Real: type) -> SimpleNamespace:
         wrenches: wp.array[Wrench]  # (all bodies,)
         strands: wp.array[Strand]  # (all sprockets,)
         seat: wp.array[wp.int32]  # (contact memories,): seat of an engaged roller, else -1
-        impact_speed: wp.array[Real]  # (contact memories,): v0 of a contact, 0 while open [m/s]
+        impact_speed: wp.array[Real]  # (contact memories,): v0 of a contact, not positive while open (`contact`) [m/s]
         totals: wp.array[Totals]  # (all sprockets and guide-bars,)
         extra: wp.array[Extra]  # (all rollers,), for block kernels; else (1,)
         stages: wp.array[Real]  # (10 * all rollers,) for rk4 on blocks, else (1,): see `block_rk4`

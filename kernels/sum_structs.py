@@ -17,6 +17,9 @@ class Totals:
     dissipated: wp.float64  # power [W]
     energy: wp.float64  # elastic [J]
     impacts: wp.int32  # contacts that began
+    contacts: wp.int32  # of them, the first of a roller in its pass
+    missed: wp.int32  # rollers that came in not through the face
+    missing: wp.int32  # rollers that are in there
 
 
 @wp.struct
@@ -24,7 +27,9 @@ class ContactSums:
     """Sums over the window of one sprocket's or guide-bar's contacts."""
 
     force_max: wp.float64  # [N]
-    impacts: wp.int32
+    impacts: wp.int32  # contacts that began
+    contacts: wp.int32  # of them, the first of a roller in its pass over a sprocket
+    missed: wp.int32  # rollers that were in a guide-bar without having come through its face
     impulse: wp.float64  # [N s]
     dissipated: wp.float64  # [J]
 

@@ -90,6 +90,7 @@ def chain(
         bar["body"], bar["start"], bar["length"] = values.get("body", structs.GROUND), values["start"], np.hypot(*chord)
         bar["direction"] = chord / np.hypot(*chord)
         bar["roller_radius"], bar["end_radius"] = values["roller_radius"], values.get("end_radius", 0.1)
+        bar["deepest_entry"] = 0.5 * values["roller_radius"]
         law = bar["law"]
         law["form"], law["stiffness"], law["exponent"] = values.get("form", 0), values["stiffness"], 1.0
         law["damping"], law["speed_floor"] = values.get("damping", 0.0), 0.01

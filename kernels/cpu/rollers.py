@@ -11,7 +11,18 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import in_teeth, on_guide, reaction, respond, surface_velocity, tracked_seat
+from ..physics.contact import (
+    MISSED,
+    UNTOUCHED,
+    after_teeth,
+    in_teeth,
+    misses,
+    on_guide,
+    reaction,
+    respond,
+    surface_velocity,
+    tracked_seat,
+)
 from ..physics.link import link_force
 from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
@@ -217,7 +228,7 @@ def passes(Real: type, capacity: int) -> Passes:
                 seat = tracked_seat(p, memory.seat[at], body.cosine, body.sine, sprocket, seats)
                 penetration, normal, relative = in_teeth(p, v, omega, seat, sprocket)
                 memory.seat[at] = seat.number
-                kept = Real(0.0)
+                kept = after_teeth(before)
                 if penetration > Real(0.0):
                     f, size, first, dissipated, energy = respond(penetration, normal, relative, before, sprocket.law)
                     kept = first
@@ -225,8 +236,10 @@ def passes(Real: type, capacity: int) -> Passes:
                     totals.moment += wp.float64(reaction(r, f))
                     push -= f
                     totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
-                    if before == Real(0.0):
+                    if before <= Real(0.0):
                         totals.impacts += 1
+                    if before == Real(UNTOUCHED):
+                        totals.contacts += 1
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)
             else:
@@ -255,15 +268,20 @@ def passes(Real: type, capacity: int) -> Passes:
                 arm = place(w, i) - body.center
                 surface = surface_velocity(body, arm)
                 penetration, normal, relative = on_guide(p, v, vec2(Real(surface[0]), Real(surface[1])), bar)
-                kept = Real(0.0)
-                if penetration > Real(0.0):
+                kept = Real(UNTOUCHED)
+                if penetration > Real(0.0) and misses(penetration, before, bar):
+                    kept = Real(MISSED)
+                    totals.missing += 1
+                    if before == Real(UNTOUCHED):
+                        totals.missed += 1
+                elif penetration > Real(0.0):
                     f, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
                     kept = first
                     add_force(w, i, GUIDE_FORCE, f, size)
                     totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), f))
                     push -= f
                     totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
-                    if before == Real(0.0):
+                    if before == Real(UNTOUCHED):
                         totals.impacts += 1
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)

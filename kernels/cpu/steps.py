@@ -6,7 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..integrate import Rk4Stage
-from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body
+from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.contact import carried
 from ..physics.motion import load_moment, prescribed_at
 from ..rows import accessors
@@ -89,7 +89,7 @@ class BodyFunctions:
     leapfrog_bodies: wp.Function
     rk4_bodies: wp.Function
     body_now: wp.Function
-    centers_inside: wp.Function
+    bodies_sound: wp.Function
 
 
 @cache
@@ -148,11 +148,12 @@ def moving(Real: type) -> BodyFunctions:
         return body_at(time, lag, state.bodies[b], rates, driven, motion, ensemble.mounts[b])
 
     @wp.func
-    def centers_inside(state: kinds.State, drive: Drive):
-        """1 while every body's center is finite and within the drive's box, else 0."""
+    def bodies_sound(state: kinds.State, drive: Drive):
+        """1 while every body turns soundly and its center is within the drive's box, else 0."""
         good = int(1)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            if not in_box(drive, state.bodies[b].center):
+            body = state.bodies[b]
+            if not (in_box(drive, body.center) and turns_soundly(body.angle, body.speed)):
                 good = int(0)
         return good
 
@@ -160,7 +161,7 @@ def moving(Real: type) -> BodyFunctions:
         leapfrog_bodies=leapfrog_bodies,
         rk4_bodies=rk4_bodies,
         body_now=body_now,
-        centers_inside=centers_inside,
+        bodies_sound=bodies_sound,
     )
 
 

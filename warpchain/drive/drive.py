@@ -137,6 +137,14 @@ class Drive(Part):
         """Radius at which the teeth of sprocket s end [m]."""
         return self.tooth(s).tip_radius
 
+    def engagement(self, s: int) -> float:
+        """How far from the pitch circle of sprocket s rollers are looked after [m]: half a pitch, or up to the tips.
+
+        The maximum gap of ISO 606 has teeth that reach 0.625 pitches beyond it.
+        """
+        reach = self.tip_radius(s) + self.chain.roller_radius - self.pitch_radius(s)
+        return max(0.5 * self.chain.pitch, reach)
+
     def catching(self) -> tuple[int, ...]:
         """Sprockets whose straight flanks are too steep to let a strand's rollers go (see `warpchain.drive.teeth`)."""
         if self.contact.sprocket.profile != "circular":

@@ -35,6 +35,10 @@ ESCAPE_PITCHES = 10.0
 """A roller this many pitches outside the drive's bounding box has left it (the variant diverged)."""
 
 
+DEEPEST_ENTRY = 0.5
+"""A roller first seen deeper in a guide-bar than this part of its radius has not come through the face."""
+
+
 class RowList:
     """Rows of (order, amplitude, phase), or of seat directions, gathered as drives are packed."""
 
@@ -69,14 +73,14 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
         seats.known[teeth], _ = seats.add(np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    radius, half_pitch = drive.pitch_radius(s), 0.5 * drive.chain.pitch
+    radius, band = drive.pitch_radius(s), drive.engagement(s)
     tooth = drive.tooth(s)
     half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
-    row["near_square"] = (radius - half_pitch) ** 2
-    row["far_square"] = (radius + half_pitch) ** 2
+    row["near_square"] = max(radius - band, 0.0) ** 2
+    row["far_square"] = (radius + band) ** 2
     row["half_pitch_tangent"] = np.tan(np.pi / teeth)
     row["clearance"] = tooth.seat_radius - roller_radius
     row["cos_half_seat"] = np.cos(half_seat)
@@ -130,6 +134,7 @@ def fill_guide(row: Any, drive: Drive, g: int) -> None:
     row["length"] = length
     row["end_radius"] = guide.end_radius
     row["roller_radius"] = drive.chain.roller_radius
+    row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
     fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
 
 

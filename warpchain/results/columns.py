@@ -131,6 +131,18 @@ CONTACT = Group(
     ),
     source="contact",
 )
+TOUCHES = Group(
+    "partner",
+    (Column("contacts", "1", "rollers that touched for the first time in their pass", total("contacts"), kind=int),),
+    source="contact",
+    where=lambda drive, index: index < len(drive.sprockets),
+)
+MISSED = Group(
+    "partner",
+    (Column("missed", "1", "rollers in the bar that did not come through its face", total("missed"), kind=int),),
+    source="contact",
+    where=lambda drive, index: index >= len(drive.sprockets),
+)
 BALANCE = Group(
     "chain",
     (
@@ -196,7 +208,7 @@ RECORDED = (
 )
 """What only recorded variants have (`results.objectives`)."""
 
-MEASURED = ((CHAIN,), (STRAND_TENSION, STRAND_DISPLACEMENT), (SPROCKET, MOUNT), (CONTACT,))
+MEASURED = ((CHAIN,), (STRAND_TENSION, STRAND_DISPLACEMENT), (SPROCKET, MOUNT), (CONTACT, TOUCHES, MISSED))
 """What the sums of the window give. Groups that stand together go thing by thing: all of one, then all of the next."""
 DESIGN = (
     (Group("chain", (PEAK_FACTOR,)),),
