@@ -195,6 +195,14 @@ def types(Real: type) -> SimpleNamespace:
         stribeck_speed: Real  # v_s [m/s]
 
     @wp.struct
+    class Sliding:
+        """What rubs where rollers touch teeth or a guide-bar (`physics.friction`)."""
+
+        rubs: wp.int32  # 1: there is friction
+        stop: Real  # beta m_e / h [N s/m]
+        law: Friction
+
+    @wp.struct
     class Chain:
         """The chain of one variant, eq. (1)-(3)."""
 
@@ -256,6 +264,8 @@ def types(Real: type) -> SimpleNamespace:
         guides: wp.array[Guide]  # (all guide-bars,)
         curves: Curves
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
+        tooth_sliding: wp.array[Sliding]  # (all sprockets,)
+        guide_sliding: wp.array[Sliding]  # (all guide-bars,)
 
     @wp.struct
     class Extra:
@@ -294,6 +304,7 @@ def types(Real: type) -> SimpleNamespace:
         impact_speed: wp.array[Real]
         first: wp.int32  # of this partner's rollers
         stage: wp.int32  # v0 is kept at stage 0 only, a step's start (rk4 has three more)
+        lag: Real  # how far the velocities are behind the forces [s]
 
     @wp.struct
     class Shared:
@@ -306,6 +317,7 @@ def types(Real: type) -> SimpleNamespace:
         teeth: wp.array[Sprocket]  # (S,)
         bands: wp.array[Band]  # (S,)
         bars: wp.array[Guide]  # (G,), at least one
+        sliding: wp.array[Sliding]  # (S + G,), of kernels with friction there
         chain: wp.array[Chain]  # (1,)
         parts: wp.array[wp.float64]  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
         motions: wp.array[Motion]  # (S,)
@@ -322,6 +334,7 @@ def types(Real: type) -> SimpleNamespace:
         Shared=Shared,
         ContactLaw=ContactLaw,
         Friction=Friction,
+        Sliding=Sliding,
         Chain=Chain,
         Sprocket=Sprocket,
         Band=Band,

@@ -15,6 +15,7 @@ class Totals:
     force: wp.float64  # sum of magnitudes [N]
     force_max: wp.float64  # [N]
     dissipated: wp.float64  # power [W]
+    friction: wp.float64  # power of friction [W]
     energy: wp.float64  # elastic [J]
     impacts: wp.int32  # contacts that began
     contacts: wp.int32  # of them, the first of a roller in its pass
@@ -32,6 +33,7 @@ class ContactSums:
     missed: wp.int32  # rollers that were in a guide-bar without having come through its face
     impulse: wp.float64  # [N s]
     dissipated: wp.float64  # [J]
+    friction: wp.float64  # dissipated by friction, which `dissipated` has not [J]
 
 
 @wp.struct

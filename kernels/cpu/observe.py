@@ -18,6 +18,7 @@ from ..sums import (
     add_contact,
     add_displacement,
     add_energy,
+    add_friction,
     add_mount,
     add_sprocket,
     add_touches,
@@ -144,6 +145,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, at.weight)
             missed = wp.where(at.step == drive.window_start, of.missing, of.missed)
             add_touches(sums.contact, i, of.contacts, missed)
+            if of.friction != wp.float64(0.0):
+                add_friction(sums.contact, i, of.friction, at.weight)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, at)
         for s in range(drive.sprockets):

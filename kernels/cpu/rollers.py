@@ -20,6 +20,8 @@ from ..physics.contact import (
     on_guide,
     reaction,
     respond,
+    rub,
+    rubbing_power,
     surface_velocity,
     tracked_seat,
 )
@@ -202,6 +204,24 @@ def passes(Real: type, capacity: int) -> Passes:
         store_row(w, row + i, load_row(w, row + i) + size)
 
     @wp.func
+    def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
+        """Acceleration of roller i [m/s^2]: its two links, its contacts and gravity."""
+        force = vec2(
+            load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i),
+            load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i),
+        )
+        return roller_acceleration(force, inverse_mass, gravity)
+
+    @wp.func
+    def add_drag(w: wp.array[Real], i: int, drag: vec2, relative: vec2, lag: Real, chain: kinds.Chain):
+        """Adds friction to roller i's contact forces; returns its power [W]."""
+        store_row(w, FX + i, load_row(w, FX + i) + drag[0])
+        store_row(w, FY + i, load_row(w, FY + i) + drag[1])
+        return wp.float64(
+            rubbing_power(drag, relative, acceleration(w, i, chain.inverse_mass, chain.gravity), lag)
+        )
+
+    @wp.func
     def sprocket_pass(
         w: wp.array[Real],
         n: int,
@@ -209,6 +229,8 @@ def passes(Real: type, capacity: int) -> Passes:
         body: Pose,
         seats: wp.array[wp.vec2d],
         memory: kinds.Memory,
+        sliding: kinds.Sliding,
+        chain: kinds.Chain,
     ):
         """Contacts of all rollers with one sprocket, eq. (5)-(17); returns their `Totals`."""
         totals = Totals()
@@ -240,6 +262,11 @@ def passes(Real: type, capacity: int) -> Passes:
                         totals.impacts += 1
                     if before == Real(UNTOUCHED):
                         totals.contacts += 1
+                    if sliding.rubs != 0:
+                        drag = rub(size, normal, relative, sliding)
+                        totals.friction += add_drag(w, i, drag, relative, memory.lag, chain)
+                        totals.moment += wp.float64(reaction(r, drag))
+                        push -= drag
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)
             else:
@@ -251,7 +278,15 @@ def passes(Real: type, capacity: int) -> Passes:
         return totals
 
     @wp.func
-    def guide_pass(w: wp.array[Real], n: int, bar: kinds.Guide, body: Pose, memory: kinds.Memory):
+    def guide_pass(
+        w: wp.array[Real],
+        n: int,
+        bar: kinds.Guide,
+        body: Pose,
+        memory: kinds.Memory,
+        sliding: kinds.Sliding,
+        chain: kinds.Chain,
+    ):
         """Contacts of all rollers with one guide-bar on a body, eq. (21)-(23); returns their `Totals`."""
         totals = Totals()
         push = vec2(Real(0.0), Real(0.0))
@@ -283,6 +318,11 @@ def passes(Real: type, capacity: int) -> Passes:
                     totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
                     if before == Real(UNTOUCHED):
                         totals.impacts += 1
+                    if sliding.rubs != 0:
+                        drag = rub(size, normal, relative, sliding)
+                        totals.friction += add_drag(w, i, drag, relative, memory.lag, chain)
+                        totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), drag))
+                        push -= drag
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)
             else:
@@ -291,15 +331,6 @@ def passes(Real: type, capacity: int) -> Passes:
             i = i + 1
         totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
         return totals
-
-    @wp.func
-    def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration of roller i [m/s^2]: its two links, its contacts and gravity."""
-        force = vec2(
-            load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i),
-            load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i),
-        )
-        return roller_acceleration(force, inverse_mass, gravity)
 
     @wp.func
     def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):

@@ -56,11 +56,14 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         memory.impact_speed = state.impact_speed
         memory.first = drive.first_contact
         memory.stage = stage
+        if drive.integrator == 0:
+            memory.lag = Real(wp.float64(0.5) * drive.step)
         for s in range(drive.sprockets):
             b = drive.first_body + s
             pose = pose_of(state.bodies[b])
             sprocket = ensemble.sprockets[drive.first_sprocket + s]
-            totals = sprocket_pass(w, n, sprocket, pose, ensemble.seats, memory)
+            sliding = ensemble.tooth_sliding[drive.first_sprocket + s]
+            totals = sprocket_pass(w, n, sprocket, pose, ensemble.seats, memory, sliding, chain)
             state.totals[partner] = totals
             state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
             partner += 1
@@ -71,7 +74,8 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
             if bar.body != GROUND:
                 pose = pose_of(state.bodies[drive.first_body + bar.body])
                 bar = carried(bar, pose)
-            totals = guide_pass(w, n, bar, pose, memory)
+            sliding = ensemble.guide_sliding[drive.first_guide + g]
+            totals = guide_pass(w, n, bar, pose, memory, sliding, chain)
             state.totals[partner] = totals
             if bar.body != GROUND:
                 b = drive.first_body + bar.body

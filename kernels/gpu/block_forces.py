@@ -17,12 +17,14 @@ from ..physics.contact import (
     on_guide,
     reaction,
     respond,
+    rub,
+    rubbing_power,
     tracked_seat,
 )
 from ..rows import accessors
 from ..structs import Drive, Wrench, types
 from ..sum_structs import Tallies
-from ..sums import add_contact, add_touches
+from ..sums import add_contact, add_friction, add_touches
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
@@ -46,11 +48,12 @@ class ForceFunctions:
 def block_forces(kind: BlockKind) -> ForceFunctions:
     """The functions that evaluate the contacts of one variant on a block."""
     Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
-    moving = kind.moving
+    moving, sliding, rk4 = kind.moving, kind.sliding, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
     row = block_rows(kind)
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
+    acceleration = row.acceleration
     X, Y, group_sum = row.X, row.Y, row.sharing.group_sum
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
@@ -112,6 +115,19 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store_row(state.impact_speed, at, kept)
 
     @wp.func
+    def add_drag(
+        tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now, j: int, p: int, drag: vec2, relative: vec2
+    ):
+        """Adds friction against partner p to roller j's force, and in the window its power to its sums."""
+        set_force(shared, j, force_on(shared, j) + drag)
+        if now.measured != 0:
+            lag = Real(0.0)
+            if wp.static(not rk4):
+                lag = Real(wp.float64(0.5) * mine.h)
+            power = rubbing_power(drag, relative, acceleration(shared, j), lag)
+            add_friction(tallies.contact, mine.memory + j + p * mine.rollers, power, now.weight)
+
+    @wp.func
     def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
         """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on sprocket s."""
         at = s * wp.static(threads) + i
@@ -157,6 +173,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if before == Real(UNTOUCHED) and now.measured != 0:
                 add_touches(tallies.contact, at, 1, 0)
             set_force(shared, j, force_on(shared, j) + force)
+            if wp.static(sliding):
+                drag = rub(size, normal, relative, shared.sliding[s])
+                add_drag(tallies, shared, mine, now, j, s, drag, relative)
+                force = force + drag
             if (now.summed >> s) & 1 != 0:
                 arm = vec2(Real(p[0]), Real(p[1]))
                 add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
@@ -184,6 +204,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 state.extra[extra].guide_force = state.extra[extra].guide_force + size
             keep(state, tallies, now, at, before, first, size, dissipated)
             set_force(shared, j, force_on(shared, j) + force)
+            if wp.static(sliding):
+                p_of = wp.static(sprockets) + g
+                drag = rub(size, normal, relative, shared.sliding[p_of])
+                add_drag(tallies, shared, mine, now, j, p_of, drag, relative)
         else:
             put(state, now, at, before, Real(UNTOUCHED))
 
@@ -294,10 +318,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         band.near_square = sprocket.near_square
         band.far_square = sprocket.far_square
         shared.bands[s] = band
+        if wp.static(sliding):
+            shared.sliding[s] = ensemble.tooth_sliding[drive.first_sprocket + s]
         if s == 0:
             shared.chain[0] = ensemble.chains[variant]
             for g in range(wp.static(guides)):
                 shared.bars[g] = ensemble.guides[drive.first_guide + g]
+                if wp.static(sliding):
+                    shared.sliding[wp.static(sprockets) + g] = ensemble.guide_sliding[drive.first_guide + g]
 
     return ForceFunctions(
         SPROCKETS=SPROCKETS,

@@ -11,7 +11,11 @@ product).
     in_teeth, on_guide  where a roller is in a tooth gap or on a bar: penetration, normal, relative velocity
     misses      whether it is in a bar without having come through its face
     respond     what the contact answers: force vector, v0, dissipated power, energy
+    rub         the friction on the roller, and what it dissipates (`rubbing_power`)
     reaction    the moment of the answer on the partner's body
+
+Friction acts at the roller's center like the contact force, against what the partner's material point there slides
+along the contact: so the reaction's moment and the power are exact, and no roller needs an angle.
 """
 
 from typing import Any
@@ -20,6 +24,7 @@ import warp as wp
 
 from ..rows import accessors
 from ..structs import Pose
+from .friction import friction
 from .guide import guide_gap
 from .impact import contact_force, elastic_force
 from .tooth import nearest_seat, seat_step, tooth_gap, wrapped_seat
@@ -72,6 +77,35 @@ def misses(penetration: Any, impact_speed: Any, bar: Any):
     """
     first_seen = impact_speed == type(penetration)(UNTOUCHED)
     return impact_speed < type(penetration)(UNTOUCHED) or (first_seen and penetration > bar.deepest_entry)
+
+
+@wp.func
+def rub(size: Any, normal: Any, relative: Any, sliding: Any):
+    """Friction on the roller (vector) [N] in a contact that presses with `size` >= 0.
+
+    Args:
+        size: the contact force's magnitude [N].
+        normal: unit vector towards the roller.
+        relative: velocity of the partner's material point less the roller's [m/s].
+        sliding: what rubs (`structs.Sliding`).
+    """
+    along = type(normal)(-normal[1], normal[0])
+    speed = wp.dot(relative, along)
+    drag = friction(size, wp.abs(speed), sliding.stop, sliding.law)
+    return wp.where(speed < type(size)(0.0), -drag, drag) * along
+
+
+@wp.func
+def rubbing_power(drag: Any, relative: Any, acceleration: Any, lag: Any):
+    """Power [W] of friction at the forces' instant, where the sliding speed is the mean of those around the step.
+
+    Args:
+        drag: friction on the roller [N].
+        relative: velocity of the partner's material point less the roller's, `lag` before the forces' instant [m/s].
+        acceleration: of the roller, with all that acts on it [m/s^2].
+        lag: half a step with leapfrog, 0 with rk4 [s].
+    """
+    return wp.dot(drag, relative - lag * acceleration)
 
 
 @wp.func

@@ -35,7 +35,7 @@ SETTLE_STEP = 0.7
 
 
 def elastic(packed: Packed) -> Packed:
-    """The ensemble at rest, sprockets held, contacts without dissipation, links damped for settling.
+    """The ensemble at rest, sprockets held, contacts without dissipation or friction, links damped for settling.
 
     Rollers that assembly has put into guide-bars are pushed out through the face, however deep they are.
     """
@@ -44,6 +44,8 @@ def elastic(packed: Packed) -> Packed:
         chains=packed.chains.copy(),
         sprockets=packed.sprockets.copy(),
         guides=packed.guides.copy(),
+        tooth_sliding=np.zeros_like(packed.tooth_sliding),
+        guide_sliding=np.zeros_like(packed.guide_sliding),
         bodies=packed.bodies.copy(),
         rollers=packed.rollers.copy(),
     )
