@@ -217,9 +217,7 @@ def passes(Real: type, capacity: int) -> Passes:
         """Adds friction to roller i's contact forces; returns its power [W]."""
         store_row(w, FX + i, load_row(w, FX + i) + drag[0])
         store_row(w, FY + i, load_row(w, FY + i) + drag[1])
-        return wp.float64(
-            rubbing_power(drag, relative, acceleration(w, i, chain.inverse_mass, chain.gravity), lag)
-        )
+        return wp.float64(rubbing_power(drag, relative, acceleration(w, i, chain.inverse_mass, chain.gravity), lag))
 
     @wp.func
     def sprocket_pass(

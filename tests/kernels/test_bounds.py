@@ -46,7 +46,9 @@ def test_a_table_is_read_within_its_cells_whatever_comes_in(repeats):
     table = Tabulated()
     table.cells, table.first, table.repeats, table.spacing = 1, 5, repeats, 1.0
     beside = np.full(5, 1e300)
-    values = wp.array(np.concatenate([beside, [3.0, 0.0, 0.0, 0.0, 0.0], [3.0], beside]), dtype=wp.float64, device="cpu")
+    values = wp.array(
+        np.concatenate([beside, [3.0, 0.0, 0.0, 0.0, 0.0], [3.0], beside]), dtype=wp.float64, device="cpu"
+    )
     out = wp.zeros(len(ODD), dtype=wp.float64, device="cpu")
     at = wp.array(np.array(ODD), dtype=wp.float64, device="cpu")
     wp.launch(cells, dim=len(ODD), inputs=[at, table, values, out], device="cpu")
