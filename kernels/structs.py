@@ -195,6 +195,14 @@ def types(Real: type) -> SimpleNamespace:
         stribeck_speed: Real  # v_s [m/s]
 
     @wp.struct
+    class Sliding:
+        """What rubs where rollers touch teeth or a guide-bar (`physics.friction`)."""
+
+        rubs: wp.int32  # 1: there is friction
+        stop: Real  # beta m_e / h [N s/m]
+        law: Friction
+
+    @wp.struct
     class Chain:
         """The chain of one variant, eq. (1)-(3)."""
 
@@ -212,8 +220,8 @@ def types(Real: type) -> SimpleNamespace:
         first_seat: wp.int32  # of this number of teeth in the table of seat directions
         exact_radius: wp.float64  # R [m]
         pitch_radius: Real  # R [m]
-        near_square: Real  # (R - p/2)^2, and
-        far_square: Real  # (R + p/2)^2: rollers between are engaged
+        near_square: Real  # (R - b)^2, not below 0, and
+        far_square: Real  # (R + b)^2: rollers between are engaged, b = max(p/2, R_tip + Rr - R)
         half_pitch_tangent: Real  # tan(pi / z)
         clearance: Real  # Rc = R_seat - Rr [m]
         cos_half_seat: Real  # of half the seating angle
@@ -240,6 +248,7 @@ def types(Real: type) -> SimpleNamespace:
         length: Real  # |b - a| [m]
         end_radius: Real  # Rg [m]
         roller_radius: Real  # Rr [m]
+        deepest_entry: Real  # a roller first seen deeper than this has not come through the face [m]
         law: ContactLaw
 
     @wp.struct
@@ -255,6 +264,8 @@ def types(Real: type) -> SimpleNamespace:
         guides: wp.array[Guide]  # (all guide-bars,)
         curves: Curves
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
+        tooth_sliding: wp.array[Sliding]  # (all sprockets,)
+        guide_sliding: wp.array[Sliding]  # (all guide-bars,)
 
     @wp.struct
     class Extra:
@@ -276,7 +287,7 @@ def types(Real: type) -> SimpleNamespace:
         wrenches: wp.array[Wrench]  # (all bodies,)
         strands: wp.array[Strand]  # (all sprockets,)
         seat: wp.array[wp.int32]  # (contact memories,): seat of an engaged roller, else -1
-        impact_speed: wp.array[Real]  # (contact memories,): v0 of a contact, 0 while open [m/s]
+        impact_speed: wp.array[Real]  # (contact memories,): v0 of a contact, not positive while open (`contact`) [m/s]
         totals: wp.array[Totals]  # (all sprockets and guide-bars,)
         extra: wp.array[Extra]  # (all rollers,), for block kernels; else (1,)
         stages: wp.array[Real]  # (10 * all rollers,) for rk4 on blocks, else (1,): see `block_rk4`
@@ -293,6 +304,7 @@ def types(Real: type) -> SimpleNamespace:
         impact_speed: wp.array[Real]
         first: wp.int32  # of this partner's rollers
         stage: wp.int32  # v0 is kept at stage 0 only, a step's start (rk4 has three more)
+        lag: Real  # how far the velocities are behind the forces [s]
 
     @wp.struct
     class Shared:
@@ -305,6 +317,7 @@ def types(Real: type) -> SimpleNamespace:
         teeth: wp.array[Sprocket]  # (S,)
         bands: wp.array[Band]  # (S,)
         bars: wp.array[Guide]  # (G,), at least one
+        sliding: wp.array[Sliding]  # (S + G,), of kernels with friction there
         chain: wp.array[Chain]  # (1,)
         parts: wp.array[wp.float64]  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
         motions: wp.array[Motion]  # (S,)
@@ -321,6 +334,7 @@ def types(Real: type) -> SimpleNamespace:
         Shared=Shared,
         ContactLaw=ContactLaw,
         Friction=Friction,
+        Sliding=Sliding,
         Chain=Chain,
         Sprocket=Sprocket,
         Band=Band,

@@ -15,8 +15,12 @@ class Totals:
     force: wp.float64  # sum of magnitudes [N]
     force_max: wp.float64  # [N]
     dissipated: wp.float64  # power [W]
+    friction: wp.float64  # power of friction [W]
     energy: wp.float64  # elastic [J]
     impacts: wp.int32  # contacts that began
+    contacts: wp.int32  # of them, the first of a roller in its pass
+    missed: wp.int32  # rollers that came in not through the face
+    missing: wp.int32  # rollers that are in there
 
 
 @wp.struct
@@ -24,9 +28,12 @@ class ContactSums:
     """Sums over the window of one sprocket's or guide-bar's contacts."""
 
     force_max: wp.float64  # [N]
-    impacts: wp.int32
+    impacts: wp.int32  # contacts that began
+    contacts: wp.int32  # of them, the first of a roller in its pass over a sprocket
+    missed: wp.int32  # rollers that were in a guide-bar without having come through its face
     impulse: wp.float64  # [N s]
     dissipated: wp.float64  # [J]
+    friction: wp.float64  # dissipated by friction, which `dissipated` has not [J]
 
 
 @wp.struct

@@ -97,10 +97,28 @@ def add_contact(
 
 
 @wp.func
+def add_touches(sums: wp.array[ContactSums], at: int, contacts: int, missed: int):
+    """Adds rollers that touched for the first time in their pass, and those that came in not through the face."""
+    if contacts != 0:
+        sums[at].contacts = sums[at].contacts + contacts
+    if missed != 0:
+        sums[at].missed = sums[at].missed + missed
+
+
+@wp.func
+def add_friction(sums: wp.array[ContactSums], at: int, power: Any, weight: Any):
+    """Adds the power of friction in contacts of one step [W] to the sums at `at`; `weight` as in `add_contact`."""
+    sums[at].friction = sums[at].friction + wp.float64(weight * power)
+
+
+@wp.func
 def merge_contact(sums: ContactSums, other: ContactSums):
     """What other contacts of the same partner have."""
     sums.force_max = wp.max(sums.force_max, other.force_max)
     sums.impacts = sums.impacts + other.impacts
+    sums.friction = sums.friction + other.friction
+    sums.contacts = sums.contacts + other.contacts
+    sums.missed = sums.missed + other.missed
     sums.impulse = sums.impulse + other.impulse
     sums.dissipated = sums.dissipated + other.dissipated
     return sums

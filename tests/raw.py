@@ -42,6 +42,7 @@ def chain(
         lengths=np.full(n, pitch, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
         mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
+        tooth_sliding=zeros(kinds.Sliding, wheels), guide_sliding=zeros(kinds.Sliding, bars),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
         bodies=zeros(structs.BodyState, bodies), strands=zeros(structs.Strand, wheels),
@@ -69,6 +70,7 @@ def chain(
         sprocket["flank_curvature"] = values.get("flank_curvature", 0.0)
         sprocket["tip_reach"] = radius + pitch / 2
         law = sprocket["law"]
+        put_friction(packed.tooth_sliding[s], values.get("friction", 0.0), values.get("heft", mass), step)
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
         law["damping"] = 0.75 * (1 - values.get("restitution", 1.0) ** 2)
         law["speed_floor"] = values.get("speed_floor", 0.01)
@@ -85,17 +87,26 @@ def chain(
         seats.append(np.stack([np.cos(angle), np.sin(angle)], axis=1))
         strand = packed.strands[s]
         strand["direction"], strand["length"] = (1.0, 0.0), 1.0
-    for bar, values in zip(packed.guides, guides, strict=False):
+    for g, (bar, values) in enumerate(zip(packed.guides, guides, strict=False)):
+        put_friction(packed.guide_sliding[g], values.get("friction", 0.0), values.get("heft", mass), step)
         chord = np.subtract(values["end"], values["start"])
         bar["body"], bar["start"], bar["length"] = values.get("body", structs.GROUND), values["start"], np.hypot(*chord)
         bar["direction"] = chord / np.hypot(*chord)
         bar["roller_radius"], bar["end_radius"] = values["roller_radius"], values.get("end_radius", 0.1)
+        bar["deepest_entry"] = 0.5 * values["roller_radius"]
         law = bar["law"]
         law["form"], law["stiffness"], law["exponent"] = values.get("form", 0), values["stiffness"], 1.0
         law["damping"], law["speed_floor"] = values.get("damping", 0.0), 0.01
     if seats:
         packed.seats = np.concatenate(seats)
     return packed
+
+
+def put_friction(row, friction, heft, step):
+    """Friction of a hand-made contact."""
+    row["rubs"], row["stop"] = int(friction > 0.0), 0.5 * heft / step
+    row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
+    row["law"]["stribeck_speed"] = 1.0
 
 
 def run(packed, workers=1):

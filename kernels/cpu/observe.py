@@ -13,7 +13,17 @@ from ..physics.motion import load_moment, load_moment_at_speed
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums
-from ..sums import STRAND_EVERY, add_contact, add_displacement, add_energy, add_mount, add_sprocket, following
+from ..sums import (
+    STRAND_EVERY,
+    add_contact,
+    add_displacement,
+    add_energy,
+    add_friction,
+    add_mount,
+    add_sprocket,
+    add_touches,
+    following,
+)
 from .rollers import passes, rows
 from .steps import moving
 from .tallies import tallies
@@ -133,6 +143,10 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             i = drive.first_sprocket + drive.first_guide + p
             of = state.totals[i]
             add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, at.weight)
+            missed = wp.where(at.step == drive.window_start, of.missing, of.missed)
+            add_touches(sums.contact, i, of.contacts, missed)
+            if of.friction != wp.float64(0.0):
+                add_friction(sums.contact, i, of.friction, at.weight)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, at)
         for s in range(drive.sprockets):

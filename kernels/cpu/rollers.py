@@ -11,7 +11,20 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import in_teeth, on_guide, reaction, respond, surface_velocity, tracked_seat
+from ..physics.contact import (
+    MISSED,
+    UNTOUCHED,
+    after_teeth,
+    in_teeth,
+    misses,
+    on_guide,
+    reaction,
+    respond,
+    rub,
+    rubbing_power,
+    surface_velocity,
+    tracked_seat,
+)
 from ..physics.link import link_force
 from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
@@ -191,6 +204,22 @@ def passes(Real: type, capacity: int) -> Passes:
         store_row(w, row + i, load_row(w, row + i) + size)
 
     @wp.func
+    def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
+        """Acceleration of roller i [m/s^2]: its two links, its contacts and gravity."""
+        force = vec2(
+            load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i),
+            load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i),
+        )
+        return roller_acceleration(force, inverse_mass, gravity)
+
+    @wp.func
+    def add_drag(w: wp.array[Real], i: int, drag: vec2, relative: vec2, lag: Real, chain: kinds.Chain):
+        """Adds friction to roller i's contact forces; returns its power [W]."""
+        store_row(w, FX + i, load_row(w, FX + i) + drag[0])
+        store_row(w, FY + i, load_row(w, FY + i) + drag[1])
+        return wp.float64(rubbing_power(drag, relative, acceleration(w, i, chain.inverse_mass, chain.gravity), lag))
+
+    @wp.func
     def sprocket_pass(
         w: wp.array[Real],
         n: int,
@@ -198,6 +227,8 @@ def passes(Real: type, capacity: int) -> Passes:
         body: Pose,
         seats: wp.array[wp.vec2d],
         memory: kinds.Memory,
+        sliding: kinds.Sliding,
+        chain: kinds.Chain,
     ):
         """Contacts of all rollers with one sprocket, eq. (5)-(17); returns their `Totals`."""
         totals = Totals()
@@ -217,7 +248,7 @@ def passes(Real: type, capacity: int) -> Passes:
                 seat = tracked_seat(p, memory.seat[at], body.cosine, body.sine, sprocket, seats)
                 penetration, normal, relative = in_teeth(p, v, omega, seat, sprocket)
                 memory.seat[at] = seat.number
-                kept = Real(0.0)
+                kept = after_teeth(before)
                 if penetration > Real(0.0):
                     f, size, first, dissipated, energy = respond(penetration, normal, relative, before, sprocket.law)
                     kept = first
@@ -225,8 +256,15 @@ def passes(Real: type, capacity: int) -> Passes:
                     totals.moment += wp.float64(reaction(r, f))
                     push -= f
                     totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
-                    if before == Real(0.0):
+                    if before <= Real(0.0):
                         totals.impacts += 1
+                    if before == Real(UNTOUCHED):
+                        totals.contacts += 1
+                    if sliding.rubs != 0:
+                        drag = rub(size, normal, relative, sliding)
+                        totals.friction += add_drag(w, i, drag, relative, memory.lag, chain)
+                        totals.moment += wp.float64(reaction(r, drag))
+                        push -= drag
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)
             else:
@@ -238,7 +276,15 @@ def passes(Real: type, capacity: int) -> Passes:
         return totals
 
     @wp.func
-    def guide_pass(w: wp.array[Real], n: int, bar: kinds.Guide, body: Pose, memory: kinds.Memory):
+    def guide_pass(
+        w: wp.array[Real],
+        n: int,
+        bar: kinds.Guide,
+        body: Pose,
+        memory: kinds.Memory,
+        sliding: kinds.Sliding,
+        chain: kinds.Chain,
+    ):
         """Contacts of all rollers with one guide-bar on a body, eq. (21)-(23); returns their `Totals`."""
         totals = Totals()
         push = vec2(Real(0.0), Real(0.0))
@@ -255,16 +301,26 @@ def passes(Real: type, capacity: int) -> Passes:
                 arm = place(w, i) - body.center
                 surface = surface_velocity(body, arm)
                 penetration, normal, relative = on_guide(p, v, vec2(Real(surface[0]), Real(surface[1])), bar)
-                kept = Real(0.0)
-                if penetration > Real(0.0):
+                kept = Real(UNTOUCHED)
+                if penetration > Real(0.0) and misses(penetration, before, bar):
+                    kept = Real(MISSED)
+                    totals.missing += 1
+                    if before == Real(UNTOUCHED):
+                        totals.missed += 1
+                elif penetration > Real(0.0):
                     f, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
                     kept = first
                     add_force(w, i, GUIDE_FORCE, f, size)
                     totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), f))
                     push -= f
                     totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
-                    if before == Real(0.0):
+                    if before == Real(UNTOUCHED):
                         totals.impacts += 1
+                    if sliding.rubs != 0:
+                        drag = rub(size, normal, relative, sliding)
+                        totals.friction += add_drag(w, i, drag, relative, memory.lag, chain)
+                        totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), drag))
+                        push -= drag
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)
             else:
@@ -273,15 +329,6 @@ def passes(Real: type, capacity: int) -> Passes:
             i = i + 1
         totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
         return totals
-
-    @wp.func
-    def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration of roller i [m/s^2]: its two links, its contacts and gravity."""
-        force = vec2(
-            load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i),
-            load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i),
-        )
-        return roller_acceleration(force, inverse_mass, gravity)
 
     @wp.func
     def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):

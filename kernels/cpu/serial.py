@@ -31,7 +31,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
     do = stepping(Real, capacity)
     observe = observing(Real, capacity, frame)
     evaluate = evaluating(Real, capacity).evaluate
-    inside, centers_inside = part.inside, moving(Real).centers_inside
+    inside, bodies_sound = part.inside, moving(Real).bodies_sound
 
     @wp.kernel(enable_backward=False, module="unique")
     def advance(
@@ -66,7 +66,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                             observe.sample(ensemble, state, drive, chain, w, frames, at, now)
                             at = at + wp.int64(observe.width(n, drive.sprockets))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
-                        if inside(w, n, drive.low, drive.high) == 0 or centers_inside(state, drive) == 0:
+                        if inside(w, n, drive.low, drive.high) == 0 or bodies_sound(state, drive) == 0:
                             progress.diverged = 1
                 if step == drive.steps or progress.diverged == 1:
                     stage = 4

@@ -35,7 +35,7 @@ class SamplingFunctions:
 def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     """The functions that observe one variant on a block, when it is time to; `frame` as in `frames.frame_writers`."""
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
-    moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
+    measuring, rk4 = kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     of_each = wp.types.vector(per, Real)
     row, bodies, observe = block_rows(kind), block_bodies(kind), block_observing(kind)
@@ -43,7 +43,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     load_row, X, Y, vec2 = accessors(Real).load_row, row.X, row.Y, kinds.vec2
     barrier, place, link_of = row.sharing.barrier, row.place, row.link_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
-    center_outside, set_heading, plan = bodies.center_outside, bodies.set_heading, bodies.plan
+    body_gone, set_heading, plan = bodies.body_gone, bodies.set_heading, bodies.plan
 
     @wp.func
     def flush_links(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, samples: int):
@@ -80,9 +80,8 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             p = place(shared.rows, j, wp.vec2d(wp.float64(0.0), wp.float64(0.0)))
             gone = wp.max(gone, int(not in_box(drive, p)))
             j = j + wp.static(threads)
-        if wp.static(moving):
-            if mine.sprocket >= 0:
-                gone = wp.max(gone, center_outside(drive, shared, mine.sprocket))
+        if mine.sprocket >= 0:
+            gone = wp.max(gone, body_gone(drive, shared, mine.sprocket))
         return gone
 
     @wp.func

@@ -171,6 +171,8 @@ def room(kind: BlockKind) -> Room:
     of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
     used = kind.sprockets * (16 * COURSE + sum(struct.numpy_dtype()["itemsize"] for struct in of_each))
+    if kind.sliding:
+        used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
     fits = []
@@ -252,6 +254,9 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("bars", max(guides, 1)))
     def bars(like: kinds.Shared) -> wp.array[kinds.Guide]: ...
 
+    @wp.func_native(_shared_snippet("sliding", sprockets + guides))
+    def sliding(like: kinds.Shared) -> wp.array[kinds.Sliding]: ...
+
     @wp.func_native(_shared_snippet("chain", 1))
     def chain(like: kinds.Shared) -> wp.array[kinds.Chain]: ...
 
@@ -298,6 +303,8 @@ def exchange(kind: BlockKind) -> Exchange:
         shared.teeth = teeth(shared)
         shared.bands = bands(shared)
         shared.bars = bars(shared)
+        if wp.static(kind.sliding):
+            shared.sliding = sliding(shared)
         shared.chain = chain(shared)
         if wp.static(of.shares_parts):
             shared.parts = parts(shared)

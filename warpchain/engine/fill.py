@@ -19,10 +19,12 @@ from warpchain.drive.mounts import (
     initial_center,
     initial_velocity,
     moving_mass,
+    on_springs,
     unit,
     wheel_inertia,
     wheel_mass,
 )
+from warpchain.drive.rubbing import Rubbing
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.table import Table
 from warpchain.kernels.physics.impact import FORCES
@@ -33,6 +35,13 @@ INTEGRATORS = {"leapfrog": 0, "rk4": 1}
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
 ESCAPE_PITCHES = 10.0
 """A roller this many pitches outside the drive's bounding box has left it (the variant diverged)."""
+
+
+SLIDING_STOP = 0.5
+"""beta: the part of a sliding speed that friction stops in a step at most."""
+
+DEEPEST_ENTRY = 0.5
+"""A roller first seen deeper in a guide-bar than this part of its radius has not come through the face."""
 
 
 class RowList:
@@ -69,14 +78,14 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
         seats.known[teeth], _ = seats.add(np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    radius, half_pitch = drive.pitch_radius(s), 0.5 * drive.chain.pitch
+    radius, band = drive.pitch_radius(s), drive.engagement(s)
     tooth = drive.tooth(s)
     half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
-    row["near_square"] = (radius - half_pitch) ** 2
-    row["far_square"] = (radius + half_pitch) ** 2
+    row["near_square"] = max(radius - band, 0.0) ** 2
+    row["far_square"] = (radius + band) ** 2
     row["half_pitch_tangent"] = np.tan(np.pi / teeth)
     row["clearance"] = tooth.seat_radius - roller_radius
     row["cos_half_seat"] = np.cos(half_seat)
@@ -130,7 +139,43 @@ def fill_guide(row: Any, drive: Drive, g: int) -> None:
     row["length"] = length
     row["end_radius"] = guide.end_radius
     row["roller_radius"] = drive.chain.roller_radius
+    row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
     fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
+
+
+def fill_sliding(row: Any, rubbing: Rubbing, heft: float) -> None:
+    """Fills a `kernels.structs.Sliding`, its `stop` for a step of 1 s; it stays zero without friction.
+
+    `heft` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
+    (`tooth_heft`).
+    """
+    if not rubbing.rubs:
+        return
+    row["rubs"] = 1
+    row["stop"] = SLIDING_STOP * heft
+    row["law"]["mu_dynamic"], row["law"]["mu_static"] = rubbing.dynamic, rubbing.static
+    row["law"]["stribeck_speed"] = rubbing.stribeck_speed
+
+
+def tooth_heft(drive: Drive, s: int) -> float:
+    """m_e [kg] of a roller that slides on sprocket s, so little that all its teeth at once reverse no sliding.
+
+    Forces f_i = stop v_i of z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's
+    points: no eigenvalue of G is above its trace, z times the mobility of a point, 1/M + (r + b/M)^2 / J for a
+    sprocket that turns and whose center moves (b of its balance wheel, J about their common center of mass), r as far
+    as rollers are looked after. With 1/m_e = 1/m + z times that, and stop = beta m_e / h, beta = 1/2, each mode of
+    sliding loses at most half its speed in a step.
+    """
+    sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
+    wheel = sprocket.balance_wheel
+    moment = wheel_mass(sprocket) * wheel.radius if wheel is not None else 0.0
+    inertia = (sprocket.inertia or 0.0) + wheel_inertia(sprocket)
+    if on_springs(sprocket):
+        mobility, offset = 1.0 / moving_mass(sprocket), moment / moving_mass(sprocket)
+        inertia -= moment * offset
+    if sprocket.prescribed is None:
+        mobility += (drive.pitch_radius(s) + drive.engagement(s) + offset) ** 2 / inertia
+    return 1.0 / (1.0 / drive.chain.mass + sprocket.teeth * mobility)
 
 
 def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:

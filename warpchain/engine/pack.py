@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly, assemble
 from warpchain.assembly.tables import TableList
 from warpchain.drive import Drive
+from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
 from warpchain.engine.alike import alike
 from warpchain.engine.fill import (
     RowList,
@@ -21,8 +22,10 @@ from warpchain.engine.fill import (
     fill_guide,
     fill_motion,
     fill_mount,
+    fill_sliding,
     fill_sprocket,
     fill_strand,
+    tooth_heft,
 )
 from warpchain.engine.packed import KINDS, Packed, numbered, state_rows
 from warpchain.errors import DriveError
@@ -72,6 +75,9 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
                     fill_motion(packed.motions[begin + s], drive, s, angle, harmonics, tables)
     for name in ("step", "steps", "window_start", "window_end", "sample_every"):
         packed.drives[name] = [getattr(schedule, name) for _, schedule in zip(drives, schedules, strict=True)]
+    for sliding, counts in ((packed.tooth_sliding, "sprockets"), (packed.guide_sliding, "guides")):
+        steps = np.repeat(packed.drives["step"], packed.drives[counts])
+        sliding["stop"][: len(steps)] /= steps
     packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
     return packed
 
@@ -95,6 +101,7 @@ def _pack_each(
         for s, sprocket in enumerate(drive.sprockets):
             mine, body = row["first_sprocket"] + s, row["first_body"] + s
             fill_sprocket(packed.sprockets[mine], drive, s, seats)
+            fill_sliding(packed.tooth_sliding[mine], tooth_rubbing(drive), tooth_heft(drive, s))
             fill_strand(packed.strands[mine], assembly, s, drive.chain.links)
             fill_motion(packed.motions[body], drive, s, float(assembly.sprocket_angle[s]), harmonics, tables)
             fill_mount(packed.mounts[body], sprocket, drive.run.gravity)
@@ -103,6 +110,7 @@ def _pack_each(
             packed.seat[row["first_contact"] + s * drive.chain.links + held] = assembly.seat_index[held]
         for g in range(len(drive.guides)):
             fill_guide(packed.guides[row["first_guide"] + g], drive, g)
+            fill_sliding(packed.guide_sliding[row["first_guide"] + g], guide_rubbing(drive, g), drive.chain.mass)
     return packed
 
 
@@ -123,6 +131,8 @@ def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:
         motions=zeros(structs.Motion, "body"),
         mounts=zeros(structs.Mount, "body"),
         guides=zeros(kinds.Guide, "guide"),
+        tooth_sliding=zeros(kinds.Sliding, "sprocket"),
+        guide_sliding=zeros(kinds.Sliding, "guide"),
         harmonics=np.zeros(0),
         tables=np.zeros(0),
         seats=np.zeros(0),

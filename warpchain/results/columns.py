@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.mounts import moves
+from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
 from warpchain.results.formulas import (
     THINGS,
     Values,
@@ -68,6 +69,12 @@ class Group:
     source: str = ""
     weight: Callable[[Any, Values, Values], Values] = lambda sums, duration, rollers: duration
     where: Callable[[Drive, int], bool] | None = None
+
+
+def rubs_on(drive: Drive, index: int) -> bool:
+    """Whether rollers rub on a partner."""
+    sprockets = len(drive.sprockets)
+    return (tooth_rubbing(drive) if index < sprockets else guide_rubbing(drive, index - sprockets)).rubs
 
 
 TENSION_MIN = Column("tension_min", "N", "smallest link tension", total("tension_min"))
@@ -130,6 +137,24 @@ CONTACT = Group(
         Column("dissipated", "J", "energy dissipated in the contacts", total("dissipated")),
     ),
     source="contact",
+)
+FRICTION = Group(
+    "partner",
+    (Column("friction", "J", "energy dissipated by friction in the contacts", total("friction")),),
+    source="contact",
+    where=rubs_on,
+)
+TOUCHES = Group(
+    "partner",
+    (Column("contacts", "1", "rollers that touched for the first time in their pass", total("contacts"), kind=int),),
+    source="contact",
+    where=lambda drive, index: index < len(drive.sprockets),
+)
+MISSED = Group(
+    "partner",
+    (Column("missed", "1", "rollers in the bar that did not come through its face", total("missed"), kind=int),),
+    source="contact",
+    where=lambda drive, index: index >= len(drive.sprockets),
 )
 BALANCE = Group(
     "chain",
@@ -196,7 +221,7 @@ RECORDED = (
 )
 """What only recorded variants have (`results.objectives`)."""
 
-MEASURED = ((CHAIN,), (STRAND_TENSION, STRAND_DISPLACEMENT), (SPROCKET, MOUNT), (CONTACT,))
+MEASURED = ((CHAIN,), (STRAND_TENSION, STRAND_DISPLACEMENT), (SPROCKET, MOUNT), (CONTACT, FRICTION, TOUCHES, MISSED))
 """What the sums of the window give. Groups that stand together go thing by thing: all of one, then all of the next."""
 DESIGN = (
     (Group("chain", (PEAK_FACTOR,)),),

@@ -94,7 +94,7 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
         input=mounts["work"].sum(axis=1) - contact_work.sum(axis=1),
         output=-load_work.sum(axis=1),
         links=chain["dissipated"],
-        dissipated=dissipated + mounts["dissipated"].sum(axis=1),
+        dissipated=dissipated + mounts["dissipated"].sum(axis=1) + sums["contact"]["friction"].sum(axis=1),
         change=chain["energy_end"] - chain["energy_start"],
     )
 

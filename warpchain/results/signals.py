@@ -145,7 +145,7 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
     wrap = float(path.wrap_angle[s])
     spare = 0.5 * (2.0 * np.pi - wrap)
     angle = np.mod(polar + spare, 2.0 * np.pi) - spare
-    on = (apart < 0.5 * drive.chain.pitch) & (angle > -2.0 * step) & (angle < wrap + 2.0 * step)
+    on = (apart < drive.engagement(s)) & (angle > -2.0 * step) & (angle < wrap + 2.0 * step)
     return ContactAngles(angle[on], np.asarray(trajectory.sprocket_force[part], dtype=float)[on], wrap, step)
 
 
