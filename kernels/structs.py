@@ -195,6 +195,16 @@ def types(Real: type) -> SimpleNamespace:
         stribeck_speed: Real  # v_s [m/s]
 
     @wp.struct
+    class Joint:
+        """What rubs in the joints of one chain (`physics.joint`)."""
+
+        rubs: wp.int32  # 1: there is friction
+        pin_radius: Real  # r_p [m]
+        arm: Real  # kappa r_p [m]
+        stop: Real  # moment a sliding speed that a step can stop, 0.375 (m p^2 / 6) / (h r_p) [N s]
+        law: Friction
+
+    @wp.struct
     class Chain:
         """The chain of one variant, eq. (1)-(3)."""
 
@@ -255,6 +265,7 @@ def types(Real: type) -> SimpleNamespace:
         guides: wp.array[Guide]  # (all guide-bars,)
         curves: Curves
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
+        joints: wp.array[Joint]  # (variants,)
 
     @wp.struct
     class Extra:
@@ -306,6 +317,7 @@ def types(Real: type) -> SimpleNamespace:
         bands: wp.array[Band]  # (S,)
         bars: wp.array[Guide]  # (G,), at least one
         chain: wp.array[Chain]  # (1,)
+        joint: wp.array[Joint]  # (1,)
         parts: wp.array[wp.float64]  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
         motions: wp.array[Motion]  # (S,)
         course: wp.array[wp.float64]  # (S, steps, 2): angle, speed of prescribed sprockets (`exchange.COURSE`)
@@ -321,6 +333,7 @@ def types(Real: type) -> SimpleNamespace:
         Shared=Shared,
         ContactLaw=ContactLaw,
         Friction=Friction,
+        Joint=Joint,
         Chain=Chain,
         Sprocket=Sprocket,
         Band=Band,

@@ -14,6 +14,7 @@ from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums
 from ..sums import STRAND_EVERY, add_contact, add_displacement, add_energy, add_mount, add_sprocket, following
+from .joints import joint_passes
 from .rollers import passes, rows
 from .steps import moving
 from .tallies import tallies
@@ -58,6 +59,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     kinds = types(Real)
     vec2 = kinds.vec2
     tally = tallies(Real, capacity)
+    friction_power = joint_passes(Real, capacity).friction_power
     follow = following(Real).follow
     load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
@@ -124,6 +126,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
         chain_sums = tally.add_links(w, n, chain, sums.chain[variant], at.weight)
+        if ensemble.joints[variant].rubs != 0:
+            chain_sums.friction += at.weight * friction_power(w, n, chain, Real(at.lag))
         if at.step == drive.window_start:
             chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, w, at))
         if at.step == drive.window_end:

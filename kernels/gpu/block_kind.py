@@ -20,6 +20,7 @@ class BlockKind:
         moving: sprockets' centers may move, or have balance wheels.
         measuring: metrics are taken.
         rk4: the classical Runge-Kutta scheme instead of leapfrog.
+        bending: the joints rub.
     """
 
     Real: type
@@ -30,6 +31,7 @@ class BlockKind:
     moving: bool = False
     measuring: bool = False
     rk4: bool = False
+    bending: bool = False
 
     @property
     def slots(self) -> int:

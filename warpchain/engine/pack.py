@@ -19,6 +19,7 @@ from warpchain.engine.fill import (
     fill_chain,
     fill_drive,
     fill_guide,
+    fill_joint,
     fill_motion,
     fill_mount,
     fill_sprocket,
@@ -72,6 +73,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
                     fill_motion(packed.motions[begin + s], drive, s, angle, harmonics, tables)
     for name in ("step", "steps", "window_start", "window_end", "sample_every"):
         packed.drives[name] = [getattr(schedule, name) for _, schedule in zip(drives, schedules, strict=True)]
+    packed.joints["stop"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
     packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
     return packed
 
@@ -91,6 +93,7 @@ def _pack_each(
     for v, (drive, assembly) in enumerate(zip(drives, assemblies, strict=True)):
         row = packed.drives[v]
         fill_chain(packed.chains[v], drive)
+        fill_joint(packed.joints[v], drive)
         packed.rows(v)[:] = state_rows(assembly.position, assembly.velocity, "float64")
         for s, sprocket in enumerate(drive.sprockets):
             mine, body = row["first_sprocket"] + s, row["first_body"] + s
@@ -118,6 +121,7 @@ def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:
         precision="float64",
         drives=drives,
         chains=np.zeros(len(drives), dtype=kinds.Chain.numpy_dtype()),
+        joints=np.zeros(len(drives), dtype=kinds.Joint.numpy_dtype()),
         lengths=np.zeros(count["roller"]),
         sprockets=zeros(kinds.Sprocket, "sprocket"),
         motions=zeros(structs.Motion, "body"),
