@@ -203,6 +203,16 @@ def types(Real: type) -> SimpleNamespace:
         law: Friction
 
     @wp.struct
+    class Joint:
+        """What rubs in the joints of one chain (`physics.joint`)."""
+
+        rubs: wp.int32  # 1: there is friction
+        pin_radius: Real  # r_p [m]
+        arm: Real  # kappa r_p [m]
+        stop: Real  # moment a sliding speed that a step can stop, 0.375 (m p^2 / 6) / (h r_p) [N s]
+        law: Friction
+
+    @wp.struct
     class Chain:
         """The chain of one variant, eq. (1)-(3)."""
 
@@ -266,6 +276,7 @@ def types(Real: type) -> SimpleNamespace:
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
         tooth_sliding: wp.array[Sliding]  # (all sprockets,)
         guide_sliding: wp.array[Sliding]  # (all guide-bars,)
+        joints: wp.array[Joint]  # (variants,)
 
     @wp.struct
     class Extra:
@@ -319,6 +330,7 @@ def types(Real: type) -> SimpleNamespace:
         bars: wp.array[Guide]  # (G,), at least one
         sliding: wp.array[Sliding]  # (S + G,), of kernels with friction there
         chain: wp.array[Chain]  # (1,)
+        joint: wp.array[Joint]  # (1,)
         parts: wp.array[wp.float64]  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
         motions: wp.array[Motion]  # (S,)
         course: wp.array[wp.float64]  # (S, steps, 2): angle, speed of prescribed sprockets (`exchange.COURSE`)
@@ -335,6 +347,7 @@ def types(Real: type) -> SimpleNamespace:
         ContactLaw=ContactLaw,
         Friction=Friction,
         Sliding=Sliding,
+        Joint=Joint,
         Chain=Chain,
         Sprocket=Sprocket,
         Band=Band,

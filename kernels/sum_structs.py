@@ -86,6 +86,7 @@ class ChainSums:
     tension_square: wp.float64
     samples: wp.int64  # steps in the window
     dissipated: wp.float64  # in the links [J]
+    friction: wp.float64  # dissipated in the joints [J]
     energy_start: wp.float64  # mechanical energy at the window's start [J]
     energy_end: wp.float64
 
@@ -103,9 +104,10 @@ class LinkTally:
 
 @wp.struct
 class RollerTally:
-    """What one link dissipated, and the energy of one roller, its link and its contacts at the window's two ends."""
+    """What one link and one roller's joint friction dissipated, and the energy of one roller, its link and its contacts at the window's two ends."""
 
     dissipated: wp.float64  # [J]
+    friction: wp.float64  # [J]
     energy_start: wp.float64  # [J]
     energy_end: wp.float64
 

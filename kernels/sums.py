@@ -74,6 +74,7 @@ def add_energy(sums: Any, start: bool, energy: wp.float64):
 def merge_roller(sums: ChainSums, tally: RollerTally):
     """What one roller and its link, or one sprocket, has for the energy balance."""
     sums.dissipated = sums.dissipated + tally.dissipated
+    sums.friction = sums.friction + tally.friction
     sums.energy_start = sums.energy_start + tally.energy_start
     sums.energy_end = sums.energy_end + tally.energy_end
     return sums

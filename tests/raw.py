@@ -28,6 +28,7 @@ def chain(
     integrator="leapfrog",
     window=None,
     sample_every=0,
+    joint=None,
     precision="float64",
 ):
     """One variant: a closed chain of rollers; each sprocket and guide-bar is a dict of the values that it needs.
@@ -39,6 +40,7 @@ def chain(
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = Packed(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
+        joints=zeros(kinds.Joint),
         lengths=np.full(n, pitch, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
         mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
@@ -57,6 +59,8 @@ def chain(
     row = packed.chains[0]
     row["stiffness"], row["damping"] = stiffness, damping
     row["mass"], row["inverse_mass"], row["gravity"] = mass, 1.0 / mass, gravity
+    if joint is not None:
+        put_joint(packed, pitch, **joint)
     seats = []
     for s, values in enumerate(sprockets):
         teeth, half = values["teeth"], 0.5 * values.get("seat_angle", np.radians(137.0))
@@ -105,6 +109,15 @@ def chain(
 def put_friction(row, friction, heft, step):
     """Friction of a hand-made contact."""
     row["rubs"], row["stop"] = int(friction > 0.0), 0.5 * heft / step
+    row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
+    row["law"]["stribeck_speed"] = 1.0
+
+
+def put_joint(packed, pitch, friction, pin_radius, factor=4 / np.pi):
+    """Friction in the joints of a hand-made chain."""
+    row, chain = packed.joints[0], packed.chains[0]
+    row["rubs"], row["pin_radius"], row["arm"] = 1, pin_radius, factor * pin_radius
+    row["stop"] = 0.375 * chain["mass"] * pitch**2 / (6.0 * pin_radius * packed.drives[0]["step"])
     row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
     row["law"]["stribeck_speed"] = 1.0
 

@@ -24,6 +24,7 @@ from ..sums import (
     add_touches,
     following,
 )
+from .joints import joint_passes
 from .rollers import passes, rows
 from .steps import moving
 from .tallies import tallies
@@ -68,6 +69,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     kinds = types(Real)
     vec2 = kinds.vec2
     tally = tallies(Real, capacity)
+    friction_power = joint_passes(Real, capacity).friction_power
     follow = following(Real).follow
     load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
@@ -134,6 +136,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
         chain_sums = tally.add_links(w, n, chain, sums.chain[variant], at.weight)
+        if ensemble.joints[variant].rubs != 0:
+            chain_sums.friction += at.weight * friction_power(w, n, chain, Real(at.lag))
         if at.step == drive.window_start:
             chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, w, at))
         if at.step == drive.window_end:

@@ -51,6 +51,10 @@ class Rows:
     sprocket_force: int  # their magnitudes [N]
     guide_force: int
     length: int  # of the link after the roller [m]
+    turn: int  # of that link [rad/s]
+    moment: int  # of the joint on it [N m]
+    bend_x: int  # n / L of link i at i + 1 [1/m], then the force of its joints' couple on roller i [N]
+    bend_y: int
     x0: int  # rk4: the state at the step's start
     y0: int
     vx0: int
@@ -79,6 +83,8 @@ class Passes:
 
     fetch: wp.Function
     put_back: wp.Function
+    close: wp.Function
+    apart: wp.Function
     move: wp.Function
     link_pass: wp.Function
     sprocket_pass: wp.Function
@@ -161,8 +167,8 @@ def passes(Real: type, capacity: int) -> Passes:
             store_row(w, Y + i, load_row(w, Y + i) + dy)
 
     @wp.func
-    def link_pass(w: wp.array[Real], n: int, chain: kinds.Chain):
-        """Tension and force of every link, eq. (2), (3), link i's at i + 1; contact forces start at zero."""
+    def close(w: wp.array[Real], n: int):
+        """Makes roller 0 stand again as roller n."""
         store_row(w, X + n, load_row(w, X))
         store_row(w, Y + n, load_row(w, Y))
         store_row(w, VX + n, load_row(w, VX))
@@ -170,6 +176,11 @@ def passes(Real: type, capacity: int) -> Passes:
         if wp.static(compensated):
             store_row(w, X_LOW + n, load_row(w, X_LOW))
             store_row(w, Y_LOW + n, load_row(w, Y_LOW))
+
+    @wp.func
+    def link_pass(w: wp.array[Real], n: int, chain: kinds.Chain):
+        """Tension and force of every link, eq. (2), (3), link i's at i + 1; contact forces start at zero."""
+        close(w, n)
         i = int(0)
         while i < n:
             d = apart(w, i)
@@ -360,6 +371,8 @@ def passes(Real: type, capacity: int) -> Passes:
     return Passes(
         fetch=fetch,
         put_back=put_back,
+        close=close,
+        apart=apart,
         move=move,
         link_pass=link_pass,
         sprocket_pass=sprocket_pass,

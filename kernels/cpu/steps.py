@@ -11,6 +11,7 @@ from ..physics.contact import carried
 from ..physics.motion import load_moment, prescribed_at
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
+from .joints import joint_passes
 from .rollers import passes, rows
 
 
@@ -35,6 +36,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
     kinds = types(Real)
     part = passes(Real, capacity)
     link_pass, sprocket_pass, guide_pass = part.link_pass, part.sprocket_pass, part.guide_pass
+    bending_pass = joint_passes(Real, capacity).bending_pass
 
     @wp.func
     def evaluate(
@@ -42,12 +44,16 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         state: kinds.State,
         drive: Drive,
         chain: kinds.Chain,
+        joint: kinds.Joint,
         w: wp.array[Real],
         stage: int,
     ):
         """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`."""
         n = drive.rollers
-        link_pass(w, n, chain)
+        if joint.rubs == 0:
+            link_pass(w, n, chain)
+        else:
+            bending_pass(w, n, chain, joint)
         for b in range(drive.bodies):
             state.wrenches[drive.first_body + b] = Wrench()
         partner = drive.first_sprocket + drive.first_guide

@@ -322,6 +322,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             shared.sliding[s] = ensemble.tooth_sliding[drive.first_sprocket + s]
         if s == 0:
             shared.chain[0] = ensemble.chains[variant]
+            if wp.static(kind.bending):
+                shared.joint[0] = ensemble.joints[variant]
             for g in range(wp.static(guides)):
                 shared.bars[g] = ensemble.guides[drive.first_guide + g]
                 if wp.static(sliding):

@@ -21,6 +21,7 @@ class BlockKind:
         measuring: metrics are taken.
         rk4: the classical Runge-Kutta scheme instead of leapfrog.
         sliding: rollers rub on teeth or guide-bars.
+        bending: the joints rub.
     """
 
     Real: type
@@ -32,6 +33,7 @@ class BlockKind:
     measuring: bool = False
     rk4: bool = False
     sliding: bool = False
+    bending: bool = False
 
     @property
     def slots(self) -> int:

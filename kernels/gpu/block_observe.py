@@ -30,6 +30,7 @@ from ..sums import (
 from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
+from .exchange import SEEN
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     LOWEST, HIGHEST, TENSION, SQUARE, RATE = (wp.constant(k * slots) for k in range(5))
+    FRICTION = wp.constant(SEEN * slots)
     follow = following(Real).follow
 
     @wp.func
@@ -65,6 +67,8 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         store_row(shared.seen, TENSION + j, Real(0.0))
         store_row(shared.seen, SQUARE + j, Real(0.0))
         store_row(shared.seen, RATE + j, Real(0.0))
+        if wp.static(kind.bending):
+            store_row(shared.seen, FRICTION + j, Real(0.0))
 
     @wp.func
     def add_link(shared: kinds.Shared, j: int, tension: Real, rate: Real, weight: Real):
@@ -113,6 +117,8 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         roller = tallies.roller[drive.first_roller + j]
         power = wp.float64(ensemble.chains[variant].damping) * wp.float64(load_row(shared.seen, RATE + j))
         roller.dissipated = roller.dissipated + power
+        if wp.static(kind.bending):
+            roller.friction = roller.friction + wp.float64(load_row(shared.seen, FRICTION + j))
         tallies.roller[drive.first_roller + j] = roller
 
     @wp.func

@@ -113,6 +113,7 @@ def kind_of(packed, shape):
         moving=bool(packed.mounts["active"].any()),
         measuring=True,
         rk4=bool(packed.drives["integrator"].any()),
+        bending=bool(packed.joints["rubs"].any()),
     )
 
 
@@ -123,6 +124,19 @@ def rk4():
 
 def rk4_on_guide_bar():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in marine()]
+
+
+RUBBING = {"chain.joint": {"friction": 0.1, "pin_radius": 0.02}}
+STRIBECK = {"chain.joint": {"friction": 0.08, "static_friction": 0.12, "stribeck_speed": 0.02, "pin_radius": 0.02}}
+
+
+def rubbing():
+    first, second = marine()
+    return [first.with_values(RUBBING), second.with_values(STRIBECK)]
+
+
+def rubbing_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in rubbing()]
 
 
 def run_blocks(packed, shape, blocks, order, frames):
@@ -142,7 +156,18 @@ def run_blocks(packed, shape, blocks, order, frames):
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("many", [False, True], ids=["few", "many"])
 @pytest.mark.parametrize(
-    "drives", [marine, equal_sprockets, moving_sprockets, long_chains, unusual_contacts, rk4, rk4_on_guide_bar]
+    "drives",
+    [
+        marine,
+        equal_sprockets,
+        moving_sprockets,
+        long_chains,
+        unusual_contacts,
+        rk4,
+        rk4_on_guide_bar,
+        rubbing,
+        rubbing_rk4,
+    ],
 )
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     variants = drives()
@@ -240,6 +265,7 @@ FORMS = {
     "moving": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True), 4, FRAME),
     "few": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
     "rk4": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True, rk4=True), 4, FRAME),
+    "rubbing": lambda real: block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True, bending=True), 8, FRAME),
     "relax": lambda real: block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
 }
 ARCHITECTURES = {75: ("many", "moving"), 80: ("many", "moving"), 90: tuple(FORMS)}

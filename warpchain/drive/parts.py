@@ -78,6 +78,43 @@ class WornLink(Part):
     elongation: Elongation
 
 
+class Joint(Part):
+    """The joints of a chain: pins that turn in bushes and rub (`kernels.physics.joint`).
+
+    Attributes:
+        friction: mu_d [-], of pin and bush.
+        pin_radius: r_p [m]; None is half of the size's d2.
+        factor: kappa [-], by how the pressure is spread: 1 line contact, 4/pi worn in, pi/2 new.
+        static_friction: mu_s [-], at rest; None is mu_d.
+        stribeck_speed: v_s [m/s], over which mu falls from mu_s to mu_d; needed with static_friction.
+    """
+
+    friction: NonNegative
+    pin_radius: Positive | None = None
+    factor: Positive = 4.0 / math.pi
+    static_friction: NonNegative | None = None
+    stribeck_speed: Positive | None = None
+
+    @property
+    def static_coefficient(self) -> float:
+        """mu_s [-]."""
+        return self.friction if self.static_friction is None else self.static_friction
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there is any friction."""
+        return self.friction > 0.0 or self.static_coefficient > 0.0
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        dynamic, static = get(node, "friction"), get(node, "static_friction")
+        if numbers(dynamic, static) and static < dynamic:
+            yield Problem(("static_friction",), static, f"must be at least friction, {dynamic:g}")
+        if static is not None and get(node, "stribeck_speed") is None:
+            text = f"missing; {allowed(cls, 'stribeck_speed')}; needed with static_friction"
+            yield Problem(("stribeck_speed",), None, text, BARE)
+
+
 class Chain(Part):
     """The chain: links between rollers that are point masses (eq. (1)-(3)), equal but for wear.
 
@@ -93,6 +130,7 @@ class Chain(Part):
         roller_radius: [m], below half the pitch.
         elongation: of every link by wear [-], relative to the pitch.
         worn_links: links with an elongation of their own.
+        joint: what rubs in its joints; None is no friction.
     """
 
     size: Size | None = None
@@ -106,6 +144,7 @@ class Chain(Part):
     roller_radius: Positive
     elongation: Elongation = 0.0
     worn_links: Annotated[tuple[WornLink, ...], Allowed("must be a list of tables { link, elongation }")] = ()
+    joint: Annotated[Joint | None, Allowed("must be a table { friction, pin_radius }")] = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
@@ -147,6 +186,18 @@ class Chain(Part):
         return lengths
 
     @property
+    def rubs(self) -> bool:
+        """Whether there is friction in its joints."""
+        return self.joint is not None and self.joint.rubs
+
+    @property
+    def pin_radius(self) -> float | None:
+        """Radius of the pins [m]: the joint's own, or else the size's; None where neither is given."""
+        if self.joint is not None and self.joint.pin_radius is not None:
+            return self.joint.pin_radius
+        return None if self.size is None else CHAINS[self.size].pin_radius
+
+    @property
     def breaking_load(self) -> float | None:
         """Least tensile strength of a chain of its size [N]; None without a size."""
         return None if self.size is None else CHAINS[self.size].breaking_load
@@ -180,6 +231,10 @@ class Chain(Part):
         if get(node, "size") is None or get(node, "roller_mass") is not None:
             yield from exactly_one(node, "roller_mass", "mass_per_length")
         yield from at_most(node, "links", MOST)
+        joint = get(node, "joint")
+        if joint is not None and get(joint, "pin_radius") is None and get(node, "size") is None:
+            text = "missing; must be a positive number; needed without a size"
+            yield Problem(("joint", "pin_radius"), None, text, BARE)
         links, seen = get(node, "links"), set()
         for i, worn in enumerate(elements(node, "worn_links")):
             link = get(worn, "link")

@@ -123,6 +123,7 @@ class Bucket:
     moving: bool
     rk4: bool
     sliding: bool
+    bending: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
 
@@ -151,6 +152,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         measuring=name == "measure",
         rk4=steps and bucket.rk4,
         sliding=steps and bucket.sliding,
+        bending=steps and bucket.bending,
     )
 
 
@@ -198,16 +200,18 @@ class GpuEngine:
         moving = np.add.reduceat(self.packed.mounts["active"], drives["first_body"]) > 0
         slots = room_for(drives["rollers"])
         partners = [slots, drives["sprockets"], drives["guides"]]
-        keys = np.column_stack([*partners, moving, drives["integrator"], self.packed.slides])
+        rubs = [self.packed.slides, self.packed.joints["rubs"]]
+        keys = np.column_stack([*partners, moving, drives["integrator"], *rubs])
         processors = int(wp.get_device(self.device).sm_count)
         buckets = []
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, moves, rk4, slides = key
+            slots, sprockets, guides, moves, rk4, slides, bends = key
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            buckets.append(Bucket(shape, sprockets, guides, bool(moves), bool(rk4), bool(slides), order, array))
+            kind = (bool(moves), bool(rk4), bool(slides), bool(bends))
+            buckets.append(Bucket(shape, sprockets, guides, *kind, order, array))
         return buckets
 
     def _kernel(self, name: str, bucket: Bucket) -> Any:

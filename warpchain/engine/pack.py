@@ -20,6 +20,7 @@ from warpchain.engine.fill import (
     fill_chain,
     fill_drive,
     fill_guide,
+    fill_joint,
     fill_motion,
     fill_mount,
     fill_sliding,
@@ -78,6 +79,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
     for sliding, counts in ((packed.tooth_sliding, "sprockets"), (packed.guide_sliding, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
         sliding["stop"][: len(steps)] /= steps
+    packed.joints["stop"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
     packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
     return packed
 
@@ -97,6 +99,7 @@ def _pack_each(
     for v, (drive, assembly) in enumerate(zip(drives, assemblies, strict=True)):
         row = packed.drives[v]
         fill_chain(packed.chains[v], drive)
+        fill_joint(packed.joints[v], drive)
         packed.rows(v)[:] = state_rows(assembly.position, assembly.velocity, "float64")
         for s, sprocket in enumerate(drive.sprockets):
             mine, body = row["first_sprocket"] + s, row["first_body"] + s
@@ -126,6 +129,7 @@ def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:
         precision="float64",
         drives=drives,
         chains=np.zeros(len(drives), dtype=kinds.Chain.numpy_dtype()),
+        joints=np.zeros(len(drives), dtype=kinds.Joint.numpy_dtype()),
         lengths=np.zeros(count["roller"]),
         sprockets=zeros(kinds.Sprocket, "sprocket"),
         motions=zeros(structs.Motion, "body"),

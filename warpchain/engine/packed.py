@@ -111,6 +111,7 @@ class Packed:
     precision: str
     drives: NDArray[Any]
     chains: NDArray[Any]
+    joints: NDArray[Any]
     lengths: NDArray[np.floating]
     sprockets: NDArray[Any]
     motions: NDArray[Any]
@@ -181,7 +182,8 @@ class Packed:
         arrays: dict[str, Any] = {
             name: _rows(getattr(self, name), places[kind], width) for name, (kind, width) in FIELDS.items()
         }
-        return replace(self, drives=numbered(drives), chains=self.chains[chosen], assemblies=assemblies, **arrays)
+        each = {"chains": self.chains[chosen], "joints": self.joints[chosen]}
+        return replace(self, drives=numbered(drives), assemblies=assemblies, **each, **arrays)
 
     def at_precision(self, precision: str) -> Packed:
         """This ensemble, which is in float64, at another precision; what positions lose goes to their low parts.
@@ -197,6 +199,7 @@ class Packed:
             self,
             precision=precision,
             chains=self.chains.astype(kinds.Chain.numpy_dtype()),
+            joints=self.joints.astype(kinds.Joint.numpy_dtype()),
             lengths=self.lengths.astype(precision),
             sprockets=self.sprockets.astype(kinds.Sprocket.numpy_dtype()),
             guides=self.guides.astype(kinds.Guide.numpy_dtype()),

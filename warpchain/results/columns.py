@@ -28,6 +28,7 @@ from warpchain.results.formulas import (
     per_revolution,
     rms,
     total,
+    where,
 )
 
 
@@ -156,11 +157,23 @@ MISSED = Group(
     source="contact",
     where=lambda drive, index: index >= len(drive.sprockets),
 )
+JOINTS = Group(
+    "chain",
+    (Column("joints.friction", "J", "energy dissipated by friction in the joints", total("friction")),),
+    source="chain",
+    where=lambda drive, index: drive.chain.rubs,
+)
 BALANCE = Group(
     "chain",
     (
         Column("input_work", "J", "work of what prescribes angles and centers", lambda balance: balance.input),
         Column("output_work", "J", "work against the loads", lambda balance: balance.output),
+        Column(
+            "efficiency",
+            "1",
+            "output work over input work",
+            lambda balance: where(balance.input > 0.0, balance.output / balance.input),
+        ),
         Column("links.dissipated", "J", "energy dissipated in the links", lambda balance: balance.links),
         Column("energy_change", "J", "change of the mechanical energy", lambda balance: balance.change),
         Column("energy_residual", "J", "what the energy balance misses", lambda balance: balance.residual),
@@ -221,7 +234,13 @@ RECORDED = (
 )
 """What only recorded variants have (`results.objectives`)."""
 
-MEASURED = ((CHAIN,), (STRAND_TENSION, STRAND_DISPLACEMENT), (SPROCKET, MOUNT), (CONTACT, FRICTION, TOUCHES, MISSED))
+MEASURED = (
+    (CHAIN,),
+    (STRAND_TENSION, STRAND_DISPLACEMENT),
+    (SPROCKET, MOUNT),
+    (CONTACT, FRICTION, TOUCHES, MISSED),
+    (JOINTS,),
+)
 """What the sums of the window give. Groups that stand together go thing by thing: all of one, then all of the next."""
 DESIGN = (
     (Group("chain", (PEAK_FACTOR,)),),

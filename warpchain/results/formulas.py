@@ -7,7 +7,7 @@ driver's revolutions, n_s a sprocket's tooth passings, m a roller's mass:
     contact energy per revolution = E / n_d, a wear index: what the contacts have to take up                  (b)
     impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
 
-There is no friction in the model: (b) is the work of normal impacts, not of sliding in the bushings.
+(b) is the work of normal impacts, not of sliding in the bushings.
 
 Every formula takes the numbers of one variant or arrays (V,) of variants of the same columns.
 """
@@ -95,7 +95,7 @@ class Balance:
         input: work of what prescribes angles and centers.
         output: work against the loads.
         links: dissipated in the links.
-        dissipated: in links, contacts and mounts.
+        dissipated: in links, joints, contacts and mounts.
         change: of the mechanical energy.
     """
 

@@ -89,7 +89,7 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
     driven = np.array([s.prescribed is not None for s in drive.sprockets])
     contact_work = np.compress(driven, sprockets["contact_work"], axis=1)
     load_work = np.compress(~driven, sprockets["load_work"], axis=1)
-    dissipated = chain["dissipated"] + sums["contact"]["dissipated"].sum(axis=1)
+    dissipated = chain["dissipated"] + chain["friction"] + sums["contact"]["dissipated"].sum(axis=1)
     return Balance(
         input=mounts["work"].sum(axis=1) - contact_work.sum(axis=1),
         output=-load_work.sum(axis=1),
