@@ -15,6 +15,7 @@ from ..structs import Drive, types
 from ..sum_structs import Sums
 from ..sums import STRAND_EVERY, add_contact, add_displacement, add_energy, add_mount, add_sprocket, following
 from .rollers import passes, rows
+from .statistics import statistics
 from .steps import moving
 from .tallies import tallies
 
@@ -58,6 +59,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     kinds = types(Real)
     vec2 = kinds.vec2
     tally = tallies(Real, capacity)
+    look = statistics(Real, capacity).look
     follow = following(Real).follow
     load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
@@ -123,6 +125,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     ):
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
+        if at.step % STRAND_EVERY == 0 and at.step > drive.window_start:
+            look(ensemble, state, sums, variant, drive, w, at.step)
         chain_sums = tally.add_links(w, n, chain, sums.chain[variant], at.weight)
         if at.step == drive.window_start:
             chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, w, at))

@@ -25,6 +25,7 @@ from warpchain.engine.fill import (
     fill_strand,
 )
 from warpchain.engine.packed import KINDS, Packed, numbered, state_rows
+from warpchain.engine.tension_scale import tension_scale
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
@@ -72,6 +73,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
                     fill_motion(packed.motions[begin + s], drive, s, angle, harmonics, tables)
     for name in ("step", "steps", "window_start", "window_end", "sample_every"):
         packed.drives[name] = [getattr(schedule, name) for _, schedule in zip(drives, schedules, strict=True)]
+    packed.drives["tension_scale"] = [tension_scale(*of) for of in zip(drives, packed.assemblies, strict=True)]
     packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
     return packed
 
