@@ -77,7 +77,7 @@ def drift(means: Array) -> tuple[Array, Array]:
     count = means.shape[-1]
     place = np.arange(count) - 0.5 * (count - 1)
     square = float((place * place).sum())
-    slope = means @ place / square
+    slope = (means * place).sum(axis=-1) / square  # which, unlike a product of matrices, goes row by row
     rest = means - means.mean(axis=-1, keepdims=True) - slope[..., None] * place
     variance = (rest * rest).sum(axis=-1) / (count - 2) / square * _inflation(rest)
     ratio = np.abs(slope) / np.sqrt(np.where(variance > 0.0, variance, np.nan))
