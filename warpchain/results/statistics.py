@@ -1,13 +1,17 @@
 """Statistics of chaotic motion: quantiles from counts, the standard error of a mean, and whether a mean drifts.
 
-With B batches of about equal length and means x_k, m their mean, s^2 = sum (x_k - m)^2 / (B - 1) and r the correlation
-of x_k with x_(k+1), not below 0:
+With B batches of about equal length, x_k their means and X_j = sum x_k exp(-2 pi i j k / B), the variance of the mean is
+the spectrum at no frequency, for which its lowest ordinates stand (Heidelberger and Welch 1981):
 
-    standard error^2 = s^2 / B (1 + r) / (1 - r)                                                              (a)
+    standard error^2 = (|X_1|^2 + ... + |X_4|^2) / (4 B^2)                                                    (a)
 
-which is that of a sequence whose correlation falls off as r^k (Priestley 1981, 5.3). A drift is the slope of the line
-through x_k by least squares, times B: its change over the window. Its error is (a)'s: the residuals' s^2 over
-B (B^2 - 1) / 12, times their own (1 + r) / (1 - r); drift over error is Student's t with B - 2 degrees of freedom.
+Of independent batches this is s^2 / B on the average; batches that resemble their neighbors raise it, and an
+oscillation of more than four periods in the window, which averages out of the mean, does not. It has 8 degrees of
+freedom: an error is itself uncertain by a quarter.
+
+A drift is the slope of the line through x_k by least squares, times B: its change over the window. Its variance is that
+of independent residuals, times (1 + r) / (1 - r), r their correlation with the next but not below 0; drift over error
+is Student's t with B - 2 degrees of freedom.
 """
 
 from __future__ import annotations
@@ -17,8 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+ORDINATES = 4
+"""Of the spectrum of the batches' means, that (a) takes."""
+
 MOST_CORRELATED = 0.9
-"""Batches are taken to be no more alike than this: r of so few is uncertain, and 1 / (1 - r) without bound."""
+"""Residuals are taken to be no more alike than this: r of so few is uncertain, and 1 / (1 - r) without bound."""
 
 SIGNIFICANT = 0.01
 """A drift counts if so large a one comes about by chance less often than this,"""
@@ -67,7 +74,8 @@ def _inflation(values: Array) -> Array:
 def standard_error(means: Array) -> Array:
     """(a), of means of batches along the last axis."""
     count = means.shape[-1]
-    return np.sqrt(means.var(axis=-1, ddof=1) / count * _inflation(means))
+    spectrum = np.abs(np.fft.rfft(means - means.mean(axis=-1, keepdims=True), axis=-1))[..., 1 : ORDINATES + 1]
+    return np.sqrt((spectrum * spectrum).mean(axis=-1)) / count
 
 
 def drift(means: Array) -> tuple[Array, Array]:
