@@ -62,6 +62,7 @@ class Drive:
     steps: wp.int32  # whole run
     window_start: wp.int32  # metrics are taken from this step
     window_end: wp.int32  # to this one
+    tension_scale: wp.float64  # of the bins of link tension [N]
     sample_every: wp.int32  # steps between frames; 0: not recorded
     first_value: wp.int64  # of this variant's frames in the block's buffer
     low: wp.vec2d  # bounding box beyond which a roller has left the drive [m]

@@ -92,6 +92,36 @@ class ChainSums:
 
 
 @wp.struct
+class ChainNote:
+    """What `ChainSums` has at a batch's end."""
+
+    tension: wp.float64
+    samples: wp.int64
+
+
+@wp.struct
+class StrandNote:
+    """What `StrandSums` has at a batch's end."""
+
+    links: wp.int64
+    tension: wp.float64
+    samples: wp.int64
+    displacement: wp.float64
+
+
+@wp.struct
+class SlipSums:
+    """Teeth that the chain has jumped over a sprocket in the window, and how that is followed (`kernels.slip`)."""
+
+    slips: wp.int32
+    known: wp.int32  # 1: a roller has been seen in mid-wrap
+    roller: wp.int32  # which was there at the last look
+    place: wp.int32  # of it along the chain, from where the window began, modulo the teeth
+    offset: wp.int32  # of its seat from that place, modulo the teeth
+    candidate: wp.int32  # the same at the last look
+
+
+@wp.struct
 class LinkTally:
     """What one link added up while it was on one strand, or on none."""
 
@@ -131,3 +161,9 @@ class Sums:
     sprocket: wp.array[SprocketSums]  # (all sprockets,)
     mount: wp.array[MountSums]  # (all sprockets,)
     contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first
+    slip: wp.array[SlipSums]  # (all sprockets,)
+    tension_counts: wp.array[wp.int32]  # `tension_bins.BINS` of each strand, then of links on none, variant by variant
+    chain_notes: wp.array[ChainNote]  # `batches.NOTES` a variant
+    strand_notes: wp.array[StrandNote]  # the same for each sprocket
+    sprocket_notes: wp.array[SprocketSums]
+    mount_notes: wp.array[MountSums]

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from warpchain.results.channels import CHANNELS, OF_SPROCKETS, Channel
-from warpchain.results.columns import BALANCE, DESIGN, MEASURED, RECORDED, RUN, SETTLING, Group
+from warpchain.results.columns import BALANCE, DESIGN, MEASURED, RECORDED, RUN, SETTLING, STEADY, Group
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 OF = {"chain": "", "strand": "STRAND.", "sprocket": "SPROCKET.", "partner": "PART."}
@@ -55,6 +55,7 @@ def tables() -> dict[str, str]:
         "channels": channels(),
         "run": metrics((RUN, SETTLING)),
         "measured": metrics(group for groups in MEASURED for group in groups),
+        "steady": metrics((STEADY,)),
         "balance": metrics((BALANCE,)),
         "design": metrics(group for groups in DESIGN for group in groups),
         "recorded": metrics(RECORDED),

@@ -26,6 +26,7 @@ from ..sums import (
 )
 from .joints import joint_passes
 from .rollers import passes, rows
+from .statistics import statistics
 from .steps import moving
 from .tallies import tallies
 
@@ -70,6 +71,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     vec2 = kinds.vec2
     tally = tallies(Real, capacity)
     friction_power = joint_passes(Real, capacity).friction_power
+    look = statistics(Real, capacity).look
     follow = following(Real).follow
     load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
@@ -135,6 +137,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     ):
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
+        if at.step % STRAND_EVERY == 0 and at.step > drive.window_start:
+            look(ensemble, state, sums, variant, drive, w, at.step)
         chain_sums = tally.add_links(w, n, chain, sums.chain[variant], at.weight)
         if ensemble.joints[variant].rubs != 0:
             chain_sums.friction += at.weight * friction_power(w, n, chain, Real(at.lag))

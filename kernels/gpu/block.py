@@ -178,7 +178,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         bodies.plan(ensemble, shared, mine.variant, i, now.step)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
-                now = sampling.on_event(ensemble, tallies, shared, mine, now)
+                now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(now)
             tension, rate = pull(shared, lengths, mine.rollers, i)
             now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)

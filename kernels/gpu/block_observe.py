@@ -12,9 +12,10 @@ import warp as wp
 from ..physics.body import body_energy, held_by
 from ..physics.motion import load_moment_at_speed
 from ..physics.roller import roller_energy
+from ..batches import NOTES
 from ..rows import accessors
 from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
-from ..sum_structs import ContactSums, LinkTally, Sums, Tallies
+from ..sum_structs import ChainNote, ContactSums, LinkTally, Sums, Tallies
 from ..sums import (
     add_displacement,
     add_energy,
@@ -40,6 +41,7 @@ class ObserveFunctions:
     reset_link: wp.Function
     add_link: wp.Function
     flush: wp.Function
+    category_of: wp.Function
     update_strand: wp.Function
     add_middle: wp.Function
     energy_of_roller: wp.Function
@@ -185,11 +187,22 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         reset_link=reset_link,
         add_link=add_link,
         flush=flush,
+        category_of=category_of,
         update_strand=update_strand,
         add_middle=add_middle,
         energy_of_roller=energy_of_roller,
         observe_sprocket=observe_sprocket,
     )
+
+
+@wp.func
+def whole_note(sums: Sums, drive: Drive, k: int, note: ChainNote):
+    """Note k of a chain from that of its links on no strand, counted one by one, and those of its strands."""
+    for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+        note.tension = note.tension + sums.strand_notes[s * NOTES + k].tension
+        note.samples = note.samples + sums.strand_notes[s * NOTES + k].links
+    note.samples = note.samples / wp.int64(drive.rollers)
+    return note
 
 
 @wp.kernel(enable_backward=False)
@@ -214,6 +227,8 @@ def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
             mine.links = mine.links + strand.samples
             sums.strand[drive.first_sprocket + c] = mine
     chain.samples = samples / wp.int64(n)
+    for k in range(variant * NOTES, (variant + 1) * NOTES):
+        sums.chain_notes[k] = whole_note(sums, drive, k - variant * NOTES, sums.chain_notes[k])
     for i in range(n):
         chain = merge_roller(chain, tallies.roller[drive.first_roller + i])
     for s in range(drive.sprockets):

@@ -29,6 +29,7 @@ from warpchain.engine.fill import (
     tooth_heft,
 )
 from warpchain.engine.packed import KINDS, Packed, numbered, state_rows
+from warpchain.engine.tension_scale import tension_scale
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
@@ -80,6 +81,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
         sliding["stop"][: len(steps)] /= steps
     packed.joints["stop"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
+    packed.drives["tension_scale"] = [tension_scale(*of) for of in zip(drives, packed.assemblies, strict=True)]
     packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
     return packed
 

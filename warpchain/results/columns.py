@@ -22,11 +22,13 @@ from warpchain.results.formulas import (
     Values,
     deviation,
     displacement_std,
+    error_of,
     impact_impulse,
     mean,
     peak_factor,
     per_revolution,
     rms,
+    tension_quantile,
     total,
     where,
 )
@@ -78,26 +80,47 @@ def rubs_on(drive: Drive, index: int) -> bool:
     return (tooth_rubbing(drive) if index < sprockets else guide_rubbing(drive, index - sprockets)).rubs
 
 
+QUANTILES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, "q999": 0.999}
+"""Quantiles of link tension by what ends their names: the digits of the share after the point."""
+
+
+def with_errors(*columns: Column) -> tuple[Column, ...]:
+    """Columns of one group of sums, each mean followed by its standard error."""
+    found: list[Column] = []
+    for column in columns:
+        found.append(column)
+        if column.name.endswith("_mean") and column.value:
+            title = f"standard error of the {column.title}"
+            found.append(Column(f"{column.name}_se", column.unit, title, error_of(column.value)))
+    return tuple(found)
+
+
 TENSION_MIN = Column("tension_min", "N", "smallest link tension", total("tension_min"))
 TENSION_MAX = Column("tension_max", "N", "largest link tension", total("tension_max"))
 TENSION_MEAN = Column("tension_mean", "N", "mean link tension", mean("tension"))
 TENSION_STD = Column("tension_std", "N", "standard deviation of link tension", deviation("tension"))
+TENSION_QUANTILES = tuple(
+    Column(
+        f"tension_{name}", "N", f"tension that {100.0 * share:g} % of links and instants are below", tension_quantile(share)
+    )
+    for name, share in QUANTILES.items()
+)
 
 CHAIN = Group(
     "chain",
-    (TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD),
+    with_errors(TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD, *TENSION_QUANTILES),
     source="chain",
     weight=lambda sums, duration, rollers: sums["samples"] * rollers,
 )
 STRAND_TENSION = Group(
     "strand",
-    (TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD),
+    with_errors(TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD, *TENSION_QUANTILES),
     source="strand",
     weight=lambda sums, duration, rollers: sums["links"],
 )
 STRAND_DISPLACEMENT = Group(
     "strand",
-    (
+    with_errors(
         Column("displacement_min", "m", "smallest mid-strand displacement, left positive", total("displacement_min")),
         Column("displacement_mean", "m", "mean mid-strand displacement", mean("displacement")),
         Column("displacement_max", "m", "largest mid-strand displacement", total("displacement_max")),
@@ -108,7 +131,7 @@ STRAND_DISPLACEMENT = Group(
 )
 SPROCKET = Group(
     "sprocket",
-    (
+    with_errors(
         Column("speed_min", "rad/s", "smallest angular velocity, counter-clockwise", total("speed_min")),
         Column("speed_mean", "rad/s", "mean angular velocity", mean("speed")),
         Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),
@@ -119,7 +142,7 @@ SPROCKET = Group(
 )
 MOUNT = Group(
     "sprocket",
-    (
+    with_errors(
         Column("travel_x_mean", "m", "mean displacement of the center to the right", mean("travel", 0)),
         Column("travel_y_mean", "m", "mean displacement of the center upward", mean("travel", 1)),
         Column("travel_max", "m", "largest distance of the center from where it is stated", total("travel_max")),
@@ -128,6 +151,11 @@ MOUNT = Group(
     ),
     source="mount",
     where=lambda drive, index: moves(drive.sprockets[index]),
+)
+SLIP = Group(
+    "sprocket",
+    (Column("slips", "1", "teeth that the chain jumped", total("slips"), kind=int),),
+    source="slip",
 )
 CONTACT = Group(
     "partner",
@@ -180,6 +208,14 @@ BALANCE = Group(
         Column(
             "energy_residual_relative", "1", "residual over the energy turned over", lambda balance: balance.relative
         ),
+    ),
+)
+STEADY = Group(
+    "chain",
+    (
+        Column("tension_drift", "N", "change of the mean tension over the window", lambda drifts: drifts.change),
+        Column("tension_drift_p", "1", "probability of such a change by chance", lambda drifts: drifts.chance),
+        Column("steady", "1", "whether neither tension nor speeds drift", lambda drifts: drifts.steady, kind=bool),
     ),
 )
 PEAK_FACTOR = Column("peak_factor", "1", "largest over mean tension", peak_factor)
@@ -237,7 +273,7 @@ RECORDED = (
 MEASURED = (
     (CHAIN,),
     (STRAND_TENSION, STRAND_DISPLACEMENT),
-    (SPROCKET, MOUNT),
+    (SPROCKET, MOUNT, SLIP),
     (CONTACT, FRICTION, TOUCHES, MISSED),
     (JOINTS,),
 )
@@ -252,7 +288,7 @@ DESIGN = (
 """What designs are judged by, formed from the other metrics."""
 
 Blocks = tuple[tuple[Group, ...], ...]
-METRICS: Blocks = (*MEASURED, (BALANCE,), *DESIGN, (SETTLING,))
+METRICS: Blocks = (*MEASURED, (STEADY,), (BALANCE,), *DESIGN, (SETTLING,))
 """The metrics of a variant that ran to its end, in the table's order."""
 COLUMNS = {c.name: c for groups in (*METRICS, (RUN,), RECORDED) for group in groups for c in group.columns}
 """Every column by its own name."""

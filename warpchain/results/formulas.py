@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpchain.drive import Drive
+from warpchain.results.statistics import drift, quantile, standard_error, steady
 
 Values = Any
 """A number, or an array of one number a variant (V,)."""
@@ -54,10 +55,14 @@ class Summed:
     Attributes:
         sums: rows of the group's sums.
         weight: what means divide by: samples, or the window's length [s].
+        batches: the same batch by batch along a last axis, where sums are noted so.
+        tension: link tensions in each bin (V, bins), and the bins' edges (V, bins + 1) [N], of what has tensions.
     """
 
     sums: Any
     weight: Values
+    batches: Summed | None = None
+    tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None
 
 
 def total(field: str) -> Callable[[Summed], Values]:
@@ -85,6 +90,63 @@ def deviation(field: str) -> Callable[[Summed], Values]:
 def rms(field: str) -> Callable[[Summed], Values]:
     """Root of the mean square."""
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
+
+
+def tension_quantile(share: float) -> Callable[[Summed], Values]:
+    """The tension that this share of links and instants is below."""
+
+    def value(of: Summed) -> Values:
+        assert of.tension is not None
+        return quantile(*of.tension, of.sums["tension_min"], of.sums["tension_max"], share)
+
+    return value
+
+
+def batch_means(of: Summed, mean: Callable[[Summed], Values]) -> Values:
+    """A mean batch by batch along a last axis, (V, batches); `mean` forms it from sums."""
+    assert of.batches is not None
+    return np.where(np.asarray(of.batches.weight) > 0, mean(of.batches), np.nan)
+
+
+def error_of(mean: Callable[[Summed], Values]) -> Callable[[Summed], Values]:
+    """The standard error of a mean (`results.statistics`)."""
+
+    def value(of: Summed) -> Values:
+        error = standard_error(batch_means(of, mean))
+        return where(np.isfinite(error), error)
+
+    return value
+
+
+@dataclass(frozen=True)
+class Drifts:
+    """Means of batches (V, batches) that say whether a variant is steady.
+
+    Attributes:
+        tension: of the chain's tension [N].
+        speeds: of each sprocket's angular velocity [rad/s].
+    """
+
+    tension: NDArray[np.float64]
+    speeds: Sequence[NDArray[np.float64]]
+
+    @property
+    def change(self) -> Values:
+        """Of the mean tension over the window [N]."""
+        change, _ = drift(self.tension)
+        return where(np.isfinite(change), change)
+
+    @property
+    def chance(self) -> Values:
+        """Probability that the mean tension seems to change so much without doing so."""
+        _, chance = drift(self.tension)
+        return where(np.isfinite(chance), chance)
+
+    @property
+    def steady(self) -> Values:
+        """Whether none of them drifts."""
+        each = np.all([steady(means) for means in (self.tension, *self.speeds)], axis=0)
+        return where(np.isfinite(self.tension).all(axis=-1), each)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.columns import BALANCE, DESIGN, MEASURED, SETTLING, column_of, of_drive, same_columns, unit_of
-from warpchain.results.formulas import Balance, Judged, Summed, where
+from warpchain.results.columns import (
+    BALANCE,
+    DESIGN,
+    MEASURED,
+    SETTLING,
+    STEADY,
+    Group,
+    column_of,
+    of_drive,
+    same_columns,
+    unit_of,
+)
+from warpchain.results.formulas import Balance, Drifts, Judged, Summed, where
 from warpchain.results.schedule import Schedule
 
 if TYPE_CHECKING:
@@ -73,11 +84,39 @@ def measured_columns(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     for prefix, index, group in of_drive(ended.drives[0], MEASURED):
         rows = sums[group.source]
         mine = rows if rows.ndim == 1 else rows[:, index]
-        summed = Summed(mine, group.weight(mine, duration, links))
+        batches = _batches(sums, group, index, links)
+        summed = Summed(mine, group.weight(mine, duration, links), batches, _tensions(sums, group, index))
         for column in group.columns:
             if column.value:
                 columns[prefix + column.name] = where(summed.weight != 0, column.value(summed))
     return columns
+
+
+def _batches(sums: Mapping[str, Any], group: Group, index: int, links: NDArray[np.integer]) -> Summed | None:
+    """The sums of a group's thing batch by batch; None where they are not noted so."""
+    noted, durations = sums["batches"]
+    if group.source not in noted:
+        return None
+    rows = noted[group.source]
+    mine = rows if group.of == "chain" else {name: values[:, index] for name, values in rows.items()}
+    return Summed(mine, group.weight(mine, durations, links[:, None]))
+
+
+def _tensions(sums: Mapping[str, Any], group: Group, index: int) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
+    """How many tensions of a group's thing are in each bin, and the bins' edges; None where it has none."""
+    counts, edges = sums["tension"]
+    if group.of == "chain":
+        return counts.sum(axis=1), edges
+    return (counts[:, index], edges) if group.of == "strand" else None
+
+
+def drifts_of(ended: Ended, sums: Mapping[str, Any]) -> Drifts:
+    """What says whether variants of the same columns are steady."""
+    noted, durations = sums["batches"]
+    links = np.array([drive.chain.links for drive in ended.drives])[:, None]
+    weight = noted["chain"]["samples"] * links
+    tension = np.where(weight > 0, noted["chain"]["tension"] / weight, np.nan)
+    return Drifts(tension, list(np.moveaxis(noted["sprocket"]["speed"] / durations[:, None], 1, 0)))
 
 
 def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
@@ -116,11 +155,16 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     """The metrics of V variants whose drives have the same columns.
 
     Args:
-        sums: "chain" (V,), "strand", "sprocket" and "mount" (V, S) and "contact" (V, S + G) sums of these alone.
+        sums: "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S) and "contact" (V, S + G) sums of these
+            alone; "batches", those by field with the batches along a last axis, and how long each batch is (V, batches)
+            [s]; "tension", counts in bins (V, S + 1, bins), those of links on no strand last, and the bins' edges
+            (V, bins + 1) [N].
     """
     drive = ended.drives[0]
     with np.errstate(all="ignore"):
         columns = measured_columns(ended, sums)
+        drifts = drifts_of(ended, sums)
+        columns |= {c.name: np.ma.asarray(c.value(drifts)) for c in STEADY.columns if c.value}
         balance = energy_balance(drive, sums)
         columns |= {c.name: np.ma.asarray(c.value(balance)) for c in BALANCE.columns if c.value}
         columns |= design_columns(ended.drives, run_columns(ended) | columns)
