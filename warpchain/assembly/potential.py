@@ -3,8 +3,8 @@ r"""Potential energy of a drive whose chain travels steadily: links, teeth, guid
 Without friction every steady force of a drive has a potential. Unknown are the N roller centers r_i, the S sprocket
 centers c_s and angles theta_s. With f links a second passing any point, a roller of mass m that follows its neighbors'
 path has the acceleration f^2 (r_{i+1} - 2 r_i + r_{i-1}), so that centrifugal force acts as a link that pushes with
-m f^2 L, L the link's length (on a straight strand m v^2 / p; on an arc of pitch angle a that is exact but for the factor
-(sin(a/2) / (a/2))^2). The energy is
+m f^2 L, L the link's length: m v^2 / p on a straight strand; on an arc of pitch angle a the factor (sin(a/2) / (a/2))^2
+is left out. The energy is
 
     E = sum_i [ k (L_i - l_i)^2 / 2 - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
         + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 ],                             (a)

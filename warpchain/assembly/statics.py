@@ -39,6 +39,7 @@ wider than their rollers, hard ones, let a chain creep only."""
 _ITERATIONS = 400
 _ACCURACY = 1e-4  # of the largest force at work: what is left on any coordinate
 _ENOUGH = 1e-6  # of it, where a search ends
+_SAME = 1e-6  # relative: speeds of prescribed sprockets that count as one
 _ON = 0.02  # of a pitch off the pitch circle: a roller that turns with the sprocket
 _GROWTH, _DECAY = 4.0, 0.15  # of the shift, after a step that is refused or taken
 
@@ -52,16 +53,14 @@ class Steady:
         centrifugal: m v^2 / p, of every tension [N].
         displacement: (S,) of the chain at mid-strand from the nominal line, left of its travel positive [m].
         center: (S, 2) sprocket centers [m].
-        residual: largest force that is left on a coordinate, over the largest tension.
-        converged: False where no equilibrium was found; the other values are then worth nothing.
+        failure: why no equilibrium was found, in words; the other values are then worth nothing. None where it was.
     """
 
     tension: Array
     centrifugal: float
     displacement: Array
     center: Array
-    residual: float
-    converged: bool
+    failure: str | None
 
 
 def load_moments(drive: Drive, speed: float) -> Array:
@@ -82,8 +81,8 @@ def load_moments(drive: Drive, speed: float) -> Array:
     return found
 
 
-def running(drive: Drive) -> Steady:
-    """The drive at its driver's top speed, all loads on; about a tenth of a second to a second.
+def running(drive: Drive, assembly: Assembly | None = None) -> Steady:
+    """The drive at its driver's top speed, all loads on; takes some tenths of a second.
 
     Raises:
         DriveError: a chain that does not fit.
@@ -91,42 +90,46 @@ def running(drive: Drive) -> Steady:
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
     speed = driver.prescribed.top_speed
-    return _steady(drive, speed * driver.teeth / (2.0 * math.pi), load_moments(drive, speed))
+    frequency = speed * driver.teeth / math.tau
+    assembly = assembly or assemble(drive)
+    for sprocket in drive.sprockets:
+        own = frequency if sprocket.prescribed is None else sprocket.prescribed.top_speed * sprocket.teeth / math.tau
+        if abs(own - frequency) > _SAME * frequency:
+            nothing = np.full(len(drive.sprockets), math.nan)
+            words = f'"{driver.name}" and "{sprocket.name}" lead the chain at unlike speeds'
+            return Steady(nothing, drive.chain.mass * drive.chain.pitch * frequency**2, nothing, nothing, words)
+    return _steady(drive, assembly, frequency, load_moments(drive, speed))
 
 
-def standing(drive: Drive) -> Steady:
+def standing(drive: Drive, assembly: Assembly | None = None) -> Steady:
     """The drive at rest without loads, its chain seated: what is left of the preload at assembly.
 
     Raises:
         DriveError: a chain that does not fit.
     """
-    return _steady(drive, 0.0, np.zeros(len(drive.sprockets)))
+    return _steady(drive, assembly or assemble(drive), 0.0, np.zeros(len(drive.sprockets)))
 
 
-def _steady(drive: Drive, frequency: float, moments: Array) -> Steady:
-    assembly = assemble(drive)
+def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
     potential = Potential(drive, frequency, moments)
     solver = _Solver(potential, assembly, moments)
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle])
     means: list[tuple[Array, Array, Array]] = []
-    worst = 0.0
+    failure = None
     for phase in range(PHASES):
         if phase:
             x, residual = solver.settle(_advanced(potential, x, 1.0 / PHASES))
         else:
             x, residual = solver.begin(x, assembly)
-        worst = max(worst, residual)
-        tension, displacement = _strands(potential, assembly, x)
-        means.append((tension, displacement, potential.split(x)[1]))
+        means.append((*_strands(potential, assembly, x), potential.split(x)[1]))
+        if math.isinf(residual):
+            failure = "the chain does not stay on its teeth"
+        elif not residual <= _ACCURACY:
+            failure = "no equilibrium was found"
+        if failure:
+            break
     tension, displacement, center = (np.mean(values, axis=0) for values in zip(*means, strict=True))
-    return Steady(
-        tension=tension,
-        centrifugal=potential.push * drive.chain.pitch,
-        displacement=displacement,
-        center=center,
-        residual=worst,
-        converged=worst <= _ACCURACY,
-    )
+    return Steady(tension, potential.push * drive.chain.pitch, displacement, center, failure)
 
 
 def _advanced(potential: Potential, x: Array, part: float) -> Array:
