@@ -41,6 +41,7 @@ _ACCURACY = 1e-4  # of the largest force at work: what is left on any coordinate
 _ENOUGH = 1e-6  # of it, where a search ends
 _SAME = 1e-6  # relative: speeds of prescribed sprockets that count as one
 _ON = 0.02  # of a pitch off the pitch circle: a roller that turns with the sprocket
+_FARTHEST = 0.1  # of a pitch: the longest step, well within a tooth gap
 _GROWTH, _DECAY = 4.0, 0.15  # of the shift, after a step that is refused or taken
 
 
@@ -211,12 +212,13 @@ class _Solver:
     def settle(self, x: Array, enough: float = _ENOUGH) -> tuple[Array, float]:
         """The equilibrium near x, and the largest force left, over the largest at work; sought is `enough`."""
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
-        terms = self.potential.terms(x)
+        terms, pitch = self.potential.terms(x), self.potential.drive.chain.pitch
         slope, curvature = self.basis.T @ terms.gradient, self._curvature(terms)
         for _ in range(_ITERATIONS):
             if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
                 break
             change = self._solve(curvature, slope, shift)
+            change *= min(1.0, _FARTHEST * pitch / float(np.abs(change).max()))
             moved = x + self.basis @ change
             after = self.potential.terms(moved)
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
