@@ -5,28 +5,24 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from warpchain.assembly.assembly import assemble
+import numpy as np
+
+from warpchain.assembly import statics
+from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
 from warpchain.drive.stiffness import contact_rebound
 
-
-def strand_frequency(drive: Drive, links: int, tension: float) -> float:
-    """First transverse frequency of a strand of `links` links between fixed ends [Hz], 0 without tension.
-
-    f_1 = (1/pi) sqrt(T / (m p)) sin(pi / (2 (M + 1))) with its M = links - 1 rollers.
-    """
-    if tension <= 0.0 or links < 2:
-        return 0.0
-    rate = math.sqrt(tension / (drive.chain.mass * drive.chain.pitch))
-    return rate / math.pi * math.sin(math.pi / (2.0 * links))
+__all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
 
 def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[float]:
-    """Tension of each strand that steady loads and centrifugal force imply [N]; vibration and impacts come on top.
+    """A quick estimate (microseconds) of each strand's working tension [N], from loads and centrifugal force alone.
 
+    It knows no mounts, seats, guide-bars or weight; `warpchain.assembly.statics.running` does.
     Strand k leaves sprocket k. Past a driven sprocket the tension rises by load / pitch radius; the chain's length
     keeps the mean elongation of the strands that of the preload, unless that would make the slackest one push.
     Centrifugal force adds (m / p) v^2 throughout.
@@ -61,8 +57,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
     speed = driver.prescribed.top_speed
-    links = [int(n) for n in assembly.strand_links]
-    tensions = working_tensions(drive, preload, links)
+    strands, estimated = _strands(drive, assembly, preload)
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
@@ -90,17 +85,9 @@ def derive(drive: Drive) -> dict[str, Any]:
             }
             for s in range(count)
         ],
-        "strands": [
-            {
-                "name": name,
-                "length": float(path.strand_length[k]),
-                "links": links[k],
-                "preload_frequency": strand_frequency(drive, links[k], preload),
-                "working_tension": tensions[k],
-                "working_frequency": strand_frequency(drive, links[k], tensions[k]),
-            }
-            for k, name in enumerate(drive.strand_names)
-        ],
+        "standing_preload": float(np.average([k["standing_tension"] for k in strands], weights=assembly.strand_links)),
+        "strands": strands,
+        "tensions_estimated": estimated,
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
         "guides": [
@@ -128,6 +115,35 @@ def derive(drive: Drive) -> dict[str, Any]:
         "step_limit": step_limit(drive),
         "automatic_step": automatic_step(drive),
     }
+
+
+def _strands(drive: Drive, assembly: Assembly, preload: float) -> tuple[list[dict[str, Any]], str | None]:
+    """What is known of each strand, and why its tensions are estimates only; None where they are not."""
+    standing, running, why = statics.standing(drive, assembly), statics.running(drive, assembly), None
+    links = [int(n) for n in assembly.strand_links]
+    for found in (standing, running):
+        why = why or found.failure
+    still, working = standing.tension, running.tension
+    if standing.failure:
+        still = np.full(len(links), preload)
+    if running.failure:
+        working = np.array(working_tensions(drive, preload, links))
+    speed = math.sqrt(running.centrifugal * drive.chain.pitch / drive.chain.mass)
+    lengths = [float(length) for length in assembly.path.strand_length]
+    return [
+        {
+            "name": name,
+            "length": lengths[k],
+            "links": links[k],
+            "standing_tension": float(still[k]),
+            "standing_frequency": strand_frequency(drive, links[k], float(still[k])),
+            "working_tension": float(working[k]),
+            "centrifugal_tension": running.centrifugal,
+            "working_frequency": moving_frequency(drive, lengths[k], float(working[k]), speed),
+            "working_displacement": None if running.failure else float(running.displacement[k]),
+        }
+        for k, name in enumerate(drive.strand_names)
+    ], why
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
@@ -177,21 +193,29 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
 
 def _strand_lines(values: dict[str, Any]) -> list[str]:
     table = _table(
-        ("strand", "length", "links", "at preload", "working tension", "at work"),
+        ("strand", "length", "links", "standing", "", "at work", "of it m v^2/p", "", "off its line"),
         [
             (
                 k["name"],
                 f"{k['length']:.4f} m",
                 str(k["links"]),
-                f"{k['preload_frequency']:.3g} Hz",
+                f"{k['standing_tension']:.4g} N",
+                f"{k['standing_frequency']:.3g} Hz",
                 f"{k['working_tension']:.4g} N",
+                f"{k['centrifugal_tension']:.4g} N",
                 f"{k['working_frequency']:.3g} Hz",
+                "-" if k["working_displacement"] is None else f"{1e3 * k['working_displacement']:+.3g} mm",
             )
             for k in values["strands"]
         ],
     )
-    title = "first transverse frequency of each strand, at the preload and at the tension that steady loads imply:"
-    return ["", title, *table]
+    title = [
+        "mean tension and first transverse frequency of each strand: standing, seated and unloaded; at work, all",
+        "loads on and the chain moving, no vibration, no friction; off its line: mid-strand, to the left of travel:",
+    ]
+    if values["tensions_estimated"]:
+        title.append(f"ESTIMATES, without seats, mounts and weight: {values['tensions_estimated']}")
+    return ["", *title, *table]
 
 
 def _guide_lines(values: dict[str, Any]) -> list[str]:
@@ -231,7 +255,8 @@ def report(values: dict[str, Any]) -> str:
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
         f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
         *_size_lines(values),
-        f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N",
+        f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N at assembly, "
+        f"{values['standing_preload']:.4g} N once seated",
         *_sprocket_lines(values),
         *_strand_lines(values),
         *_guide_lines(values),

@@ -158,7 +158,7 @@ def campbell_figure(found: Sequence[Sweep], highest: float | None = None) -> Fig
             words = f"order {order:g} of the driver, excited by a motion or load"
             axis.plot(sweep.speed, order * sweep.speed / 60.0, ":", lw=1.2, color="white", label=words)
         if sweep.natural is not None:
-            words = "first transverse frequency at the mean tension, chain at rest"
+            words = "first transverse frequency at the mean tension, chain moving"
             axis.plot(sweep.speed, sweep.natural, "o-", ms=3, lw=1.0, color=LINES[3], label=words)
         axis.set_ylim(0.0, top)
         axis.grid(False)
