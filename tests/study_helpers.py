@@ -1,4 +1,4 @@
-"""Shared by the tests of studies: a drive that simulates in milliseconds, and a study of it."""
+"""Shared by the tests of studies: a drive that simulates in milliseconds, and a study of it, whatever its energy."""
 
 from layouts import Placed, drive_of
 
@@ -26,6 +26,9 @@ levels = [44, 45]
 duration = 0.0005
 step = 1e-5
 shard = {shard}
+
+[limits]
+energy_residual = inf
 """
 
 

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from warpchain.assembly.assembly import assemble
+from warpchain.assembly.layout import findings
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
@@ -76,6 +77,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
+        "layout": list(findings(drive, path)),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -232,6 +234,7 @@ def report(values: dict[str, Any]) -> str:
         f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
         *_size_lines(values),
         f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N",
+        *(f"LAYOUT: {finding}" for finding in values["layout"]),
         *_sprocket_lines(values),
         *_strand_lines(values),
         *_guide_lines(values),

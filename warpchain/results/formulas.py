@@ -87,6 +87,10 @@ def rms(field: str) -> Callable[[Summed], Values]:
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
 
+LEAST_TURNOVER = 1e-3
+"""Least energy that a residual is held against, of the energy stored."""
+
+
 @dataclass(frozen=True)
 class Balance:
     """The energy balance over the window [J].
@@ -97,6 +101,7 @@ class Balance:
         links: dissipated in the links.
         dissipated: in links, contacts and mounts.
         change: of the mechanical energy.
+        stored: the mechanical energy itself, at its larger end.
     """
 
     input: Values
@@ -104,6 +109,7 @@ class Balance:
     links: Values
     dissipated: Values
     change: Values
+    stored: Values = 0.0
 
     @property
     def residual(self) -> Values:
@@ -112,8 +118,12 @@ class Balance:
 
     @property
     def relative(self) -> Values:
-        """The residual over half the sum of the terms' magnitudes."""
+        """The residual over half the sum of the terms' magnitudes, or `LEAST_TURNOVER` of the energy stored.
+
+        Where hardly any energy is turned over the residual is round-off of what is stored.
+        """
         turnover = 0.5 * (abs(self.input) + abs(self.output) + self.dissipated + abs(self.change))
+        turnover = np.maximum(turnover, LEAST_TURNOVER * abs(self.stored))
         return np.where(turnover == 0.0, 0.0, self.residual / turnover)
 
 
