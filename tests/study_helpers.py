@@ -22,13 +22,13 @@ name = "links"
 path = "chain.links"
 levels = [44, 45]
 
+[limits]
+energy_residual = inf
+
 [run]
 duration = 0.0005
 step = 1e-5
 shard = {shard}
-
-[limits]
-energy_residual = inf
 """
 
 

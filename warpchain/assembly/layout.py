@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 OWN = 0.25
 """A bar's own strand is no farther behind its face than this share of the strand's length."""
+BEHIND = 1.5
+"""How much farther a strand counts that is behind a bar, when its own strand, the nearest, is looked for."""
 
 Point = tuple[float, float]
 Strand = tuple[Point, Point]
@@ -106,8 +108,8 @@ def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
                 f"place and {-min(ends):.4g} m behind it at another: turn the bar along the strand, or shorten it "
                 "(start, end)"
             )
-        elif abs(sum(ends)) < nearest:
-            nearest = abs(sum(ends))
+        elif (apart := max(sum(ends), -BEHIND * sum(ends))) < nearest:
+            nearest = apart
             strand = math.hypot(ex - sx, ey - sy)
             dented = front <= 0.0 and depth > pitch and -front < OWN * strand
             away = f"move start and end back by {depth:.4g} m, or swap them if the chain rides on the other side"

@@ -245,8 +245,11 @@ def common_reasons(found: Iterable[tuple[str, str]]) -> list[tuple[str, str, int
 
 
 def told(status: Sequence[str], reason: Sequence[str]) -> str | None:
-    """What to tell of V variants in one line: which are not ok, why, and what to change; None where all are ok."""
-    bad = [v for v, word in enumerate(status) if word != OK]
+    """What to tell of V variants in one line: which are not ok, why, and what to change; None where all are ok.
+
+    A variant whose run was interrupted, and that has nothing else, is not told: who did it knows.
+    """
+    bad = [v for v, word in enumerate(status) if word != OK and reason[v] != UNMEASURED]
     if not bad:
         return None
     if len(status) == 1:
