@@ -21,7 +21,9 @@ def bin_of(tension: Any, scale: wp.float64):
     ratio = wp.float32(wp.float64(tension) / wp.max(scale, wp.float64(1.0e-9)))
     size = wp.abs(ratio)
     size = wp.log(size + wp.sqrt(size * size + wp.float32(1.0)))
-    place = wp.int32(wp.floor(wp.where(ratio < wp.float32(0.0), -size, size) * wp.static(wp.float32(1.0 / STEP)))) + ZERO
+    place = (
+        wp.int32(wp.floor(wp.where(ratio < wp.float32(0.0), -size, size) * wp.static(wp.float32(1.0 / STEP)))) + ZERO
+    )
     return wp.clamp(place, 0, BINS - 1)
 
 

@@ -10,12 +10,14 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
     from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
+    from warpchain.results.judgement import Limits
     from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.run import run_study
 
 _HOME = {
     "ArchiveOptions": "archive",
     "Drive": "drive",
+    "Limits": "results.judgement",
     "Record": "results.run",
     "Run": "results.run",
     "Trajectory": "results.run",
@@ -33,6 +35,7 @@ _HOME = {
 __all__ = [
     "ArchiveOptions",
     "Drive",
+    "Limits",
     "Record",
     "Run",
     "Trajectory",

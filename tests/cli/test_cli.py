@@ -159,6 +159,19 @@ def test_a_run_that_diverges_is_status_1(capsys, tmp_path):
     assert any("diverged at" in line for line in out)
 
 
+def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
+    words = ["run", "marine", "-o", tmp_path / "a.mcap", "--quiet", "--duration", "0.004", "--set", "run.settle=false"]
+    status, out, err = run(capsys, *words)
+    assert status == 0 and "status: ok" in out and err == []
+    status, out, err = run(capsys, *words, "--overwrite", "--limit", "energy_residual=0", "--limit", "slips=inf")
+    assert status == 0
+    assert sum(line.startswith("status: suspect: energy residual") for line in out) == 1
+    assert len(err) == 1 and err[0].startswith("warpchain: warning: suspect: energy residual")
+    status, _, err = run(capsys, *words, "--overwrite", "--limit", "energy=0")
+    assert status == 2 and "limits: energy = 0: unknown key; allowed are energy_residual, " in err[0]
+    assert run(capsys, *words, "--overwrite", "--limit", "energy")[0] == 2
+
+
 def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):
     archive = tmp_path / "long.mcap"
     command = [

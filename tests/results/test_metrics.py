@@ -55,7 +55,7 @@ def test_the_registry_has_every_column(drive):
     table = simulate(drive, duration=700 * drive.run.step, device="cpu", record=Record("none")).metrics
     facts = [column.name for column in RUN.columns]
     assert table.column_names == [*facts, *metric_names(drive)]
-    kinds = {float: "double", int: "int64", bool: "bool"}
+    kinds = {float: "double", int: "int64", bool: "bool", str: "string"}
     for field in table.schema:
         column = column_of(field.name)
         assert field.metadata == {b"unit": column.unit.encode()}

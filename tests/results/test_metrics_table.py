@@ -63,9 +63,14 @@ def table_of(chosen: list[int]) -> pa.Table:
 
     def stacked(numbers: np.ndarray) -> dict[str, np.ndarray]:
         each = [sums_of(mine[n], chosen[n]) for n in numbers]
-        stacked = {name: np.stack([sums[name] for sums in each]) for name in (*STRUCTS, "tension", "edges", "durations")}
+        stacked = {
+            name: np.stack([sums[name] for sums in each]) for name in (*STRUCTS, "tension", "edges", "durations")
+        }
         batches = {
-            name: {field: np.stack([sums[f"{name}_batches"][field] for sums in each]) for field in each[0][f"{name}_batches"]}
+            name: {
+                field: np.stack([sums[f"{name}_batches"][field] for sums in each])
+                for field in each[0][f"{name}_batches"]
+            }
             for name in BATCHED
         }
         tension = stacked.pop("tension"), stacked.pop("edges")

@@ -10,6 +10,7 @@ import numpy as np
 from warpchain.assembly import statics
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
+from warpchain.assembly.layout import findings
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
@@ -71,6 +72,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
+        "layout": list(findings(drive, path)),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -257,6 +259,7 @@ def report(values: dict[str, Any]) -> str:
         *_size_lines(values),
         f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N at assembly, "
         f"{values['standing_preload']:.4g} N once seated",
+        *(f"LAYOUT: {finding}" for finding in values["layout"]),
         *_sprocket_lines(values),
         *_strand_lines(values),
         *_guide_lines(values),

@@ -1,7 +1,7 @@
 """The command line: `warpchain check | chains | fit | run | view | plot | export | recover | study`.
 
-Exit status 0: done. 1: a variant diverged, or the run was interrupted. 2: a mistake of the user's or a refusal of the
-machine's, said in one line each.
+Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
+user's or a refusal of the machine's, said in one line each.
 """
 
 from __future__ import annotations
@@ -104,6 +104,13 @@ def _run(commands: Any) -> None:
     )
     parser.add_argument("--split-size", type=mebibytes, metavar="MIB", help="begin another file at this size")
     parser.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
+    parser.add_argument(
+        "--limit",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change what the run is judged by, such as energy_residual=0.02 (docs/judged-runs.md)",
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 

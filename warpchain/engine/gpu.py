@@ -318,6 +318,10 @@ class GpuEngine:
         """Copy of the rollers' rows, as in `Packed.rollers`."""
         return self._read(self.state.rollers)
 
+    def bodies(self) -> NDArray[Any]:
+        """Copy of the bodies' states, as in `Packed.bodies`."""
+        return self._read(self.state.bodies)
+
     def progress(self) -> NDArray[Any]:
         """(variants,) `structs.Progress` after the last launch."""
         return self._progress

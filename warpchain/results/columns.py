@@ -44,7 +44,7 @@ class Column:
         title: what it is, in words.
         value: forms it from what its group gives (`Summed`, `Balance` or `Judged`) of one variant or of many at once,
             masked where there is none (`formulas.where`); left out where the number comes from elsewhere.
-        kind: float, int or bool.
+        kind: float, int, bool or str.
     """
 
     name: str
@@ -101,7 +101,10 @@ TENSION_MEAN = Column("tension_mean", "N", "mean link tension", mean("tension"))
 TENSION_STD = Column("tension_std", "N", "standard deviation of link tension", deviation("tension"))
 TENSION_QUANTILES = tuple(
     Column(
-        f"tension_{name}", "N", f"tension that {100.0 * share:g} % of links and instants are below", tension_quantile(share)
+        f"tension_{name}",
+        "N",
+        f"tension that {100.0 * share:g} % of links and instants are below",
+        tension_quantile(share),
     )
     for name, share in QUANTILES.items()
 )
@@ -236,17 +239,24 @@ RUN = Group(
     "chain",
     (
         Column("variant", "1", "number of the variant", kind=int),
+        Column("status", "1", 'what it is judged to be: "ok", "suspect" or "diverged"', kind=str),
+        Column("reason", "1", 'why it is not ok, "" where it is', kind=str),
         Column("diverged", "1", "whether the variant was stopped as diverged", kind=bool),
         Column("diverged_time", "s", "when it diverged"),
         Column("window_start", "s", "start of the window that metrics are taken over"),
         Column("window_end", "s", "its end"),
     ),
 )
+ENGAGED = Group(
+    "sprocket",
+    (Column("engaged", "1", "rollers on its teeth at the end of the run, over those at assembly"),),
+)
 SETTLING = Group(
     "chain",
     (
         Column("settle_steps", "1", "steps that settling took", kind=int),
         Column("settle_residual", "1", "largest net force left on a roller over the largest link force"),
+        Column("settle_force", "N", "largest net force left on a roller"),
     ),
     where=lambda drive, index: drive.run.settle,
 )
@@ -288,7 +298,7 @@ DESIGN = (
 """What designs are judged by, formed from the other metrics."""
 
 Blocks = tuple[tuple[Group, ...], ...]
-METRICS: Blocks = (*MEASURED, (STEADY,), (BALANCE,), *DESIGN, (SETTLING,))
+METRICS: Blocks = (*MEASURED, (STEADY,), (BALANCE,), *DESIGN, (ENGAGED,), (SETTLING,))
 """The metrics of a variant that ran to its end, in the table's order."""
 COLUMNS = {c.name: c for groups in (*METRICS, (RUN,), RECORDED) for group in groups for c in group.columns}
 """Every column by its own name."""

@@ -92,6 +92,10 @@ def rms(field: str) -> Callable[[Summed], Values]:
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
 
+LEAST_TURNOVER = 1e-3
+"""Least energy that a residual is held against, of the energy stored."""
+
+
 def tension_quantile(share: float) -> Callable[[Summed], Values]:
     """The tension that this share of links and instants is below."""
 
@@ -159,6 +163,7 @@ class Balance:
         links: dissipated in the links.
         dissipated: in links, joints, contacts and mounts.
         change: of the mechanical energy.
+        stored: the mechanical energy itself, at its larger end.
     """
 
     input: Values
@@ -166,6 +171,7 @@ class Balance:
     links: Values
     dissipated: Values
     change: Values
+    stored: Values = 0.0
 
     @property
     def residual(self) -> Values:
@@ -174,8 +180,12 @@ class Balance:
 
     @property
     def relative(self) -> Values:
-        """The residual over half the sum of the terms' magnitudes."""
+        """The residual over half the sum of the terms' magnitudes, or `LEAST_TURNOVER` of the energy stored.
+
+        Where hardly any energy is turned over the residual is round-off of what is stored.
+        """
         turnover = 0.5 * (abs(self.input) + abs(self.output) + self.dissipated + abs(self.change))
+        turnover = np.maximum(turnover, LEAST_TURNOVER * abs(self.stored))
         return np.where(turnover == 0.0, 0.0, self.residual / turnover)
 
 

@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.files import refusals, whole_file
+from warpchain.results.judgement import STATUSES as JUDGED
+from warpchain.results.judgement import common_reasons
 from warpchain.study.columns import BOOKKEEPING
-from warpchain.study.reasons import common_reasons
 from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
-STATUSES = ("ok", "infeasible", "diverged")
+STATUSES = (*JUDGED, "infeasible")
+"""What a row can be: a variant as it is judged, or a row that gives none."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Results:
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """Whether each variant ran to its end (R,)."""
+        """Whether each variant ran to its end and nothing of it is suspect (R,)."""
         return np.array([word == "ok" for word in self.status], dtype=bool)
 
     def reasons(self) -> list[tuple[str, str, int]]:
@@ -102,7 +104,7 @@ class Results:
         return "" if unit == "1" else unit
 
     def rows_for(self, metric: str, factors: Iterable[str] = ()) -> NDArray[np.bool_]:
-        """Rows that ran to their end and have a finite value of a metric, and of numeric factors (R,)."""
+        """Rows that are ok and have a finite value of a metric, and of numeric factors (R,)."""
         rows = self.ok & np.isfinite(self.values(metric))
         for factor in factors:
             if self.numeric(factor):

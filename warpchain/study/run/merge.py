@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
+from warpchain.results.judgement import common_reasons
 from warpchain.study.columns import ARCHIVED, OUTCOME
-from warpchain.study.reasons import common_reasons
-from warpchain.study.results import read_results
+from warpchain.study.results import STATUSES, read_results
 from warpchain.study.run.folder import WORST, Folder, open_folder
 from warpchain.study.run.recordings import with_recorded_objectives
 from warpchain.study.run.shards import run_worst
@@ -62,7 +62,7 @@ def study_status(out: str | os.PathLike[str]) -> Outcome:
     """
     folder = open_folder(Path(out))
     done = [shard for shard in folder.shards if folder.done(shard)]
-    counts = dict.fromkeys(("ok", "diverged", "infeasible"), 0)
+    counts = dict.fromkeys(STATUSES, 0)
     ended: list[tuple[str, str]] = []
     for shard in done:
         for row in read_table(folder.table_path(shard), list(OUTCOME)).to_pylist():

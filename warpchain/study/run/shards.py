@@ -114,7 +114,7 @@ def _kept(study: Study, variants: Sequence[Variant]) -> list[dict[str, Any]]:
     """The metrics that the study keeps, of each variant."""
     patterns = kept_patterns(study)
     names = dict.fromkeys(name for variant in variants for name in variant.metrics or ())
-    dropped = {"variant", "diverged"}
+    dropped = {"variant", "diverged", *OUTCOME}
     kept = {name for name in names if name not in dropped and any(fnmatchcase(name, p) for p in patterns)}
     return [{n: value for n, value in (variant.metrics or {}).items() if n in kept} for variant in variants]
 
