@@ -1,6 +1,6 @@
 """The table of docs/check.md: mean strand tensions that `warpchain check` prints, and those of runs.
 
-    python scripts/check_against_runs.py [NAME ...]
+python scripts/check_against_runs.py [NAME ...]
 """
 
 from __future__ import annotations
