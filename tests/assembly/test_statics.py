@@ -125,6 +125,12 @@ def test_the_report_says_where_it_only_estimates():
     assert "ESTIMATES" not in report(derive(pair()))
 
 
+def test_the_longest_chains_are_only_estimated():
+    values = derive(two_sprockets(links=2200, span=1090.02))
+    assert values["tensions_estimated"] == "not sought for a chain of more than 2000 links"
+    assert values["standing_preload"] == pytest.approx(values["preload"])
+
+
 @pytest.mark.parametrize("ratio", [0.0, 0.3, 0.8])
 def test_frequencies_of_a_moving_string(ratio):
     """Against the eigenvalues of w_tt + 2 v w_xt - (c^2 - v^2) w_xx = 0 in 40 sines (Galerkin, gyroscopic term exact):

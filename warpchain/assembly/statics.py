@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 PHASES = 4
 """States within a tooth pitch that are averaged."""
 
+MOST = 2000
+"""Links of the longest chain whose steady state is sought; it takes 20 s."""
+
 _SOFTER = (0.01, 0.1)
 """Contact stiffnesses, relative, at which the first state is sought before at the whole one: pockets that are hardly
 wider than their rollers, hard ones, let a chain creep only."""
@@ -112,6 +115,12 @@ def standing(drive: Drive, assembly: Assembly | None = None) -> Steady:
 
 
 def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
+    if drive.chain.links > MOST:
+        nothing, centrifugal = (
+            np.full(len(drive.sprockets), math.nan),
+            drive.chain.mass * drive.chain.pitch * frequency**2,
+        )
+        return Steady(nothing, centrifugal, nothing, nothing, f"not sought for a chain of more than {MOST} links")
     potential = Potential(drive, frequency, moments)
     solver = _Solver(potential, assembly, moments)
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle])
