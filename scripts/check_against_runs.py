@@ -27,8 +27,9 @@ def parser() -> argparse.ArgumentParser:
 
 def main(words: list[str] | None = None) -> int:
     """Prints the table, a row a strand; returns the exit status."""
+    names = parser().parse_args(words).name or list(RUNS)
     print("| strand | `check` | a run | off, of the tightest |\n|---|---|---|---|")
-    for name in parser().parse_args(words).name or RUNS:
+    for name in names:
         drive, window = load_drive(drive_path(name)), RUNS[name]
         (row,) = simulate(drive, record=Record("none"), duration=window[1], window=window).metrics.to_pylist()
         found = np.array([row[f"{strand}.tension_mean"] for strand in drive.strand_names])
