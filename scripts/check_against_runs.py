@@ -20,7 +20,7 @@ RUNS = {"engine": (0.1, 0.2), "industrial": (0.5, 1.0), "marine": (1.0, 2.0), "m
 
 def parser() -> argparse.ArgumentParser:
     """The command's words."""
-    words = argparse.ArgumentParser(description="Print mean strand tensions that check prints, and those of runs.")
+    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.add_argument("name", nargs="*", help="example drives; all of them if none is named")
     return words
 
