@@ -48,20 +48,20 @@ def test_derivatives_are_those_of_the_energy(changes):
         slope[i] = (after.energy - before.energy) / (2 * d)
         curvature[i] = (after.gradient - before.gradient) / (2 * d)
     assert np.abs(slope - terms.gradient).max() < 1e-4 * np.abs(terms.gradient).max()
-    whole = terms.hessian().toarray()
+    whole = terms.hessian(np.arange(len(x)), np.ones(len(x)), len(x)).toarray()
     assert np.abs(curvature - whole).max() < 1e-4 * np.abs(whole).max()
     assert np.abs(whole - whole.T).max() < 1e-12 * np.abs(whole).max()
 
 
 def test_tension_rises_by_the_load_over_the_mean_lever():
     """A turn takes z links by, tight ones in and slack ones out: with what they store, 2 pi M =
-    z [(T_t - T_s) p + (T_t^2 - T_s^2) / (2 k)]. Four states within a pitch average its ripple: 1e-4."""
+    z [(T_t - T_s) p + (T_t^2 - T_s^2) / (2 k)]. Four states within a pitch average its ripple: 3e-4."""
     drive = pair(viscous=5.0)
     steady = running(drive)
     assert steady.failure is None
     slack, tight = steady.tension
     work = 20 * ((tight - slack) * 0.05 + (tight**2 - slack**2) / (2.0 * 5e7))
-    assert work == pytest.approx(2.0 * math.pi * (300.0 + 5.0 * 1.0), rel=1e-4)
+    assert work == pytest.approx(2.0 * math.pi * (300.0 + 5.0 * 1.0), rel=3e-4)
     assert load_moments(drive, 1.0) == pytest.approx([0.0, 305.0])
     assert steady.centrifugal == pytest.approx(0.2 * 0.05 * (1.0 * 20 / (2 * math.pi)) ** 2)
 
@@ -102,10 +102,13 @@ def test_a_quiet_run_shows_these_tensions(changes):
     assert steady.tension == pytest.approx(found, abs=0.02 * found.max())
 
 
-def test_the_engine_runs_at_what_check_prints():
-    drive = engine().with_values({"run.step": 1e-6})
-    (row,) = simulate(drive, record=Record("none"), duration=0.1, window=(0.05, 0.1)).metrics.to_pylist()
-    found = np.array([row[f"{name}.tension_mean"] for name in drive.strand_names])
+@pytest.mark.parametrize(("name", "step", "start", "end"), [("engine", 1e-6, 0.05, 0.1),
+    ("industrial", 4e-6, 0.4, 0.5), ("motorcycle", 2e-6, 0.07, 0.12)])  # fmt: skip
+def test_examples_run_at_what_check_prints(name, step, start, end):
+    """Each strand within 15 % of the tightest one's mean; what vibration adds is 1 to 4 % here (docs/check.md)."""
+    drive = load_drive(drive_path(name)).with_values({"run.step": step})
+    (row,) = simulate(drive, record=Record("none"), duration=end, window=(start, end)).metrics.to_pylist()
+    found = np.array([row[f"{strand}.tension_mean"] for strand in drive.strand_names])
     strands = derive(drive)["strands"]
     assert [strand["working_tension"] for strand in strands] == pytest.approx(found, abs=0.15 * found.max())
 
@@ -116,7 +119,16 @@ def test_the_report_says_where_it_only_estimates():
     values = derive(drive)
     assert values["tensions_estimated"] == '"driver" and "driven" lead the chain at unlike speeds'
     assert "ESTIMATES, without seats, mounts and weight" in report(values)
-    assert "ESTIMATES" not in report(derive(two_sprockets()))
+    assert all(
+        strand["working_tension"] > 0.0 and strand["working_displacement"] is None for strand in values["strands"]
+    )
+    assert "ESTIMATES" not in report(derive(pair()))
+
+
+def test_the_longest_chains_are_only_estimated():
+    values = derive(two_sprockets(links=2200, span=1090.02))
+    assert values["tensions_estimated"] == "not sought for a chain of more than 2000 links"
+    assert values["standing_preload"] == pytest.approx(values["preload"])
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.3, 0.8])

@@ -53,12 +53,15 @@ class Terms:
         self.columns.append(np.tile(where, (1, b)).ravel())
         self.values.append(blocks.ravel())
 
-    def hessian(self) -> csc_matrix:
-        """The Hessian as a sparse matrix."""
+    def hessian(self, column: NDArray[np.int64], weight: Array, count: int) -> csc_matrix:
+        """The Hessian by `count` free coordinates y, dx_i = weight_i dy_column(i); weight 0 is what stays."""
         from scipy.sparse import coo_matrix
 
-        entries = np.concatenate(self.values), (np.concatenate(self.rows), np.concatenate(self.columns))
-        return coo_matrix(entries, shape=(self.size, self.size)).tocsc()
+        rows, columns = np.concatenate(self.rows), np.concatenate(self.columns)
+        values = np.concatenate(self.values) * weight[rows] * weight[columns]
+        free = np.flatnonzero(weight[rows] * weight[columns])
+        where = column[rows[free]], column[columns[free]]
+        return coo_matrix((values[free], where), shape=(count, count)).tocsc()
 
 
 class Potential:

@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 PHASES = 4
 """States within a tooth pitch that are averaged."""
 
+MOST = 2000
+"""Links of the longest chain whose steady state is sought; it takes 20 s."""
+
 _SOFTER = (0.01, 0.1)
 """Contact stiffnesses, relative, at which the first state is sought before at the whole one: pockets that are hardly
 wider than their rollers, hard ones, let a chain creep only."""
@@ -112,6 +115,12 @@ def standing(drive: Drive, assembly: Assembly | None = None) -> Steady:
 
 
 def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
+    if drive.chain.links > MOST:
+        nothing, centrifugal = (
+            np.full(len(drive.sprockets), math.nan),
+            drive.chain.mass * drive.chain.pitch * frequency**2,
+        )
+        return Steady(nothing, centrifugal, nothing, nothing, f"not sought for a chain of more than {MOST} links")
     potential = Potential(drive, frequency, moments)
     solver = _Solver(potential, assembly, moments)
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle])
@@ -177,12 +186,9 @@ class _Solver:
     """Minimizes a drive's energy over the coordinates that are free."""
 
     def __init__(self, potential: Potential, assembly: Assembly, moments: Array) -> None:
-        from scipy.sparse import identity
-
         drive = potential.drive
         self.potential = potential
-        self.basis = _free(potential)
-        self.unit = identity(self.basis.shape[1], format="csc")
+        self.column, self.weight, self.count = _free(potential)
         chain = drive.chain
         self.force = max(
             chain.stiffness * assembly.path.pitch * max(assembly.strain, 0.0),
@@ -213,30 +219,35 @@ class _Solver:
         """The equilibrium near x, and the largest force left, over the largest at work; sought is `enough`."""
         shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
         terms, pitch = self.potential.terms(x), self.potential.drive.chain.pitch
-        slope, curvature = self.basis.T @ terms.gradient, self._curvature(terms)
+        slope, curvature = self._slope(terms), self._curvature(terms)
         for _ in range(_ITERATIONS):
             if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
                 break
             change = self._solve(curvature, slope, shift)
             change *= min(1.0, _FARTHEST * pitch / float(np.abs(change).max()))
-            moved = x + self.basis @ change
+            moved = x + self.weight * change[self.column]
             after = self.potential.terms(moved)
             gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
             if gain > 0.0 and after.energy <= terms.energy - 1e-4 * gain + noise:
                 x, terms, shift = moved, after, max(_DECAY * shift, least)
-                slope, curvature = self.basis.T @ terms.gradient, self._curvature(terms)
+                slope, curvature = self._slope(terms), self._curvature(terms)
             else:
                 shift *= _GROWTH
         return x, float(np.abs(slope).max()) / self.force
 
+    def _slope(self, terms: Terms) -> Array:
+        """Gradient by the free coordinates."""
+        return np.asarray(np.bincount(self.column, self.weight * terms.gradient, self.count), dtype=np.float64)
+
     def _curvature(self, terms: Terms) -> csc_matrix:
         """Hessian by the free coordinates."""
-        return (self.basis.T @ terms.hessian() @ self.basis).tocsc()
+        return terms.hessian(self.column, self.weight, self.count)
 
     def _solve(self, curvature: csc_matrix, slope: Array, shift: float) -> Array:
         from scipy.sparse.linalg import splu
 
-        shifted = (curvature + shift * self.unit).tocsc()
+        shifted = curvature.copy()
+        shifted.setdiag(curvature.diagonal() + shift)
         return np.asarray(splu(shifted, permc_spec="MMD_AT_PLUS_A").solve(-slope))
 
 
@@ -255,26 +266,24 @@ def _slipped(potential: Potential, assembly: Assembly, x: Array) -> bool:
     return False
 
 
-def _free(potential: Potential) -> csc_matrix:
-    """Columns of the free coordinates: rollers, moving centers, free angles taken as lengths at the pitch radius."""
-    from scipy.sparse import coo_matrix
+def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
+    """Free coordinates y: rollers, moving centers, free angles, these taken as lengths at the pitch radius.
 
+    Returns:
+        column and weight of every coordinate, dx_i = weight_i dy_column(i), 0 and 0 for those that stay; their number.
+    """
     n, s = 2 * potential.rollers, potential.sprockets
-    rows, columns, values, count = list(range(n)), list(range(n)), [1.0] * n, n
+    column, weight, count = np.zeros(potential.size, dtype=np.int64), np.zeros(potential.size), n
+    column[:n], weight[:n] = np.arange(n), 1.0
     for k, sprocket in enumerate(potential.drive.sprockets):
-        directions: list[Array] = []
+        x, y, angle = n + 2 * k, n + 2 * k + 1, n + 2 * s + k
         if isinstance(sprocket.mount, ElasticMount):
-            directions = [np.array([1.0, 0.0]), np.array([0.0, 1.0])]
+            column[x], column[y], weight[x : y + 1] = count, count + 1, 1.0
+            count += 2
         elif isinstance(sprocket.mount, SliderMount):
-            directions = [unit(sprocket.mount.direction)]
-        for direction in directions:
-            rows += [n + 2 * k, n + 2 * k + 1]
-            columns += [count] * 2
-            values += direction.tolist()
+            column[x : y + 1], weight[x : y + 1] = count, unit(sprocket.mount.direction)
             count += 1
         if sprocket.prescribed is None:
-            rows.append(n + 2 * s + k)
-            columns.append(count)
-            values.append(1.0 / float(potential.radius[k]))
+            column[angle], weight[angle] = count, 1.0 / float(potential.radius[k])
             count += 1
-    return coo_matrix((values, (rows, columns)), shape=(potential.size, count)).tocsc()
+    return column, weight, count

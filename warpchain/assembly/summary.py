@@ -11,6 +11,7 @@ from warpchain.assembly import statics
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout import findings
+from warpchain.assembly.statics import Steady
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
@@ -49,6 +50,9 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
 def derive(drive: Drive) -> dict[str, Any]:
     """All derived quantities by name, in SI units; lists follow the drive's sprockets, strands and guide-bars.
 
+    Tensions are those of `warpchain.assembly.statics`, `tensions_estimated` None. Where it finds no steady state,
+    `tensions_estimated` says why, and they are the preload and `working_tensions`. docs/check.md tells the keys.
+
     Raises:
         DriveError: a chain that does not fit, or a step beyond its limit.
     """
@@ -58,7 +62,8 @@ def derive(drive: Drive) -> dict[str, Any]:
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
     speed = driver.prescribed.top_speed
-    strands, estimated = _strands(drive, assembly, preload)
+    standing, running = statics.standing(drive, assembly), statics.running(drive, assembly)
+    strands = _strands(drive, assembly, preload, standing, running)
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
@@ -69,6 +74,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
         "chain_speed": speed * drive.pitch_radius(drive.driver),
+        "mean_chain_speed": drive.chain.pitch * speed * driver.teeth / math.tau,
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
@@ -89,7 +95,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         ],
         "standing_preload": float(np.average([k["standing_tension"] for k in strands], weights=assembly.strand_links)),
         "strands": strands,
-        "tensions_estimated": estimated,
+        "tensions_estimated": standing.failure or running.failure,
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
         "guides": [
@@ -107,6 +113,7 @@ def derive(drive: Drive) -> dict[str, Any]:
                 "kind": sprocket.mount.kind,
                 "mass": moving_mass(sprocket),
                 "frequencies": list(own_frequencies(sprocket)),
+                "working_travel": None if running.failure else (running.center[s] - sprocket.center).tolist(),
                 "wheel_force": wheel_force(sprocket, speed * drive.pitch_radius(drive.driver) / drive.pitch_radius(s)),
             }
             for s, sprocket in enumerate(drive.sprockets)
@@ -119,12 +126,11 @@ def derive(drive: Drive) -> dict[str, Any]:
     }
 
 
-def _strands(drive: Drive, assembly: Assembly, preload: float) -> tuple[list[dict[str, Any]], str | None]:
-    """What is known of each strand, and why its tensions are estimates only; None where they are not."""
-    standing, running, why = statics.standing(drive, assembly), statics.running(drive, assembly), None
+def _strands(
+    drive: Drive, assembly: Assembly, preload: float, standing: Steady, running: Steady
+) -> list[dict[str, Any]]:
+    """What is known of each strand; where no steady state was found, preload and `working_tensions`."""
     links = [int(n) for n in assembly.strand_links]
-    for found in (standing, running):
-        why = why or found.failure
     still, working = standing.tension, running.tension
     if standing.failure:
         still = np.full(len(links), preload)
@@ -145,7 +151,7 @@ def _strands(drive: Drive, assembly: Assembly, preload: float) -> tuple[list[dic
             "working_displacement": None if running.failure else float(running.displacement[k]),
         }
         for k, name in enumerate(drive.strand_names)
-    ], why
+    ]
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
@@ -220,6 +226,11 @@ def _strand_lines(values: dict[str, Any]) -> list[str]:
     return ["", *title, *table]
 
 
+def _millimeters(place: list[float]) -> list[float]:
+    """In mm, to the micrometer: no minus zero."""
+    return [round(1e3 * value, 3) + 0.0 for value in place]
+
+
 def _guide_lines(values: dict[str, Any]) -> list[str]:
     if not values["guides"]:
         return []
@@ -234,13 +245,16 @@ def _mount_lines(values: dict[str, Any]) -> list[str]:
     if not values["mounts"]:
         return []
     table = _table(
-        ("sprocket", "mount", "moving mass", "own frequency", "wheel's centrifugal force"),
+        ("sprocket", "mount", "moving mass", "own frequency", "at work, x and y", "wheel's centrifugal force"),
         [
             (
                 m["name"],
                 m["kind"],
                 f"{m['mass']:.4g} kg" if m["mass"] else "-",
                 ", ".join(f"{f:.4g} Hz" for f in m["frequencies"]) or "-",
+                "-"
+                if m["working_travel"] is None
+                else "{:+.3g}, {:+.3g} mm".format(*_millimeters(m["working_travel"])),
                 f"{m['wheel_force']:.4g} N" if m["wheel_force"] else "-",
             )
             for m in values["mounts"]
