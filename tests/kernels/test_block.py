@@ -113,6 +113,7 @@ def kind_of(packed, shape):
         moving=bool(packed.mounts["active"].any()),
         measuring=True,
         rk4=bool(packed.drives["integrator"].any()),
+        sliding=bool(packed.slides.any()),
     )
 
 
@@ -123,6 +124,26 @@ def rk4():
 
 def rk4_on_guide_bar():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in marine()]
+
+
+RUBS = {"contact.sprocket.friction": 0.1, "contact.guide.friction": 0.2}
+RUBS |= {"contact.sprocket.static_friction": 0.15, "contact.sprocket.stribeck_speed": 0.1}
+"""Friction at teeth and guide-bars."""
+
+
+def rubbing():
+    deeper = {f"guides.0.{end}.0": getattr(marine()[0].guides[0], end)[0] + 0.05 for end in ("start", "end")}
+    drives = [marine()[0].with_values(RUBS), marine()[1].with_values(RUBS | deeper)]  # with rollers that missed the bar
+    return [drive.with_values({"run.settle": False}) for drive in drives]
+
+
+def rubbing_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in rubbing()]
+
+
+def rubbing_on_moving_sprockets():
+    teeth = {key: value for key, value in RUBS.items() if "sprocket" in key}
+    return [drive.with_values(teeth) for drive in moving_sprockets()]
 
 
 def run_blocks(packed, shape, blocks, order, frames):
@@ -142,7 +163,19 @@ def run_blocks(packed, shape, blocks, order, frames):
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("many", [False, True], ids=["few", "many"])
 @pytest.mark.parametrize(
-    "drives", [marine, equal_sprockets, moving_sprockets, long_chains, unusual_contacts, rk4, rk4_on_guide_bar]
+    "drives",
+    [
+        marine,
+        equal_sprockets,
+        moving_sprockets,
+        long_chains,
+        unusual_contacts,
+        rk4,
+        rk4_on_guide_bar,
+        rubbing,
+        rubbing_rk4,
+        rubbing_on_moving_sprockets,
+    ],
 )
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     variants = drives()
@@ -240,6 +273,9 @@ FORMS = {
     "moving": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True), 4, FRAME),
     "few": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
     "rk4": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True, rk4=True), 4, FRAME),
+    "rubbing": lambda real: block_kernel(
+        BlockKind(real, 32, 4, 2, 1, moving=True, measuring=True, sliding=True), 12, FRAME
+    ),
     "relax": lambda real: block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
 }
 ARCHITECTURES = {75: ("many", "moving"), 80: ("many", "moving"), 90: tuple(FORMS)}
