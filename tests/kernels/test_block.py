@@ -115,6 +115,7 @@ def kind_of(packed, shape):
         measuring=True,
         rk4=bool(packed.drives["integrator"].any()),
         bending=bool(packed.joints["rubs"].any()),
+        sliding=bool(packed.slides.any()),
     )
 
 
@@ -127,17 +128,41 @@ def rk4_on_guide_bar():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in marine()]
 
 
-RUBBING = {"chain.joint": {"friction": 0.1, "pin_radius": 0.02}}
+BENDING = {"chain.joint": {"friction": 0.1, "pin_radius": 0.02}}
 STRIBECK = {"chain.joint": {"friction": 0.08, "static_friction": 0.12, "stribeck_speed": 0.02, "pin_radius": 0.02}}
 
 
-def rubbing():
+def bending():
     first, second = marine()
-    return [first.with_values(RUBBING), second.with_values(STRIBECK)]
+    return [first.with_values(BENDING), second.with_values(STRIBECK)]
+
+
+def bending_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in bending()]
+
+
+RUBS = {"contact.sprocket.friction": 0.1, "contact.guide.friction": 0.2}
+RUBS |= {"contact.sprocket.static_friction": 0.15, "contact.sprocket.stribeck_speed": 0.1}
+"""Friction at teeth and guide-bars."""
+
+
+def rubbing():
+    """On a bar that rollers are pressed on, and in one so deep that some have missed it; tight chains."""
+    drives = []
+    for drive, deep in zip(marine(), (0.01, 0.05), strict=True):
+        bar = {f"guides.0.{end}.0": getattr(drive.guides[0], end)[0] + deep for end in ("start", "end")}
+        tight = {"chain.elongation": -2e-4, "sprockets.crankshaft.prescribed.ramp_time": 0.0}
+        drives.append(drive.with_values(RUBS | bar | tight))
+    return drives
 
 
 def rubbing_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in rubbing()]
+
+
+def rubbing_on_moving_sprockets():
+    teeth = {key: value for key, value in RUBS.items() if "sprocket" in key} | {"chain.elongation": -2e-4}
+    return [drive.with_values(teeth) for drive in moving_sprockets()]
 
 
 def run_blocks(packed, shape, blocks, order, frames):
@@ -168,6 +193,9 @@ def run_blocks(packed, shape, blocks, order, frames):
         rk4_on_guide_bar,
         rubbing,
         rubbing_rk4,
+        bending,
+        bending_rk4,
+        rubbing_on_moving_sprockets,
     ],
 )
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
@@ -197,6 +225,7 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
     # forces are differences of positions times stiffness: relative to the largest there is
     close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
     summed = serial.sums()
+    assert packed.slides.all() == (summed["contact"]["friction"] > 0.0).any()
     for name in ("chain", "strand", "sprocket", "mount", "contact", "slip", *NOTES):
         mine, theirs_ = getattr(sums, name).numpy(), summed[name]
         for field in mine.dtype.names:
@@ -273,7 +302,10 @@ FORMS = {
     "moving": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True), 4, FRAME),
     "few": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
     "rk4": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True, rk4=True), 4, FRAME),
-    "rubbing": lambda real: block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True, bending=True), 8, FRAME),
+    "bending": lambda real: block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True, bending=True), 8, FRAME),
+    "rubbing": lambda real: block_kernel(
+        BlockKind(real, 32, 4, 2, 1, moving=True, measuring=True, sliding=True), 12, FRAME
+    ),
     "relax": lambda real: block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
 }
 ARCHITECTURES = {75: ("many", "moving"), 80: ("many", "moving"), 90: tuple(FORMS)}

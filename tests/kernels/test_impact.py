@@ -61,6 +61,27 @@ def test_dissipated_energy_is_what_the_mass_lost():
     assert peak == pytest.approx(mass * speed**2 * (1 / d - np.log1p(d) / d**2), rel=1e-7)
 
 
+def test_a_contact_that_is_pressed_in_faster_than_it_began_is_damped_no_more():
+    # a seated roller that came at the speed floor is then pushed at 50 times that: K pen (1 + d) at most
+    @wp.kernel(enable_backward=False, module="unique")
+    def force_at(law: KINDS.ContactLaw, speed: wp.float64, out: wp.array[wp.float64]):
+        normal = wp.vec2d(wp.float64(0.6), wp.float64(0.8))
+        force, size, first, dissipated, energy = respond(
+            wp.float64(1e-5), normal, speed * normal, wp.float64(0.01), law
+        )
+        out[0] = size
+        out[1] = dissipated
+
+    law = KINDS.ContactLaw()
+    law.stiffness, law.exponent, law.damping, law.speed_floor = 1e8, 1.0, 0.5, 0.01
+    out = wp.zeros(2, dtype=wp.float64, device="cpu")
+    for speed, part in ((0.004, 0.4), (0.01, 1.0), (0.5, 1.0)):
+        wp.launch(force_at, dim=1, inputs=[law, speed, out], device="cpu")
+        size, power = out.numpy()
+        assert size == pytest.approx(1e3 * (1.0 + 0.5 * part), rel=1e-12)
+        assert power == pytest.approx(1e3 * 0.5 * part * speed, rel=1e-12)
+
+
 def test_contact_never_pulls():
     # leaving fast: the law alone would give a negative force
     @wp.kernel(enable_backward=False, module="unique")

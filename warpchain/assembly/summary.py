@@ -16,6 +16,7 @@ from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
+from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
 from warpchain.drive.stiffness import contact_rebound
 
 __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
@@ -98,12 +99,14 @@ def derive(drive: Drive) -> dict[str, Any]:
         "tensions_estimated": standing.failure or running.failure,
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
+        "friction": tooth_rubbing(drive).dynamic,
         "guides": [
             {
                 "name": guide.name,
                 "contact_stiffness": drive.guide_stiffness(g),
                 "law": drive.guide_contact(g).law,
                 "rebound": contact_rebound(drive.guide_contact(g)),
+                "friction": guide_rubbing(drive, g).dynamic,
             }
             for g, guide in enumerate(drive.guides)
         ],
@@ -195,7 +198,8 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
             for s in values["sprockets"]
         ],
     )
-    teeth = f"teeth: {values['law']}, a free roller rebounds with {values['rebound']:.3f} of its speed"
+    rubs = f", friction {values['friction']:g}" if values["friction"] else ""
+    teeth = f"teeth: {values['law']}, a free roller rebounds with {values['rebound']:.3f} of its speed{rubs}"
     return ["", *table, "", teeth]
 
 
@@ -234,11 +238,14 @@ def _millimeters(place: list[float]) -> list[float]:
 def _guide_lines(values: dict[str, Any]) -> list[str]:
     if not values["guides"]:
         return []
-    table = _table(
-        ("guide-bar", "contact stiffness", "law", "rebound"),
-        [(g["name"], f"{g['contact_stiffness']:.4g} N/m^n", g["law"], f"{g['rebound']:.3f}") for g in values["guides"]],
-    )
-    return ["", *table]
+    head: tuple[str, ...] = ("guide-bar", "contact stiffness", "law", "rebound")
+    rows: list[tuple[str, ...]] = [
+        (g["name"], f"{g['contact_stiffness']:.4g} N/m^n", g["law"], f"{g['rebound']:.3f}") for g in values["guides"]
+    ]
+    if any(g["friction"] for g in values["guides"]):
+        head = (*head, "friction")
+        rows = [(*row, f"{g['friction']:g}") for row, g in zip(rows, values["guides"], strict=True)]
+    return ["", *_table(head, rows)]
 
 
 def _mount_lines(values: dict[str, Any]) -> list[str]:

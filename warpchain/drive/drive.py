@@ -31,7 +31,7 @@ from warpchain.drive.part import (
 )
 from warpchain.drive.parts import Chain, Guide, RunSettings, Sprocket
 from warpchain.drive.paths import changed, lookup, settable
-from warpchain.drive.rules import guide_rules, shaft_rules, size_rules, sprocket_rules
+from warpchain.drive.rules import guide_rules, rolling_rules, shaft_rules, size_rules, sprocket_rules
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.table import with_files
 from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
@@ -191,6 +191,7 @@ class Drive(Part):
         yield from sprocket_rules(node)
         yield from shaft_rules(node)
         yield from guide_rules(node)
+        yield from rolling_rules(node)
         yield from size_rules(node)
 
     @model_validator(mode="wrap")

@@ -63,6 +63,18 @@ def guide_rules(drive: Any) -> Iterator[Problem]:
                     yield problem.under("guides", i, "contact")
 
 
+def rolling_rules(drive: Any) -> Iterator[Problem]:
+    """What rolls on a guide-bar passes on the friction of its bush, which the chain must have."""
+    if get(drive, "chain") is None or get(get(drive, "chain"), "joint") is not None:
+        return
+    text = "must be false without chain.joint, whose friction rolling rollers pass on"
+    places: list[tuple[tuple[str | int, ...], Any]] = [(("contact", "guide"), get(get(drive, "contact"), "guide"))]
+    places += [(("guides", i, "contact"), get(guide, "contact")) for i, guide in enumerate(elements(drive, "guides"))]
+    for keys, contact in places:
+        if get(contact, "rolling") is True:
+            yield Problem((*keys, "rolling"), True, text)
+
+
 def size_rules(drive: Any) -> Iterator[Problem]:
     """Rules that hold the contacts against the chain's size."""
     chain = valid(Chain, get(drive, "chain"))
