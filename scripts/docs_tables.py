@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from warpchain.results.channels import CHANNELS, OF_SPROCKETS, Channel
-from warpchain.results.columns import BALANCE, DESIGN, MEASURED, RECORDED, RUN, SETTLING, Group
+from warpchain.results.columns import BALANCE, DESIGN, JOINTS, MEASURED, RECORDED, RUN, SETTLING, Group
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 OF = {"chain": "", "strand": "STRAND.", "sprocket": "SPROCKET.", "partner": "PART."}
@@ -54,8 +54,8 @@ def tables() -> dict[str, str]:
     return {
         "channels": channels(),
         "run": metrics((RUN, SETTLING)),
-        "measured": metrics(group for groups in MEASURED for group in groups),
-        "balance": metrics((BALANCE,)),
+        "measured": metrics(group for groups in MEASURED for group in groups if group is not JOINTS),
+        "balance": metrics((BALANCE, JOINTS)),
         "design": metrics(group for groups in DESIGN for group in groups),
         "recorded": metrics(RECORDED),
     }

@@ -21,6 +21,7 @@ class BlockKind:
         measuring: metrics are taken.
         rk4: the classical Runge-Kutta scheme instead of leapfrog.
         bending: the joints rub.
+        uneven: links differ, or have play.
     """
 
     Real: type
@@ -32,6 +33,7 @@ class BlockKind:
     measuring: bool = False
     rk4: bool = False
     bending: bool = False
+    uneven: bool = False
 
     @property
     def slots(self) -> int:

@@ -114,6 +114,7 @@ def kind_of(packed, shape):
         measuring=True,
         rk4=bool(packed.drives["integrator"].any()),
         bending=bool(packed.joints["rubs"].any()),
+        uneven=bool(packed.links["uneven"].any()),
     )
 
 
@@ -133,6 +134,12 @@ STRIBECK = {"chain.joint": {"friction": 0.08, "static_friction": 0.12, "stribeck
 def rubbing():
     first, second = marine()
     return [first.with_values(RUBBING), second.with_values(STRIBECK)]
+
+
+def uneven():
+    first, second = marine()
+    outer = {"elongation": 1e-3, "stiffness": 1.2e9, "damping": 2e4}
+    return [first.with_values(RUBBING | {"chain.play": 2e-5}), second.with_values({"chain.outer": outer})]
 
 
 def rubbing_rk4():
@@ -167,6 +174,7 @@ def run_blocks(packed, shape, blocks, order, frames):
         rk4_on_guide_bar,
         rubbing,
         rubbing_rk4,
+        uneven,
     ],
 )
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):

@@ -57,7 +57,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     """
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
-    preload = max(0.0, drive.chain.stiffness * path.pitch * assembly.strain)
+    preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
     speed = driver.prescribed.top_speed
@@ -72,6 +72,16 @@ def derive(drive: Drive) -> dict[str, Any]:
         "breaking_load": drive.chain.breaking_load,
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
+        "joint": None if drive.chain.joint is None else drive.chain.joint.model_dump(),
+        "pin_radius": drive.chain.pin_radius,
+        "outer": {
+            "elongation": drive.chain.outer_pitch / drive.chain.pitch - 1.0,
+            "stiffness": drive.chain.outer_stiffness,
+            "damping": drive.chain.outer_damping,
+        }
+        if drive.chain.outer is not None
+        else None,
+        "play": drive.chain.play,
         "chain_speed": speed * drive.pitch_radius(drive.driver),
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
@@ -155,6 +165,23 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     return lines
 
 
+def _joint_lines(values: dict[str, Any]) -> list[str]:
+    """What is set of joints, outer links and play."""
+    lines = []
+    if values["joint"] is not None:
+        joint = values["joint"]
+        at_rest = "" if joint["static_friction"] is None else f", {joint['static_friction']:g} at rest"
+        pin = f"pins of {1e3 * values['pin_radius']:.4g} mm radius, factor {joint['factor']:.4g}"
+        lines.append(f"joints: friction {joint['friction']:g}{at_rest}, {pin}")
+    if values["outer"] is not None:
+        outer = values["outer"]
+        stretched = f"{100.0 * outer['elongation']:.3g} % longer than the pitch"
+        lines.append(f"outer links: {stretched}, {outer['stiffness']:.4g} N/m, {outer['damping']:.4g} N s/m")
+    if values["play"] > 0.0:
+        lines.append(f"play: {1e3 * values['play']:.4g} mm a link")
+    return lines
+
+
 def _sprocket_lines(values: dict[str, Any]) -> list[str]:
     table = _table(
         ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", "seat angle", "contact stiffness"),
@@ -231,6 +258,7 @@ def report(values: dict[str, Any]) -> str:
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
         f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
         *_size_lines(values),
+        *_joint_lines(values),
         f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N",
         *_sprocket_lines(values),
         *_strand_lines(values),

@@ -31,6 +31,7 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("guides", packed.guides, kinds.Guide),
         ("seats", packed.seats, wp.vec2d),
         ("joints", packed.joints, kinds.Joint),
+        ("links", packed.links, kinds.Links),
     ):
         setattr(ensemble, name, wp.array(values, dtype=dtype, device=device, copy=True))
     ensemble.curves.harmonics = wp.array(packed.harmonics, dtype=wp.vec3d, device=device, copy=True)

@@ -123,6 +123,7 @@ class Bucket:
     moving: bool
     rk4: bool
     bending: bool
+    uneven: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
 
@@ -151,6 +152,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         measuring=name == "measure",
         rk4=steps and bucket.rk4,
         bending=steps and bucket.bending,
+        uneven=bucket.uneven,
     )
 
 
@@ -197,18 +199,17 @@ class GpuEngine:
         drives = self.packed.drives
         moving = np.add.reduceat(self.packed.mounts["active"], drives["first_body"]) > 0
         slots = room_for(drives["rollers"])
-        keys = np.column_stack(
-            [slots, drives["sprockets"], drives["guides"], moving, drives["integrator"], self.packed.joints["rubs"]]
-        )
+        forms = [moving, drives["integrator"], self.packed.joints["rubs"], self.packed.links["uneven"]]
+        keys = np.column_stack([slots, drives["sprockets"], drives["guides"], *forms])
         processors = int(wp.get_device(self.device).sm_count)
         buckets = []
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, moves, rk4, rubs = key
+            slots, sprockets, guides, *kinds = key
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            buckets.append(Bucket(shape, sprockets, guides, bool(moves), bool(rk4), bool(rubs), order, array))
+            buckets.append(Bucket(shape, sprockets, guides, *map(bool, kinds), order, array))
         return buckets
 
     def _kernel(self, name: str, bucket: Bucket) -> Any:
