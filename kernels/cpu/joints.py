@@ -90,7 +90,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
 
     @wp.func
     def rub_evenly(w: wp.array[Real], n: int, joint: kinds.Joint):
-        """The moment of joint i + 1 for every i, of one coefficient at all speeds: a loop of its own, which vectorizes."""
+        """The moment of every joint, of one coefficient at all speeds: a loop of its own, which vectorizes."""
         mu = joint.law.mu_dynamic
         i = int(0)
         while i < n:

@@ -4,8 +4,8 @@ With d = r_{i+1} - r_i, L = |d|, u = d / L and w = v_{i+1} - v_i (Pedersen et al
 
     T = k (L - p) + c L',    L' = w . u,    F = T u   on roller i, -F on roller i + 1.
 
-p is the link's own unloaded length: the pitch, or more where it is worn. Outer and inner links alternate and may differ;
-with a play s the spring acts on what goes beyond it, k (L - p - s) above p + s, k (L - p + s) below p - s, not between.
+p is the link's own unloaded length: the pitch, or more where it is worn. Outer and inner links alternate and may
+differ; with a play s the spring acts on what goes beyond it, k (L - p - s) above p + s, k (L - p + s) below p - s.
 """
 
 from typing import Any

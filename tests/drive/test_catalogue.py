@@ -128,4 +128,4 @@ def test_chains_command_lists_every_size(capsys):
     assert [line.split()[0] for line in lines[1 : 1 + len(CHAINS)]] == list(CHAINS)
     row = next(line for line in lines if line.startswith("16B")).split()
     assert [float(row[i]) for i in (1, 2, 3, 4, 6, 8)] == [25.4, 15.88, 17.02, 8.28, 2.71, 60.0]
-    assert math.isclose(float(row[9]), CHAINS["16B"].estimated_stiffness, rel_tol=1e-2)
+    assert math.isclose(float(row[10]), CHAINS["16B"].estimated_stiffness, rel_tol=1e-2)

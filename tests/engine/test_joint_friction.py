@@ -14,29 +14,26 @@ def strands(found):
     return sorted((found["driver->driven.tension_mean"], found["driven->driver.tension_mean"]), reverse=True)
 
 
-def drive(joint, teeth=(20, 20), speed=10.0, **values):
-    """Two sprockets, quiet: seats that hug the rollers, soft contacts and damped links."""
+def drive(joint, teeth=40, links=80, speed=1.0, duration=3.0, **values):
+    """Two sprockets that turn quietly: seats that hug the rollers, taut strands, links well damped."""
     base = two_sprockets(
-        teeth=20, links=60, span=20.0, speed=speed, torque=300.0, damping=5e3, restitution=0.1, clearance=2e-5,
-        duration=3.0, step=5e-6, viscous=5.0, ramp=0.2, load_ramp=0.2,
+        teeth=teeth, links=links, span=20.0, speed=speed, torque=300.0, damping=2e3, restitution=0.1, clearance=2e-5,
+        duration=duration, step=5e-6, viscous=5.0, ramp=0.2, load_ramp=0.2,
     )  # fmt: skip
-    return base.with_values({"chain.joint": joint, "sprockets.driven.center": [1.0004, 0.0], **values})
+    return base.with_values({"chain.joint": joint, "sprockets.driven.center": [1.0006, 0.0], **values})
 
 
 def test_a_drive_loses_by_its_joints_what_statics_says():
-    # every joint turns by 2 pi / z on and off each sprocket, under the tension of the strand there:
-    # E = 2 pi kappa mu r (1/z1 + 1/z2) (T_t + T_s) for each link that passes, z_1 p (T_t - T_s) being put in a turn
+    # every joint turns by 2 pi / z on and off each sprocket, under the tension of the strand there: for each link that
+    # passes 2 pi kappa mu r (1/z1 + 1/z2) (T_t + T_s), of the p (T_t - T_s) that is put in
     found = row(drive(JOINT))
     tight, slack = strands(found)
-    passed = found["driver.speed_mean"] * (found["window_end"] - found["window_start"]) * 20 / (2 * math.pi)
-    per_link = 2 * math.pi * WORN_IN * 0.1 * 0.0075 * (1 / 20 + 1 / 20) * (tight + slack)
-    # the joint turns while its link's tension changes on to the next roller, and chatters in the strand: 3 %
-    assert found["joints.friction"] == pytest.approx(per_link * passed, rel=0.03)
-    factor = 2 * math.pi * WORN_IN * 0.1 * (0.0075 / 0.05) * (1 / 20 + 1 / 20)
+    factor = 2 * math.pi * WORN_IN * 0.1 * (0.0075 / 0.05) * (1 / 40 + 1 / 40)
     loss = factor * (tight + slack) / (tight - slack)
+    # strands vibrate by the teeth they pass, which turns joints to and fro: 12 % more at 5 rad/s, 1 to 2 % at this 1
     assert found["joints.friction"] / found["input_work"] == pytest.approx(loss, rel=0.03)
     assert found["efficiency"] == pytest.approx(found["output_work"] / found["input_work"], rel=1e-15)
-    assert abs(found["energy_residual_relative"]) < 1e-4
+    assert abs(found["energy_residual_relative"]) < 1e-5  # leapfrog's
 
 
 def test_the_pin_term_of_spicer():
@@ -46,17 +43,19 @@ def test_the_pin_term_of_spicer():
     assert power == pytest.approx(1.87567, rel=1e-5)
     radius = 12.7e-3 / (2 * math.sin(math.pi / 24))
     values = {
-        "chain.pitch": 12.7e-3, "chain.links": 114, "chain.roller_mass": 3.8e-3, "chain.stiffness": 1e6,
+        "chain.pitch": 12.7e-3, "chain.links": 114, "chain.roller_mass": 3.8e-3, "chain.stiffness": 4e6,
         "chain.damping": 6.0, "chain.roller_radius": 3.9e-3, "sprockets.driver.teeth": 48, "sprockets.driven.teeth": 24,
-        "sprockets.driver.prescribed.speed": speed, "sprockets.driven.inertia": 2e-3,
-        "sprockets.driven.load.torque": 295.0 * radius, "sprockets.driven.load.viscous": 5.0 * radius / (2 * speed),
-        "sprockets.driven.center": [0.4933, 0.0], "contact.sprocket.stiffness": 2e6, "contact.sprocket.seat_angle": 130.0,
-        "contact.sprocket.clearance": 1e-5, "run.step": "auto", "run.duration": 1.5,
+        "sprockets.driver.prescribed.speed": speed,
+        "sprockets.driven.load.torque": 295.0 * radius, "sprockets.driven.inertia": 2e-2,
+        "sprockets.driven.load.viscous": 5.0 * radius / (2 * speed), "sprockets.driven.center": [0.4945, 0.0],
+        "contact.sprocket.stiffness": 2e6, "contact.sprocket.seat_angle": 130.0, "contact.sprocket.clearance": 1e-5,
+        "contact.sprocket.restitution": 0.5, "run.step": 8e-7, "run.duration": 1.0,
     }  # fmt: skip
     joint = {"friction": 0.09, "pin_radius": 1.75968e-3, "factor": NEW}
-    found = row(drive(joint, **values))
+    found = row(drive(joint, teeth=20, links=60, **values))
     tight, slack = strands(found)
     own = found["joints.friction"] / (found["window_end"] - found["window_start"])
+    # (M needs |g| = M h / (0.375 m p^2 / 6), 1.6 rad/s of 8 and 17 here, to act in full: hence the short step)
     # the formula has the tight strand only; with the drive's own tensions it is linear in their sum
     assert own == pytest.approx(power * (tight + slack) / 300.0, rel=0.03)
 

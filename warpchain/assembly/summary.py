@@ -49,6 +49,24 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     return [tension + offset + drive.chain.mass / drive.chain.pitch * chain_speed**2 for tension in rise]
 
 
+def _links_and_joints(drive: Drive) -> dict[str, Any]:
+    """What is set of joints, outer links and play; nothing of what is not."""
+    chain = drive.chain
+    found: dict[str, Any] = {}
+    if chain.joint is not None:
+        found["joint"] = chain.joint.model_dump() | {"pin_radius": chain.pin_radius}
+    if chain.outer is not None:
+        elongation = chain.outer_pitch / chain.pitch - 1.0
+        found["outer"] = {
+            "elongation": elongation,
+            "stiffness": chain.outer_stiffness,
+            "damping": chain.outer_damping,
+        }
+    if chain.link_play > 0.0:
+        found["play"] = chain.link_play
+    return found
+
+
 def derive(drive: Drive) -> dict[str, Any]:
     """All derived quantities by name, in SI units; lists follow the drive's sprockets, strands and guide-bars.
 
@@ -72,16 +90,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "breaking_load": drive.chain.breaking_load,
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
-        "joint": None if drive.chain.joint is None else drive.chain.joint.model_dump(),
-        "pin_radius": drive.chain.pin_radius,
-        "outer": {
-            "elongation": drive.chain.outer_pitch / drive.chain.pitch - 1.0,
-            "stiffness": drive.chain.outer_stiffness,
-            "damping": drive.chain.outer_damping,
-        }
-        if drive.chain.outer is not None
-        else None,
-        "play": drive.chain.play,
+        **_links_and_joints(drive),
         "chain_speed": speed * drive.pitch_radius(drive.driver),
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
@@ -168,16 +177,16 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
 def _joint_lines(values: dict[str, Any]) -> list[str]:
     """What is set of joints, outer links and play."""
     lines = []
-    if values["joint"] is not None:
+    if "joint" in values:
         joint = values["joint"]
         at_rest = "" if joint["static_friction"] is None else f", {joint['static_friction']:g} at rest"
-        pin = f"pins of {1e3 * values['pin_radius']:.4g} mm radius, factor {joint['factor']:.4g}"
+        pin = f"pins of {1e3 * joint['pin_radius']:.4g} mm radius, factor {joint['factor']:.4g}"
         lines.append(f"joints: friction {joint['friction']:g}{at_rest}, {pin}")
-    if values["outer"] is not None:
+    if "outer" in values:
         outer = values["outer"]
         stretched = f"{100.0 * outer['elongation']:.3g} % longer than the pitch"
         lines.append(f"outer links: {stretched}, {outer['stiffness']:.4g} N/m, {outer['damping']:.4g} N s/m")
-    if values["play"] > 0.0:
+    if "play" in values:
         lines.append(f"play: {1e3 * values['play']:.4g} mm a link")
     return lines
 

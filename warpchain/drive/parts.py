@@ -146,7 +146,7 @@ class Chain(Part):
         worn_links: links with an elongation of their own.
         joint: what rubs in its joints; None is no friction.
         outer: what the outer links, those of even index, have of their own; the rest are then inner links.
-        play: s [m], how far a link can be drawn out, and pushed in, before its spring acts: that of its two joints.
+        play: s [m], how far a link can be drawn out, and pushed in, before its spring acts; None is none.
     """
 
     size: Size | None = None
@@ -162,7 +162,7 @@ class Chain(Part):
     worn_links: Annotated[tuple[WornLink, ...], Allowed("must be a list of tables { link, elongation }")] = ()
     joint: Annotated[Joint | None, Allowed("must be a table { friction, pin_radius }")] = None
     outer: Annotated[OuterLinks | None, Allowed("must be a table { elongation, stiffness, damping }")] = None
-    play: NonNegative = 0.0
+    play: NonNegative | None = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
@@ -187,6 +187,11 @@ class Chain(Part):
             return self.damping
         assert self.damping_ratio is not None  # the chain's own rule
         return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * self.mass)
+
+    @property
+    def link_play(self) -> float:
+        """Play of a link [m]."""
+        return self.play or 0.0
 
     @property
     def outer_pitch(self) -> float:
@@ -215,13 +220,13 @@ class Chain(Part):
     def uneven(self) -> bool:
         """Whether links differ in more than their length, or have play."""
         alike = self.outer_stiffness == self.stiffness and self.outer_damping == self.link_damping
-        return not alike or self.play > 0.0
+        return not alike or self.link_play > 0.0
 
     @property
     def worn_pitch(self) -> float:
         """Mean length at which a pulled link that has no elongation of its own begins to carry tension [m]."""
         inner = self.pitch * (1.0 + self.elongation)
-        return (inner if self.outer_pitch == inner else 0.5 * (inner + self.outer_pitch)) + self.play
+        return (inner if self.outer_pitch == inner else 0.5 * (inner + self.outer_pitch)) + self.link_play
 
     @property
     def link_lengths(self) -> NDArray[np.float64]:
@@ -238,7 +243,7 @@ class Chain(Part):
     @property
     def pulled_lengths(self) -> NDArray[np.float64]:
         """(N,) lengths at which pulled links begin to carry tension [m]: unloaded, and drawn out by the play."""
-        return self.link_lengths + self.play
+        return self.link_lengths + self.link_play
 
     @property
     def rubs(self) -> bool:

@@ -226,5 +226,5 @@ def fill_links(row: Any, drive: Drive) -> None:
     """Fills the chain's `kernels.structs.Links`; it stays zero where links are all the same spring."""
     chain = drive.chain
     if chain.uneven:
-        row["uneven"], row["play"] = 1, chain.play
+        row["uneven"], row["play"] = 1, chain.link_play
         row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping
