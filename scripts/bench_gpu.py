@@ -4,7 +4,8 @@
 
 `table`: the time loop bare and with metrics, by precision and number of variants, two drives, each beside
 chain_reference.cu in the same run. `joints`: with joint friction beside without.
-`recording`: whole runs without records, with 16 variants in full, and with metrics over the whole run. `rollers`: by length of chain. `gpus`: on one GPU and on all. `headline`: 10,000 variants of the
+`recording`: whole runs without records, with 16 variants in full, and with metrics over the whole run.
+`rollers`: by length of chain. `gpus`: on one GPU and on all. `headline`: 10,000 variants of the
 marine drive, two simulated seconds each, metrics for all. Without names: all of them. Each case is run several times
 and the best counts; compilation is timed apart. Without nvcc the reference is left out, with a message.
 """
