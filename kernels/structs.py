@@ -224,6 +224,15 @@ def types(Real: type) -> SimpleNamespace:
         gravity: vec2  # [m/s^2]
 
     @wp.struct
+    class Links:
+        """Where the links of one chain are not all the same linear spring: outer ones have an even index."""
+
+        uneven: wp.int32  # 1: outer links differ in stiffness or damping, or there is play
+        outer_stiffness: Real  # k of outer links [N/m]; the chain's is that of inner ones
+        outer_damping: Real  # c of outer links [N s/m]
+        play: Real  # s of a link, its two joints' [m]
+
+    @wp.struct
     class Sprocket:
         """The teeth of one sprocket and their contact law, eq. (5)-(8)."""
 
@@ -278,6 +287,7 @@ def types(Real: type) -> SimpleNamespace:
         tooth_sliding: wp.array[Sliding]  # (all sprockets,)
         guide_sliding: wp.array[Sliding]  # (all guide-bars,)
         joints: wp.array[Joint]  # (variants,)
+        links: wp.array[Links]  # (variants,)
 
     @wp.struct
     class Extra:
@@ -332,6 +342,7 @@ def types(Real: type) -> SimpleNamespace:
         sliding: wp.array[Sliding]  # (S + G,), of kernels with friction there
         chain: wp.array[Chain]  # (1,)
         joint: wp.array[Joint]  # (1,)
+        links: wp.array[Links]  # (1,)
         parts: wp.array[wp.float64]  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
         motions: wp.array[Motion]  # (S,)
         course: wp.array[wp.float64]  # (S, steps, 2): angle, speed of prescribed sprockets (`exchange.COURSE`)
@@ -349,6 +360,7 @@ def types(Real: type) -> SimpleNamespace:
         Friction=Friction,
         Sliding=Sliding,
         Joint=Joint,
+        Links=Links,
         Chain=Chain,
         Sprocket=Sprocket,
         Band=Band,

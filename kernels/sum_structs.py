@@ -134,7 +134,9 @@ class LinkTally:
 
 @wp.struct
 class RollerTally:
-    """What one link and one roller's joint friction dissipated, and the energy of one roller, its link and its contacts at the window's two ends."""
+    """What one link, and joint friction on one roller, dissipated, and the energy of the roller, its link and its contacts
+    at the window's two ends.
+    """
 
     dissipated: wp.float64  # [J]
     friction: wp.float64  # [J]

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from warpchain.results.channels import CHANNELS, OF_SPROCKETS, Channel
-from warpchain.results.columns import BALANCE, DESIGN, ENGAGED, MEASURED, RECORDED, RUN, SETTLING, STEADY, Group
+from warpchain.results.columns import BALANCE, DESIGN, ENGAGED, JOINTS, MEASURED, RECORDED, RUN, SETTLING, STEADY, Group
 from warpchain.results.judgement import RULES, Limits
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -73,9 +73,9 @@ def tables() -> dict[str, str]:
         "channels": channels(),
         "run": metrics((RUN, SETTLING, ENGAGED)),
         "limits": limits(),
-        "measured": metrics(group for groups in MEASURED for group in groups),
+        "measured": metrics(group for groups in MEASURED for group in groups if group is not JOINTS),
         "steady": metrics((STEADY,)),
-        "balance": metrics((BALANCE,)),
+        "balance": metrics((BALANCE, JOINTS)),
         "design": metrics(group for groups in DESIGN for group in groups),
         "recorded": metrics(RECORDED),
     }

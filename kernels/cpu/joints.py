@@ -1,4 +1,4 @@
-"""The CPU kernel's passes for chains whose joints rub: link forces with them, and what friction dissipates.
+"""The CPU kernel's passes for chains whose joints rub or whose links differ, and what friction dissipates.
 
 Plain loops over rows, as in `rollers`: joint n is joint 0 again, link i's values of two components stand at i + 1.
 """
@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from ..physics.joint import couple_force, joint_moment, rubbing_moment, turning
-from ..physics.link import link_force
+from ..physics.link import link_chain, link_force, played_force
 from ..rows import accessors
 from ..structs import types
 from .rollers import passes, rows
@@ -20,9 +20,9 @@ class JointPasses:
     """The passes over the joints of one variant."""
 
     pull_links: wp.Function
+    pull_uneven: wp.Function
     rub_joints: wp.Function
     bend_links: wp.Function
-    bending_pass: wp.Function
     friction_power: wp.Function
 
 
@@ -40,6 +40,26 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
     FX, FY, SPROCKET_FORCE, GUIDE_FORCE = at.fx, at.fy, at.sprocket_force, at.guide_force
 
     @wp.func
+    def store_link(w: wp.array[Real], i: int, tension: Real, rate: Real, u: vec2):
+        """Link i's tension and force; contact forces start at zero."""
+        store_row(w, TENSION + i, tension)
+        store_row(w, RATE + i, rate)
+        store_row(w, LINK_X + i + 1, tension * u[0])
+        store_row(w, LINK_Y + i + 1, tension * u[1])
+        store_row(w, FX + i, Real(0.0))
+        store_row(w, FY + i, Real(0.0))
+        store_row(w, SPROCKET_FORCE + i, Real(0.0))
+        store_row(w, GUIDE_FORCE + i, Real(0.0))
+
+    @wp.func
+    def store_turning(w: wp.array[Real], i: int, d: vec2, v: vec2):
+        """How link i turns."""
+        lever, turn = turning(d, v)
+        store_row(w, TURN + i, turn)
+        store_row(w, BEND_X + i + 1, lever[0])
+        store_row(w, BEND_Y + i + 1, lever[1])
+
+    @wp.func
     def pull_links(w: wp.array[Real], n: int, chain: kinds.Chain):
         """Tension and force of every link, and how it turns; contact forces start at zero."""
         close(w, n)
@@ -48,23 +68,29 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
             d = apart(w, i)
             v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
             tension, rate, u = link_force(d, v, load_row(w, LENGTH + i), chain.stiffness, chain.damping)
-            lever, turn = turning(d, v)
-            store_row(w, TENSION + i, tension)
-            store_row(w, RATE + i, rate)
-            store_row(w, TURN + i, turn)
-            store_row(w, LINK_X + i + 1, tension * u[0])
-            store_row(w, LINK_Y + i + 1, tension * u[1])
-            store_row(w, BEND_X + i + 1, lever[0])
-            store_row(w, BEND_Y + i + 1, lever[1])
-            store_row(w, FX + i, Real(0.0))
-            store_row(w, FY + i, Real(0.0))
-            store_row(w, SPROCKET_FORCE + i, Real(0.0))
-            store_row(w, GUIDE_FORCE + i, Real(0.0))
+            store_link(w, i, tension, rate, u)
+            store_turning(w, i, d, v)
             i = i + 1
 
     @wp.func
+    def pull_uneven(w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links):
+        """The same where links differ or have play."""
+        close(w, n)
+        i = int(0)
+        while i < n:
+            d = apart(w, i)
+            v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
+            mine = link_chain(i, chain, links)
+            tension, rate, u = played_force(d, v, load_row(w, LENGTH + i), links.play, mine)
+            store_link(w, i, tension, rate, u)
+            store_turning(w, i, d, v)
+            i = i + 1
+        store_row(w, LINK_X, load_row(w, LINK_X + n))
+        store_row(w, LINK_Y, load_row(w, LINK_Y + n))
+
+    @wp.func
     def rub_evenly(w: wp.array[Real], n: int, joint: kinds.Joint):
-        """The moment of joint i + 1 for every i, of one coefficient at all speeds: a loop of its own, which vectorizes."""
+        """The moment of every joint, of one coefficient at all speeds: a loop of its own, which vectorizes."""
         mu = joint.law.mu_dynamic
         i = int(0)
         while i < n:
@@ -113,13 +139,6 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
             store_row(w, BEND_X + row * wp.static(capacity), load_row(w, BEND_X + row * wp.static(capacity) + n))
 
     @wp.func
-    def bending_pass(w: wp.array[Real], n: int, chain: kinds.Chain, joint: kinds.Joint):
-        """Tension of every link and its force with that of its joints' couple; contact forces start at zero."""
-        pull_links(w, n, chain)
-        rub_joints(w, n, joint)
-        bend_links(w, n)
-
-    @wp.func
     def friction_power(w: wp.array[Real], n: int, chain: kinds.Chain, lag: Real):
         """Power that the joints dissipate [W], at the mean of the velocities before and after a leapfrog kick.
 
@@ -140,8 +159,8 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
 
     return JointPasses(
         pull_links=pull_links,
+        pull_uneven=pull_uneven,
         rub_joints=rub_joints,
         bend_links=bend_links,
-        bending_pass=bending_pass,
         friction_power=friction_power,
     )

@@ -88,11 +88,12 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         state: kinds.State,
         drive: Drive,
         chain: kinds.Chain,
+        links: kinds.Links,
         w: wp.array[Real],
         at: Instant,
     ):
         """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
-        total = tally.rollers_energy(w, drive.rollers, chain, Real(at.lag))
+        total = tally.rollers_energy(w, drive.rollers, chain, links, Real(at.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -139,13 +140,14 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         n = drive.rollers
         if at.step % STRAND_EVERY == 0 and at.step > drive.window_start:
             look(ensemble, state, sums, variant, drive, w, at.step)
-        chain_sums = tally.add_links(w, n, chain, sums.chain[variant], at.weight)
+        links = ensemble.links[variant]
+        chain_sums = tally.add_links(w, n, chain, links, sums.chain[variant], at.weight)
         if ensemble.joints[variant].rubs != 0:
             chain_sums.friction += at.weight * friction_power(w, n, chain, Real(at.lag))
         if at.step == drive.window_start:
-            chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, w, at))
+            chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, links, w, at))
         if at.step == drive.window_end:
-            chain_sums = add_energy(chain_sums, False, mechanical_energy(ensemble, state, drive, chain, w, at))
+            chain_sums = add_energy(chain_sums, False, mechanical_energy(ensemble, state, drive, chain, links, w, at))
         sums.chain[variant] = chain_sums
         for p in range(drive.sprockets + drive.guides):
             i = drive.first_sprocket + drive.first_guide + p

@@ -48,6 +48,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         joint = ensemble.joints[variant]
+        links = ensemble.links[variant]
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
@@ -58,7 +59,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
             now = instant_of(drive, step)
             stage = int(0)
             while stage < 4:
-                evaluate(ensemble, state, drive, chain, joint, w, stage)
+                evaluate(ensemble, state, drive, chain, joint, links, w, stage)
                 if stage == 0:
                     if step >= drive.window_start and step <= drive.window_end:
                         observe.measure(ensemble, state, sums, variant, drive, chain, w, now)

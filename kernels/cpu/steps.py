@@ -36,7 +36,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
     kinds = types(Real)
     part = passes(Real, capacity)
     link_pass, sprocket_pass, guide_pass = part.link_pass, part.sprocket_pass, part.guide_pass
-    bending_pass = joint_passes(Real, capacity).bending_pass
+    joints = joint_passes(Real, capacity)
 
     @wp.func
     def evaluate(
@@ -45,15 +45,21 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         drive: Drive,
         chain: kinds.Chain,
         joint: kinds.Joint,
+        links: kinds.Links,
         w: wp.array[Real],
         stage: int,
     ):
         """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`."""
         n = drive.rollers
-        if joint.rubs == 0:
-            link_pass(w, n, chain)
+        if links.uneven != 0:
+            joints.pull_uneven(w, n, chain, links)
+        elif joint.rubs != 0:
+            joints.pull_links(w, n, chain)
         else:
-            bending_pass(w, n, chain, joint)
+            link_pass(w, n, chain)
+        if joint.rubs != 0:
+            joints.rub_joints(w, n, joint)
+            joints.bend_links(w, n)
         for b in range(drive.bodies):
             state.wrenches[drive.first_body + b] = Wrench()
         partner = drive.first_sprocket + drive.first_guide

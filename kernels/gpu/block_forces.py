@@ -324,6 +324,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             shared.chain[0] = ensemble.chains[variant]
             if wp.static(kind.bending):
                 shared.joint[0] = ensemble.joints[variant]
+            if wp.static(kind.uneven):
+                shared.links[0] = ensemble.links[variant]
             for g in range(wp.static(guides)):
                 shared.bars[g] = ensemble.guides[drive.first_guide + g]
                 if wp.static(sliding):

@@ -22,6 +22,7 @@ class BlockKind:
         rk4: the classical Runge-Kutta scheme instead of leapfrog.
         sliding: rollers rub on teeth or guide-bars.
         bending: the joints rub.
+        uneven: links differ, or have play.
     """
 
     Real: type
@@ -34,6 +35,7 @@ class BlockKind:
     rk4: bool = False
     sliding: bool = False
     bending: bool = False
+    uneven: bool = False
 
     @property
     def slots(self) -> int:

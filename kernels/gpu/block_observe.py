@@ -11,6 +11,7 @@ import warp as wp
 
 from ..batches import NOTES
 from ..physics.body import body_energy, held_by
+from ..physics.link import link_chain
 from ..physics.motion import load_moment_at_speed
 from ..physics.roller import roller_energy
 from ..rows import accessors
@@ -96,6 +97,14 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return category
 
     @wp.func
+    def chain_of(ensemble: kinds.Ensemble, variant: int, j: int):
+        """The chain, with the stiffness and damping of its link j."""
+        if wp.static(kind.uneven):
+            return link_chain(j, ensemble.chains[variant], ensemble.links[variant])
+        else:
+            return ensemble.chains[variant]
+
+    @wp.func
     def flush(
         ensemble: kinds.Ensemble,
         tallies: Tallies,
@@ -117,7 +126,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         tally.samples = tally.samples + wp.int64(samples)
         tallies.link[at] = tally
         roller = tallies.roller[drive.first_roller + j]
-        power = wp.float64(ensemble.chains[variant].damping) * wp.float64(load_row(shared.seen, RATE + j))
+        power = wp.float64(chain_of(ensemble, variant, j).damping) * wp.float64(load_row(shared.seen, RATE + j))
         roller.dissipated = roller.dissipated + power
         if wp.static(kind.bending):
             roller.friction = roller.friction + wp.float64(load_row(shared.seen, FRICTION + j))
@@ -147,7 +156,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     ):
         """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
         position = vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
-        held, weight = roller_energy(position, v, extra.tension, extra.rate, ensemble.chains[variant])
+        held, weight = roller_energy(position, v, extra.tension, extra.rate, chain_of(ensemble, variant, j))
         return held - weight + wp.float64(extra.energy)
 
     @wp.func

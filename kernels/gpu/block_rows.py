@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.link import link_force
+from ..physics.link import link_chain, link_force, played_force
 from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
 from ..structs import types
@@ -89,8 +89,13 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it, eq. (2), (3)."""
         chain = shared.chain[0]
         d, v = across(shared, j, n)
-        tension, rate, u = link_force(d, v, length, chain.stiffness, chain.damping)
-        return tension, rate, tension * u
+        if wp.static(kind.uneven):
+            links = shared.links[0]
+            tension, rate, u = played_force(d, v, length, links.play, link_chain(j, chain, links))
+            return tension, rate, tension * u
+        else:
+            tension, rate, u = link_force(d, v, length, chain.stiffness, chain.damping)
+            return tension, rate, tension * u
 
     @wp.func
     def before(j: int, n: int):

@@ -267,6 +267,9 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("joint", 1))
     def joint(like: kinds.Shared) -> wp.array[kinds.Joint]: ...
 
+    @wp.func_native(_shared_snippet("links", 1))
+    def links(like: kinds.Shared) -> wp.array[kinds.Links]: ...
+
     @wp.func_native(_shared_snippet("parts", of.parts))
     def parts(like: kinds.Shared) -> wp.array[wp.float64]: ...
 
@@ -315,6 +318,8 @@ def exchange(kind: BlockKind) -> Exchange:
         shared.chain = chain(shared)
         if wp.static(kind.bending):
             shared.joint = joint(shared)
+        if wp.static(kind.uneven):
+            shared.links = links(shared)
         if wp.static(of.shares_parts):
             shared.parts = parts(shared)
         else:

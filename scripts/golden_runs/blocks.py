@@ -49,6 +49,7 @@ def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
         measuring=measuring,
         rk4=bool(packed.drives["integrator"].any()),
         bending=bool(packed.joints["rubs"].any()),
+        uneven=bool(packed.links["uneven"].any()),
     )
 
 

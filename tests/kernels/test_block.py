@@ -116,6 +116,7 @@ def kind_of(packed, shape):
         rk4=bool(packed.drives["integrator"].any()),
         bending=bool(packed.joints["rubs"].any()),
         sliding=bool(packed.slides.any()),
+        uneven=bool(packed.links["uneven"].any()),
     )
 
 
@@ -154,6 +155,12 @@ def rubbing():
         tight = {"chain.elongation": -2e-4, "sprockets.crankshaft.prescribed.ramp_time": 0.0}
         drives.append(drive.with_values(RUBS | bar | tight))
     return drives
+
+
+def uneven():
+    first, second = marine()
+    outer = {"elongation": 1e-3, "stiffness": 1.2e9, "damping": 2e4}
+    return [first.with_values(BENDING | {"chain.play": 2e-5}), second.with_values({"chain.outer": outer})]
 
 
 def rubbing_rk4():
@@ -196,6 +203,7 @@ def run_blocks(packed, shape, blocks, order, frames):
         bending,
         bending_rk4,
         rubbing_on_moving_sprockets,
+        uneven,
     ],
 )
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):

@@ -115,7 +115,7 @@ def test_the_energy_balance_holds_with_friction(mu, integrator):
 
 
 def test_friction_never_gains_energy_even_where_the_bound_takes_all_joints():
-    # 0.375 of what stops one link's turning, all joints at once, is below what would reverse the stiffest of their modes
+    # 0.375 of what stops one link's turning, at all joints at once, is below what reverses the stiffest of their modes
     *_, sums = tossed(1e6, 2e-5, duration=0.2)
     assert sums["energy_end"] < sums["energy_start"] * 0.6
     assert sums["friction"] == pytest.approx(sums["energy_start"] - sums["energy_end"], rel=1e-2)

@@ -48,6 +48,24 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     return [tension + offset + drive.chain.mass / drive.chain.pitch * chain_speed**2 for tension in rise]
 
 
+def _links_and_joints(drive: Drive) -> dict[str, Any]:
+    """What is set of joints, outer links and play; nothing of what is not."""
+    chain = drive.chain
+    found: dict[str, Any] = {}
+    if chain.joint is not None:
+        found["joint"] = chain.joint.model_dump() | {"pin_radius": chain.pin_radius}
+    if chain.outer is not None:
+        elongation = chain.outer_pitch / chain.pitch - 1.0
+        found["outer"] = {
+            "elongation": elongation,
+            "stiffness": chain.outer_stiffness,
+            "damping": chain.outer_damping,
+        }
+    if chain.link_play > 0.0:
+        found["play"] = chain.link_play
+    return found
+
+
 def derive(drive: Drive) -> dict[str, Any]:
     """All derived quantities by name, in SI units; lists follow the drive's sprockets, strands and guide-bars.
 
@@ -59,7 +77,7 @@ def derive(drive: Drive) -> dict[str, Any]:
     """
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
-    preload = max(0.0, drive.chain.stiffness * path.pitch * assembly.strain)
+    preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
     speed = driver.prescribed.top_speed
@@ -74,6 +92,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "breaking_load": drive.chain.breaking_load,
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
+        **_links_and_joints(drive),
         "chain_speed": speed * drive.pitch_radius(drive.driver),
         "mean_chain_speed": drive.chain.pitch * speed * driver.teeth / math.tau,
         "strain": assembly.strain,
@@ -182,6 +201,23 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     return lines
 
 
+def _joint_lines(values: dict[str, Any]) -> list[str]:
+    """What is set of joints, outer links and play."""
+    lines = []
+    if "joint" in values:
+        joint = values["joint"]
+        at_rest = "" if joint["static_friction"] is None else f", {joint['static_friction']:g} at rest"
+        pin = f"pins of {1e3 * joint['pin_radius']:.4g} mm radius, factor {joint['factor']:.4g}"
+        lines.append(f"joints: friction {joint['friction']:g}{at_rest}, {pin}")
+    if "outer" in values:
+        outer = values["outer"]
+        stretched = f"{100.0 * outer['elongation']:.3g} % longer than the pitch"
+        lines.append(f"outer links: {stretched}, {outer['stiffness']:.4g} N/m, {outer['damping']:.4g} N s/m")
+    if "play" in values:
+        lines.append(f"play: {1e3 * values['play']:.4g} mm a link")
+    return lines
+
+
 def _sprocket_lines(values: dict[str, Any]) -> list[str]:
     table = _table(
         ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", "seat angle", "contact stiffness"),
@@ -278,6 +314,7 @@ def report(values: dict[str, Any]) -> str:
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
         f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
         *_size_lines(values),
+        *_joint_lines(values),
         f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N at assembly, "
         f"{values['standing_preload']:.4g} N once seated",
         *(f"LAYOUT: {finding}" for finding in values["layout"]),

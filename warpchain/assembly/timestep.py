@@ -22,7 +22,8 @@ def highest_frequency(drive: Drive) -> float:
     """omega_max [rad/s]: a roller of the chain's mass on two links and the stiffest contact, (4 k + K_max) / m.
 
     A sprocket of mass M on springs adds (k_b + K z / 2) / M: two coupled parts oscillate no faster than the root of the
-    sum of their squares, and of z teeth all around half can push along one line. With contact dampers
+    sum of their squares, and of z teeth all around half can push along one line. Where outer links differ,
+    2 (k_inner + k_outer) stands in place of 4 k. With contact dampers
     g + sqrt(g^2 + omega_max^2), g = c / (2 m): twice its inverse is where leapfrog becomes unstable.
     """
     contacts: list[tuple[ImpactLaw, float]]
@@ -39,7 +40,8 @@ def highest_frequency(drive: Drive) -> float:
         for s, sprocket in enumerate(drive.sprockets)
         if on_springs(sprocket)
     ]
-    square = (4.0 * drive.chain.stiffness + stiffest) / mass + max(centers, default=0.0)
+    springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
+    square = (springs + stiffest) / mass + max(centers, default=0.0)
     return half_rate + math.sqrt(half_rate**2 + square)
 
 

@@ -155,7 +155,10 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
                 f"{row[f'{name}.mount_force_mean']:.0f} N"
             )
     residual = row["energy_residual_relative"]
-    lines.append(f"energy: in {row['input_work']:.5g} J, out {row['output_work']:.5g} J, residual {residual:+.1e}")
+    works = f"in {row['input_work']:.5g} J, out {row['output_work']:.5g} J"
+    efficiency = "" if row.get("efficiency") is None else f", efficiency {row['efficiency']:.4f}"
+    rubbing = "" if row.get("joints.friction") is None else f", joint friction {row['joints.friction']:.4g} J"
+    lines.append(f"energy: {works}{efficiency}{rubbing}, residual {residual:+.1e}")
     lines.append(f"status: {row['status']}" + (f": {row['reason']}" if row["reason"] else ""))
     return lines
 

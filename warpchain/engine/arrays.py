@@ -34,6 +34,7 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("tooth_sliding", packed.tooth_sliding, kinds.Sliding),
         ("guide_sliding", packed.guide_sliding, kinds.Sliding),
         ("joints", packed.joints, kinds.Joint),
+        ("links", packed.links, kinds.Links),
     ):
         setattr(ensemble, name, wp.array(values, dtype=dtype, device=device, copy=True))
     ensemble.curves.harmonics = wp.array(packed.harmonics, dtype=wp.vec3d, device=device, copy=True)

@@ -265,3 +265,11 @@ def fill_joint(row: Any, drive: Drive) -> None:
     row["stop"] = JOINT_STOP * chain.mass * chain.pitch**2 / (6.0 * pin_radius)
     row["law"]["mu_dynamic"], row["law"]["mu_static"] = chain.joint.friction, chain.joint.static_coefficient
     row["law"]["stribeck_speed"] = chain.joint.stribeck_speed or 1.0
+
+
+def fill_links(row: Any, drive: Drive) -> None:
+    """Fills the chain's `kernels.structs.Links`; it stays zero where links are all the same spring."""
+    chain = drive.chain
+    if chain.uneven:
+        row["uneven"], row["play"] = 1, chain.link_play
+        row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping

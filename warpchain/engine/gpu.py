@@ -124,6 +124,7 @@ class Bucket:
     rk4: bool
     sliding: bool
     bending: bool
+    uneven: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
 
@@ -153,6 +154,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         rk4=steps and bucket.rk4,
         sliding=steps and bucket.sliding,
         bending=steps and bucket.bending,
+        uneven=bucket.uneven,
     )
 
 
@@ -201,17 +203,16 @@ class GpuEngine:
         slots = room_for(drives["rollers"])
         partners = [slots, drives["sprockets"], drives["guides"]]
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
-        keys = np.column_stack([*partners, moving, drives["integrator"], *rubs])
+        keys = np.column_stack([*partners, moving, drives["integrator"], *rubs, self.packed.links["uneven"]])
         processors = int(wp.get_device(self.device).sm_count)
         buckets = []
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, moves, rk4, slides, bends = key
+            slots, sprockets, guides, *kinds = key
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            kind = (bool(moves), bool(rk4), bool(slides), bool(bends))
-            buckets.append(Bucket(shape, sprockets, guides, *kind, order, array))
+            buckets.append(Bucket(shape, sprockets, guides, *map(bool, kinds), order, array))
         return buckets
 
     def _kernel(self, name: str, bucket: Bucket) -> Any:

@@ -21,6 +21,7 @@ from warpchain.engine.fill import (
     fill_drive,
     fill_guide,
     fill_joint,
+    fill_links,
     fill_motion,
     fill_mount,
     fill_sliding,
@@ -40,7 +41,8 @@ def _layout(drive: Drive) -> tuple[Any, ...]:
     """All of a drive that its initial state hangs on: drives alike in this are assembled once."""
     chain = drive.chain
     sprockets = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
-    lengths = (chain.pitch, chain.links, chain.elongation, chain.worn_links, chain.roller_radius)
+    wear = (chain.elongation, chain.worn_links, chain.outer, chain.play)
+    lengths = (chain.pitch, chain.links, *wear, chain.roller_radius)
     return (*lengths, sprockets, drive.contact.sprocket, drive.run.gravity)
 
 
@@ -102,6 +104,7 @@ def _pack_each(
         row = packed.drives[v]
         fill_chain(packed.chains[v], drive)
         fill_joint(packed.joints[v], drive)
+        fill_links(packed.links[v], drive)
         packed.rows(v)[:] = state_rows(assembly.position, assembly.velocity, "float64")
         for s, sprocket in enumerate(drive.sprockets):
             mine, body = row["first_sprocket"] + s, row["first_body"] + s
@@ -132,6 +135,7 @@ def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:
         drives=drives,
         chains=np.zeros(len(drives), dtype=kinds.Chain.numpy_dtype()),
         joints=np.zeros(len(drives), dtype=kinds.Joint.numpy_dtype()),
+        links=np.zeros(len(drives), dtype=kinds.Links.numpy_dtype()),
         lengths=np.zeros(count["roller"]),
         sprockets=zeros(kinds.Sprocket, "sprocket"),
         motions=zeros(structs.Motion, "body"),

@@ -112,6 +112,7 @@ class Packed:
     drives: NDArray[Any]
     chains: NDArray[Any]
     joints: NDArray[Any]
+    links: NDArray[Any]
     lengths: NDArray[np.floating]
     sprockets: NDArray[Any]
     motions: NDArray[Any]
@@ -182,7 +183,7 @@ class Packed:
         arrays: dict[str, Any] = {
             name: _rows(getattr(self, name), places[kind], width) for name, (kind, width) in FIELDS.items()
         }
-        each = {"chains": self.chains[chosen], "joints": self.joints[chosen]}
+        each = {"chains": self.chains[chosen], "joints": self.joints[chosen], "links": self.links[chosen]}
         return replace(self, drives=numbered(drives), assemblies=assemblies, **each, **arrays)
 
     def at_precision(self, precision: str) -> Packed:
@@ -200,6 +201,7 @@ class Packed:
             precision=precision,
             chains=self.chains.astype(kinds.Chain.numpy_dtype()),
             joints=self.joints.astype(kinds.Joint.numpy_dtype()),
+            links=self.links.astype(kinds.Links.numpy_dtype()),
             lengths=self.lengths.astype(precision),
             sprockets=self.sprockets.astype(kinds.Sprocket.numpy_dtype()),
             guides=self.guides.astype(kinds.Guide.numpy_dtype()),

@@ -42,6 +42,7 @@ def elastic(packed: Packed) -> Packed:
     still = replace(
         packed,
         chains=packed.chains.copy(),
+        links=packed.links.copy(),
         sprockets=packed.sprockets.copy(),
         guides=packed.guides.copy(),
         tooth_sliding=np.zeros_like(packed.tooth_sliding),
@@ -50,6 +51,7 @@ def elastic(packed: Packed) -> Packed:
         rollers=packed.rollers.copy(),
     )
     still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
+    still.links["outer_damping"] = SETTLE_DAMPING * np.sqrt(still.links["outer_stiffness"] * still.chains["mass"])
     still.sprockets["law"]["damping"] = 0.0
     still.guides["law"]["damping"] = 0.0
     still.guides["deepest_entry"] = np.inf
