@@ -9,10 +9,10 @@ from functools import cache
 
 import warp as wp
 
+from ..batches import NOTES
 from ..physics.body import body_energy, held_by
 from ..physics.motion import load_moment_at_speed
 from ..physics.roller import roller_energy
-from ..batches import NOTES
 from ..rows import accessors
 from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
 from ..sum_structs import ChainNote, ContactSums, LinkTally, Sums, Tallies

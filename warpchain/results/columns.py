@@ -43,6 +43,7 @@ class Column:
         value: forms it from what its group gives (`Summed`, `Balance` or `Judged`) of one variant or of many at once,
             masked where there is none (`formulas.where`); left out where the number comes from elsewhere.
         kind: float, int or bool.
+        aside: tells how good other metrics are, or more of the same: studies analyze it only where it is named.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Column:
     title: str
     value: Callable[[Any], Values] | None = None
     kind: type = float
+    aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def with_errors(*columns: Column) -> tuple[Column, ...]:
         found.append(column)
         if column.name.endswith("_mean") and column.value:
             title = f"standard error of the {column.title}"
-            found.append(Column(f"{column.name}_se", column.unit, title, error_of(column.value)))
+            found.append(Column(f"{column.name}_se", column.unit, title, error_of(column.value), aside=True))
     return tuple(found)
 
 
@@ -93,7 +95,11 @@ TENSION_MEAN = Column("tension_mean", "N", "mean link tension", mean("tension"))
 TENSION_STD = Column("tension_std", "N", "standard deviation of link tension", deviation("tension"))
 TENSION_QUANTILES = tuple(
     Column(
-        f"tension_{name}", "N", f"tension that {100.0 * share:g} % of links and instants are below", tension_quantile(share)
+        f"tension_{name}",
+        "N",
+        f"tension that {100.0 * share:g} % of links and instants are below",
+        tension_quantile(share),
+        aside=name not in ("q001", "q999"),
     )
     for name, share in QUANTILES.items()
 )
@@ -175,9 +181,9 @@ BALANCE = Group(
 STEADY = Group(
     "chain",
     (
-        Column("tension_drift", "N", "change of the mean tension over the window", lambda drifts: drifts.change),
-        Column("tension_drift_p", "1", "probability of such a change by chance", lambda drifts: drifts.chance),
-        Column("steady", "1", "whether neither tension nor speeds drift", lambda drifts: drifts.steady, kind=bool),
+        Column("tension_drift", "N", "change of the mean tension over the window", lambda of: of.change, aside=True),
+        Column("tension_drift_p", "1", "probability of such a change by chance", lambda of: of.chance, aside=True),
+        Column("steady", "1", "whether neither tension nor speeds drift", lambda of: of.steady, bool, aside=True),
     ),
 )
 PEAK_FACTOR = Column("peak_factor", "1", "largest over mean tension", peak_factor)
