@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -78,14 +79,19 @@ QUANTILES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, "q999": 0.999}
 """Quantiles of link tension by what ends their names: the digits of the share after the point."""
 
 
+@cache
+def error_column(column: Column) -> Column:
+    """The column of the standard error of a mean, one for each mean."""
+    assert column.value is not None
+    title = f"standard error of the {column.title}"
+    return Column(f"{column.name}_se", column.unit, title, error_of(column.value), aside=True)
+
+
 def with_errors(*columns: Column) -> tuple[Column, ...]:
     """Columns of one group of sums, each mean followed by its standard error."""
     found: list[Column] = []
     for column in columns:
-        found.append(column)
-        if column.name.endswith("_mean") and column.value:
-            title = f"standard error of the {column.title}"
-            found.append(Column(f"{column.name}_se", column.unit, title, error_of(column.value), aside=True))
+        found += [column, error_column(column)] if column.name.endswith("_mean") else [column]
     return tuple(found)
 
 
