@@ -1,8 +1,8 @@
 """The window cut into batches of about equal length, at whose ends sums are noted.
 
 With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of
-`STRAND_EVERY` and at least a + k W / BATCHES, before that step is added. The window's end gives the last batch; a window
-of fewer than BATCHES * STRAND_EVERY steps has no batches.
+`STRAND_EVERY` and at least a + k W / BATCHES, before that step is added. The window's end gives the last batch; a
+window of fewer than BATCHES * STRAND_EVERY steps has no batches.
 """
 
 import warp as wp

@@ -63,16 +63,12 @@ def table_of(chosen: list[int]) -> pa.Table:
 
     def stacked(numbers: np.ndarray) -> dict[str, np.ndarray]:
         each = [sums_of(mine[n], chosen[n]) for n in numbers]
-        stacked = {
-            name: np.stack([sums[name] for sums in each]) for name in (*STRUCTS, "tension", "edges", "durations")
-        }
-        batches = {
-            name: {
-                field: np.stack([sums[f"{name}_batches"][field] for sums in each])
-                for field in each[0][f"{name}_batches"]
-            }
-            for name in BATCHED
-        }
+        names = (*STRUCTS, "tension", "edges", "durations")
+        stacked = {name: np.stack([sums[name] for sums in each]) for name in names}
+        batches = {}
+        for name in BATCHED:
+            mine_ = [sums[f"{name}_batches"] for sums in each]
+            batches[name] = {field: np.stack([rows[field] for rows in mine_]) for field in mine_[0]}
         tension = stacked.pop("tension"), stacked.pop("edges")
         return {**stacked, "batches": (batches, stacked.pop("durations")), "tension": tension}
 

@@ -51,9 +51,13 @@ def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
 def split_batches(
     sums: Mapping[str, Any], variants: NDArray[np.integer], sprocket: NDArray[np.integer]
 ) -> dict[str, Rows]:
-    """Batches of V variants with S sprockets each: "chain" (V, batches), "strand", "sprocket", "mount" (V, S, batches)."""
+    """Batches of V variants with S sprockets each: "chain" (V, batches), "strand", "sprocket", "mount" (V, S, batches).
+
+    Args:
+        sums: of the whole ensemble, by name.
+        variants: (V,) their numbers.
+        sprocket: (V, S) the numbers of their sprockets.
+    """
     places = {"chain": variants, "strand": sprocket, "sprocket": sprocket, "mount": sprocket}
-    return {
-        name: batch_sums(sums[f"{name}_notes"].reshape(-1, int(NOTES))[at], sums[name][at])
-        for name, at in places.items()
-    }
+    notes = {name: sums[f"{name}_notes"].reshape(-1, int(NOTES)) for name in places}
+    return {name: batch_sums(notes[name][at], sums[name][at]) for name, at in places.items()}

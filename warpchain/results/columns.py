@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ class Column:
         value: forms it from what its group gives (`Summed`, `Balance` or `Judged`) of one variant or of many at once,
             masked where there is none (`formulas.where`); left out where the number comes from elsewhere.
         kind: float, int, bool or str.
+        aside: tells how good other metrics are, or more of the same: studies analyze it only where it is named.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Column:
     title: str
     value: Callable[[Any], Values] | None = None
     kind: type = float
+    aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -84,14 +87,19 @@ QUANTILES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, "q999": 0.999}
 """Quantiles of link tension by what ends their names: the digits of the share after the point."""
 
 
+@cache
+def error_column(column: Column) -> Column:
+    """The column of the standard error of a mean, one for each mean."""
+    assert column.value is not None
+    title = f"standard error of the {column.title}"
+    return Column(f"{column.name}_se", column.unit, title, error_of(column.value), aside=True)
+
+
 def with_errors(*columns: Column) -> tuple[Column, ...]:
     """Columns of one group of sums, each mean followed by its standard error."""
     found: list[Column] = []
     for column in columns:
-        found.append(column)
-        if column.name.endswith("_mean") and column.value:
-            title = f"standard error of the {column.title}"
-            found.append(Column(f"{column.name}_se", column.unit, title, error_of(column.value)))
+        found += [column, error_column(column)] if column.name.endswith("_mean") else [column]
     return tuple(found)
 
 
@@ -105,6 +113,7 @@ TENSION_QUANTILES = tuple(
         "N",
         f"tension that {100.0 * share:g} % of links and instants are below",
         tension_quantile(share),
+        aside=name not in ("q001", "q999"),
     )
     for name, share in QUANTILES.items()
 )
@@ -216,9 +225,9 @@ BALANCE = Group(
 STEADY = Group(
     "chain",
     (
-        Column("tension_drift", "N", "change of the mean tension over the window", lambda drifts: drifts.change),
-        Column("tension_drift_p", "1", "probability of such a change by chance", lambda drifts: drifts.chance),
-        Column("steady", "1", "whether neither tension nor speeds drift", lambda drifts: drifts.steady, kind=bool),
+        Column("tension_drift", "N", "change of the mean tension over the window", lambda of: of.change, aside=True),
+        Column("tension_drift_p", "1", "probability of such a change by chance", lambda of: of.chance, aside=True),
+        Column("steady", "1", "whether neither tension nor speeds drift", lambda of: of.steady, bool, aside=True),
     ),
 )
 PEAK_FACTOR = Column("peak_factor", "1", "largest over mean tension", peak_factor)

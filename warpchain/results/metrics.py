@@ -122,7 +122,7 @@ def _batches(sums: Mapping[str, Any], group: Group, index: int, links: NDArray[n
         return None
     rows = noted[group.source]
     mine = rows if group.of == "chain" else {name: values[:, index] for name, values in rows.items()}
-    return Summed(mine, group.weight(mine, durations, links[:, None]))
+    return Summed(mine, np.where(np.isfinite(durations), group.weight(mine, durations, links[:, None]), np.nan))
 
 
 def _tensions(sums: Mapping[str, Any], group: Group, index: int) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
@@ -138,7 +138,7 @@ def drifts_of(ended: Ended, sums: Mapping[str, Any]) -> Drifts:
     noted, durations = sums["batches"]
     links = np.array([drive.chain.links for drive in ended.drives])[:, None]
     weight = noted["chain"]["samples"] * links
-    tension = np.where(weight > 0, noted["chain"]["tension"] / weight, np.nan)
+    tension = np.where(np.isfinite(durations), noted["chain"]["tension"] / weight, np.nan)
     return Drifts(tension, list(np.moveaxis(noted["sprocket"]["speed"] / durations[:, None], 1, 0)))
 
 

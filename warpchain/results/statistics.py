@@ -1,7 +1,7 @@
 """Statistics of chaotic motion: quantiles from counts, the standard error of a mean, and whether a mean drifts.
 
-With B batches of about equal length, x_k their means and X_j = sum x_k exp(-2 pi i j k / B), the variance of the mean is
-the spectrum at no frequency, for which its lowest ordinates stand (Heidelberger and Welch 1981):
+With B batches of about equal length, x_k their means and X_j = sum x_k exp(-2 pi i j k / B), the variance of the mean
+is the spectrum at no frequency, for which its lowest ordinates stand (Heidelberger and Welch 1981):
 
     standard error^2 = (|X_1|^2 + ... + |X_4|^2) / (4 B^2)                                                    (a)
 
@@ -94,6 +94,9 @@ def drift(means: Array) -> tuple[Array, Array]:
 
 
 def steady(means: Array) -> NDArray[np.bool_]:
-    """Whether means of batches along the last axis do not drift: not by more than `LARGE` of their mean, or by chance."""
+    """Whether means of batches along the last axis do not drift: not by more than `LARGE` of their mean, or by chance.
+
+    Not steady where they are not numbers.
+    """
     change, chance = drift(means)
     return (chance >= SIGNIFICANT) | (np.abs(change) <= LARGE * np.abs(means.mean(axis=-1)))

@@ -171,12 +171,15 @@ def read_results(
     Args:
         source: a pyarrow table, or the path of a Parquet or CSV file.
         factors: the columns that were varied; None takes those whose field says role = "factor".
-        metrics: the columns that were measured; None takes every other numeric column.
+        metrics: the columns that were measured; None takes every other numeric column, but for those of metrics that
+            tell how good others are (`results.columns.Column.aside`).
 
     Raises:
         StudyError: a table that cannot be read, a column that it lacks, or factors that nothing tells.
     """
     import pyarrow as pa
+
+    from warpchain.results.columns import column_of
 
     table = source if isinstance(source, pa.Table) else read_table(Path(source))
     chosen = tuple(factors) if factors is not None else _with_role(table, b"factor")
@@ -189,7 +192,8 @@ def read_results(
         measured = tuple(metrics)
     else:
         names = noted or table.column_names
-        measured = tuple(n for n in names if n not in chosen and n not in BOOKKEEPING and _is_numeric(table, n))
+        named = (n for n in names if n not in chosen and n not in BOOKKEEPING and _is_numeric(table, n))
+        measured = tuple(name for name in named if not ((of := column_of(name)) and of.aside))
     for kind, names in (("factors", chosen), ("metrics", measured)):
         for name in names:
             if name not in table.column_names:
