@@ -103,9 +103,9 @@ def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
             share = begin + (end - begin) * ends[0] / (ends[0] - ends[1])
             x, y = sx + share * (ex - sx), sy + share * (ey - sy)
             lines.append(
-                f"{_named(drive, guide, 'cuts through', k)} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m in front of "
-                f"it at one place and {-min(ends):.4g} m behind it at another: turn the bar along the strand, or shorten it "
-                "(start, end)"
+                f"{_named(drive, guide, 'cuts through', k)} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m in front "
+                f"of it at one place and {-min(ends):.4g} m behind it at another: turn the bar along the strand, or "
+                "shorten it (start, end)"
             )
         elif (apart := max(sum(ends), -BEHIND * sum(ends))) < nearest:
             nearest = apart
