@@ -9,6 +9,7 @@ from drives import two_sprockets
 
 from warpchain import Limits
 from warpchain.errors import DriveError
+from warpchain.results.formulas import Balance
 from warpchain.results.judgement import RULES, UNMEASURED, common_reasons, judge, told
 
 SIZED = two_sprockets().with_values({"chain.size": "32B", "chain.stiffness": 5e7})  # breaking load 250 kN
@@ -114,6 +115,14 @@ def test_one_line_names_variants_counts_and_the_first_of_like_reasons():
         ("suspect", "x 1", 2),
         ("suspect", "y", 1),
     ]
+
+
+def test_a_residual_is_held_against_a_thousandth_of_what_is_stored_where_hardly_any_energy_is_turned_over():
+    """1e-9 J missing of 1e-8 J turned over, with 1 kJ stored, is round-off: 1e-9 / (1e-3 1e3); of 10 J it stays."""
+    still = Balance(input=1e-8, output=9e-9, links=0.0, dissipated=0.0, change=0.0, stored=1e3)
+    assert still.relative == pytest.approx(1e-9, rel=1e-6)
+    busy = Balance(input=10.0, output=9.0, links=0.0, dissipated=0.0, change=0.0, stored=1e3)
+    assert busy.relative == pytest.approx(1.0 / 9.5)
 
 
 def test_ten_thousand_variants_are_judged_in_little_time():

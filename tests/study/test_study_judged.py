@@ -5,9 +5,10 @@ import pyarrow as pa
 import pytest
 from command import run
 from pyarrow import parquet
-from study_helpers import STUDY, write_study
+from study_helpers import STUDY, tiny_drive, write_study
 
 from warpchain import run_study
+from warpchain.assembly.path import chain_path
 from warpchain.errors import StudyError
 from warpchain.study.analysis import main_effects
 from warpchain.study.analysis.pareto import pareto_front
@@ -51,6 +52,37 @@ def test_limits_of_a_study_are_checked_with_their_path(tmp_path):
         "limits.energy_residual = -1: must be a number of at least 0, or inf",
         "limits.slip = 1: unknown key; did you mean slips?",
     ]
+
+
+WRAPS = """
+[study]
+drive = "tiny.toml"
+[design]
+kind = "table"
+file = "rows.csv"
+[[factors]]
+name = "wrap"
+path = "sprockets.s1.wrap"
+[[factors]]
+name = "links"
+path = "chain.links"
+[run]
+duration = 0.0005
+step = 1e-5
+[limits]
+energy_residual = inf
+"""
+
+
+def test_a_row_whose_strands_cross_is_suspect_and_says_so(tmp_path):
+    crossed = tiny_drive().with_values({"sprockets.s1.wrap": "cw"})
+    links = next(n for n in chain_path(crossed).fitting_links() if n % 2 == 0)
+    (tmp_path / "rows.csv").write_text(f"wrap,links\nccw,44\ncw,{links}\n")
+    outcome = run_study(write_study(tmp_path, text=WRAPS), tmp_path / "out", workers=1)
+    assert outcome.counts == {"ok": 1, "suspect": 1, "diverged": 0, "infeasible": 0}
+    good, bad = parquet.read_table(outcome.table).to_pylist()
+    assert good["reason"] is None
+    assert bad["reason"].startswith('strands "s0->s1" and "s1->s0" cross at (0.1, ')
 
 
 def table(rows=60):

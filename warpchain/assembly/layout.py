@@ -99,23 +99,28 @@ def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
         above, below = (sy - ay) * tx - (sx - ax) * ty, (ey - ay) * tx - (ex - ax) * ty
         ends = above + begin * (below - above), above + end * (below - above)
         front, depth = max(ends), radius - min(ends)
-        name = f'guides.{guide.name}: its face {{}} strand "{drive.strand_names[k]}"'
         if front > 0.0 and depth > pitch:
             share = begin + (end - begin) * ends[0] / (ends[0] - ends[1])
             x, y = sx + share * (ex - sx), sy + share * (ey - sy)
             lines.append(
-                f"{name.format('cuts through')} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m in front of it at one "
-                f"place and {-min(ends):.4g} m behind it at another: turn the bar along the strand, or shorten it "
-                "(start, end)"
+                f"{_named(drive, guide, 'cuts through', k)} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m in front "
+                f"of it at one place and {-min(ends):.4g} m behind it at another: turn the bar along the strand, or "
+                "shorten it (start, end)"
             )
         elif (apart := max(sum(ends), -BEHIND * sum(ends))) < nearest:
             nearest = apart
             strand = math.hypot(ex - sx, ey - sy)
-            dented = front <= 0.0 and depth > pitch and -front < OWN * strand
+            if not (front <= 0.0 and depth > pitch and -front < OWN * strand):
+                own = ""
+                continue
             away = f"move start and end back by {depth:.4g} m, or swap them if the chain rides on the other side"
             size = f"by {depth:.4g} m, {depth / pitch:.2g} pitches, out of its straight line"
-            own = f"{name.format('dents')} {size}: {away}" if dented else ""
+            own = f"{_named(drive, guide, 'dents', k)} {size}: {away}"
     return [*lines, own] if own else lines
+
+
+def _named(drive: Drive, guide: Guide, does: str, k: int) -> str:
+    return f'guides.{guide.name}: its face {does} strand "{drive.strand_names[k]}"'
 
 
 def _within(first: float, last: float, length: float) -> tuple[float, float]:

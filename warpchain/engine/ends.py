@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,23 +49,26 @@ def net_force(packed: Packed, residual: NDArray[np.float64]) -> NDArray[np.float
         packed: the settled ensemble in float64.
         residual: (V,) over the largest link force, or a roller's weight if that is larger.
     """
-    variant, place, at = _rollers(packed)
-    links = packed.drives["rollers"].astype(np.int64)[variant]
-    after = at - place + (place + 1) % links
-    x, y = packed.rollers[at], packed.rollers[at + links]
-    span = np.hypot(packed.rollers[after] - x, packed.rollers[after + links] - y)
-    force = np.abs(packed.chains["stiffness"][variant] * (span - packed.lengths))
-    largest = np.maximum.reduceat(force, np.flatnonzero(place == 0))
+    largest = np.zeros(packed.variants)
+    for alike, at in _rollers(packed):
+        x, y = packed.rollers[at], packed.rollers[at + at.shape[1]]
+        span = np.hypot(np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y)
+        first = packed.drives["first_roller"][alike].astype(np.int64)
+        span -= packed.lengths[first[:, None] + np.arange(at.shape[1])]
+        largest[alike] = packed.chains["stiffness"][alike] * np.abs(span).max(axis=1)
     weight = packed.chains["mass"] * np.hypot(*packed.chains["gravity"].T)
     return residual * np.maximum(largest, weight)
 
 
-def _rollers(packed: Packed) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Each roller's variant, its number there, and where its x stands in the rollers' rows; its y is N further on."""
+def _rollers(packed: Packed) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64]]]:
+    """Variants alike in their number N of rollers (K,), and where x of each roller stands in the rows of all (K, N).
+
+    Its y is N further on.
+    """
     links, first = packed.drives["rollers"].astype(np.int64), packed.drives["first_roller"].astype(np.int64)
-    variant = np.repeat(np.arange(len(links)), links)
-    place = np.arange(len(variant)) - np.repeat(np.cumsum(links) - links, links)
-    return variant, place, STATE_ROWS * first[variant] + place
+    for count in np.unique(links).tolist():
+        alike = np.flatnonzero(links == count)
+        yield alike, STATE_ROWS * first[alike, None] + np.arange(count)
 
 
 def engaged(engine: Engine, drives: Sequence[Drive]) -> NDArray[np.float64]:
@@ -77,21 +80,19 @@ def engaged(engine: Engine, drives: Sequence[Drive]) -> NDArray[np.float64]:
     """
     packed = engine.packed
     counts = packed.drives["sprockets"].astype(np.int64)
-    links = packed.drives["rollers"].astype(np.int64)
     inner, outer, held = _reach(drives, packed.assemblies, int(counts.max()))
-    centers = engine.bodies()["center"]
-    variant, _, at = _rollers(packed)
-    rows = engine.rollers()
-    x, y = rows[at], rows[at + links[variant]]
-    shares = np.full(held.shape, np.nan)
-    for s in range(held.shape[1]):
-        having = counts > s
-        body = np.where(having, packed.drives["first_body"] + s, 0)
-        center = centers[body][variant]
-        distance = np.hypot(x - center[:, 0], y - center[:, 1])
-        on = (distance > inner[variant, s]) & (distance < outer[variant, s])
-        shares[:, s] = np.where(having, np.bincount(variant[on], minlength=len(drives)), np.nan)
-    return shares / held
+    centers, rows = engine.bodies()["center"], engine.rollers()
+    found = np.full(held.shape, np.nan)
+    for alike, at in _rollers(packed):
+        x, y = rows[at], rows[at + at.shape[1]]
+        for s in range(int(counts[alike].max())):
+            body = np.where(counts[alike] > s, packed.drives["first_body"][alike] + s, 0)
+            center = centers[body][:, :, None]
+            with np.errstate(all="ignore"):  # what diverged may be anywhere
+                square = (x - center[:, 0]) ** 2 + (y - center[:, 1]) ** 2
+            on = (square > inner[alike, s, None] ** 2) & (square < outer[alike, s, None] ** 2)
+            found[alike, s] = on.sum(axis=1)
+    return found / held
 
 
 def _reach(

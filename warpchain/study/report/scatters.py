@@ -130,7 +130,7 @@ def log_scatters(
     if not across or not up:
         raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
     front = pareto_front(results, objectives) if objectives else np.zeros(0, dtype=np.intp)
-    played = np.flatnonzero(np.isin(results.variants, list(recorded)))
+    played = np.flatnonzero(results.ok & np.isin(results.variants, list(recorded)))
     groups = [  # each variant once, so that dots do not cover each other
         Dots("variants", OTHERS, 2.5, np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played))),
         Dots("Pareto front", BEST, 4.0, np.setdiff1d(front, played)),
