@@ -188,8 +188,9 @@ def export(arguments: argparse.Namespace) -> int:
 def recover(arguments: argparse.Namespace) -> int:
     from warpchain.archive.recover import recover_archive
 
-    print(recover_archive(arguments.archive, arguments.output, arguments.overwrite))
-    return DONE
+    recovered = recover_archive(arguments.archive, arguments.output, arguments.overwrite)
+    print(recovered)
+    return DONE if recovered.complete else UNFINISHED
 
 
 def study(arguments: argparse.Namespace) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from warpchain import files
 from warpchain.errors import StudyError
-from warpchain.files import reason, refusals, whole_file
+from warpchain.files import PATIENCE, reason, refusals, whole_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -50,7 +50,7 @@ def write_table(path: Path, table: pa.Table, keep: bool = False) -> None:
     """
     from pyarrow import parquet
 
-    with _kept(path, keep), whole_file(path, not keep) as file:
+    with _kept(path, keep), whole_file(path, not keep, PATIENCE) as file:
         parquet.write_table(table, file, compression="zstd")
 
 
