@@ -17,6 +17,7 @@ import datetime
 import errno
 import hashlib
 import os
+import re
 import secrets
 import socket
 import stat
@@ -149,6 +150,11 @@ def sweep(paths: Iterable[Path]) -> None:
                 os.close(handle)
 
 
+def leftovers(folder: Path) -> list[Path]:
+    """Temporary files and locks below a folder, whether left or in use."""
+    return [path for path in sorted(folder.rglob("*")) if LEFT.fullmatch(path.name) and path.is_file()]
+
+
 def target_of(path: Path) -> Path:
     """The regular file that writing to a path makes or replaces; a symbolic link to one stays a link.
 
@@ -179,6 +185,8 @@ def partial_name(path: Path, hidden: bool = True) -> Path:
 
 PARTIAL = r"\.\d+(-[0-9a-f]{16})?\.partial"
 """Regular expression of what follows the name in a temporary name that is not hidden."""
+LEFT = re.compile(rf"\..*\.lock|\..*\.partial|.*\.mcap{PARTIAL}")
+"""Names of temporary files and locks."""
 
 
 class WholeFile:
@@ -298,11 +306,15 @@ def refusals(path: str | Path, error: type[Exception]) -> Iterator[None]:
         yield
     except OSError as refused:
         raise error(f"{path}: cannot be written ({reason(refused)})") from None
+    except ValueError as refused:
+        if "null byte" not in str(refused):
+            raise
+        raise error(f"{str(path)!r}: cannot be written (its name has a zero byte)") from None
 
 
-def reason(error: OSError) -> str:
+def reason(error: OSError | ValueError) -> str:
     """Why the system refused, in a few words on one line."""
-    return error.strerror or (str(error).splitlines() or [type(error).__name__])[0]
+    return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:
@@ -315,7 +327,7 @@ def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Ex
     """
     try:
         return Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as refused:
+    except (OSError, ValueError) as refused:  # a name with a zero byte is a ValueError
+        if isinstance(refused, UnicodeDecodeError):
+            raise error(f"not {kind}: byte {refused.start} is not UTF-8") from None
         raise error(f"cannot be read: {reason(refused).lower()}") from None
-    except UnicodeDecodeError as wrong:
-        raise error(f"not {kind}: byte {wrong.start} is not UTF-8") from None

@@ -381,6 +381,40 @@ def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, small_dis
     assert 0 < frames < len(run[0].time)
 
 
+@pytest.mark.parametrize("moment", ["take", "finish"])
+def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, capsys, moment):
+    """It ends the run at once, while frames are taken or while the archive is ended, and costs no more than kill -9."""
+    from warpchain.archive.parts import Parts
+    from warpchain.engine.recorder import Recorder
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**14)
+    monkeypatch.setattr("warpchain.engine.simulation.LAUNCH_WORK", 60 * 101)
+    if moment == "finish":
+        monkeypatch.setattr(Parts, "finish", interrupted)
+    else:
+        plain, left = Recorder.take, [3]
+
+        def take(*words):
+            left[0] -= 1
+            plain(*words)
+            if not left[0]:
+                words[0]._archive._send_all()
+                wait_for(lambda: bytes_in(tmp_path) > 30_000)
+                interrupted()
+
+        monkeypatch.setattr(Recorder, "take", take)
+    with pytest.warns(UserWarning, match=r"a\.mcap: was not finished; what was written until then is in .*recover"):
+        with pytest.raises(KeyboardInterrupt):
+            simulate(run.drives[0], record=Record(rate=1e5), archive=tmp_path / "a.mcap")
+    (left_file,) = tmp_path.iterdir()
+    assert left_file.suffix == ".partial"
+    (frames,) = frames_of(recover_archive(tmp_path / "a.mcap", tmp_path / "fixed.mcap").path, run)
+    assert frames == len(run[0].time) if moment == "finish" else frames > 0
+
+
 def test_folder_that_refuses(run, tmp_path, monkeypatch):
     with pytest.raises(ArchiveError, match=r"cannot be written \(No such file or directory\)"):
         write_archive(run, tmp_path / "absent" / "a.mcap")

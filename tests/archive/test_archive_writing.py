@@ -182,7 +182,7 @@ def dying(path, run, options, operation):
 @pytest.mark.parametrize("before", [None, 1, 3])
 @pytest.mark.parametrize("after", [None, 1, 3])
 def test_an_archive_being_replaced_is_the_old_one_or_the_new_one(run, tmp_path, before, after):
-    """Killed at any step of overwriting, in any form: its name stands for one of them, whole, and can be written again."""
+    """Killed at any step of overwriting, in any form: the name stands for one of them, whole, and can be rewritten."""
     old = replace(run, info=replace(run.info, created="before"))
     for operation in range(99):
         path = tmp_path / str(operation) / "set.mcap"

@@ -18,7 +18,7 @@ def _value(word: str) -> Any:
 
     try:
         table = tomllib.loads(f"value = {word}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # also a number of thousands of digits
         return word
     return table["value"] if len(table) == 1 else word
 

@@ -7,6 +7,9 @@ machine's, said in one line each.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import faulthandler
+import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -19,6 +22,7 @@ from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.study import add_commands
 from warpchain.cli.study_report import add_report_commands
 from warpchain.errors import WarpchainError
+from warpchain.files import reason
 
 EPILOG = """examples:
   warpchain check marine
@@ -213,23 +217,48 @@ def main(argv: Sequence[str] | None = None) -> int:
         top.print_help()
         return WRONG
     warnings.showwarning = _warning
+    with contextlib.suppress(AttributeError, ValueError, OSError):  # a standard error that is no file
+        faulthandler.enable()
     try:
-        return int(arguments.run(arguments))
+        status = int(arguments.run(arguments))
+        sys.stdout.flush()
+        return status
     except WarpchainError as error:
         for line in str(error).splitlines():
-            print(f"warpchain: error: {line}", file=sys.stderr)
+            _say(f"error: {line}")
         return WRONG
     except BrokenPipeError:
-        sys.stderr.close()
+        _give_up_output()
         return UNFINISHED
+    except OSError as error:
+        _give_up_output()
+        _say(f"error: {f'{error.filename}: ' if error.filename else ''}{reason(error)}")
+        return WRONG
+    except MemoryError:
+        _say("error: this machine has too little memory for it")
+        return WRONG
     except KeyboardInterrupt:
-        print("warpchain: interrupted", file=sys.stderr)
+        _say("interrupted")
         return UNFINISHED
+
+
+def _say(line: str) -> None:
+    """Prints a line on standard error, where that can be."""
+    with contextlib.suppress(OSError):
+        print(f"warpchain: {line}", file=sys.stderr)
+
+
+def _give_up_output() -> None:
+    """Lets what could not be printed go nowhere, or Python would try once more at its end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 def _warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """A warning as one line."""
-    print(f"warpchain: warning: {message}", file=sys.stderr)
+    _say(f"warning: {message}")
 
 
 if __name__ == "__main__":

@@ -43,6 +43,8 @@ def name_rules(node: Any) -> Iterator[Problem]:
     used = {name for _, expression in _expressions(node) for name in expression.names}
     for i, factor in enumerate(factors):
         name = get(factor, "name")
+        if not isinstance(name, str):
+            continue  # its own rule says so
         if name in names:
             yield Problem(("factors", i, "name"), name, "must be unique among factors")
         names.add(name)
