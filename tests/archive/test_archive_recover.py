@@ -406,9 +406,9 @@ def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, caps
                 interrupted()
 
         monkeypatch.setattr(Recorder, "take", take)
-    with pytest.warns(UserWarning, match=r"a\.mcap: was not finished; what was written until then is in .*recover"):
-        with pytest.raises(KeyboardInterrupt):
-            simulate(run.drives[0], record=Record(rate=1e5), archive=tmp_path / "a.mcap")
+    told = pytest.warns(UserWarning, match=r"a\.mcap: was not finished; what was written until then is in .*recover")
+    with told, pytest.raises(KeyboardInterrupt):
+        simulate(run.drives[0], record=Record(rate=1e5), archive=tmp_path / "a.mcap")
     (left_file,) = tmp_path.iterdir()
     assert left_file.suffix == ".partial"
     (frames,) = frames_of(recover_archive(tmp_path / "a.mcap", tmp_path / "fixed.mcap").path, run)

@@ -17,7 +17,7 @@ from drives import two_sprockets
 from study_helpers import write_study
 
 from warpchain import Record, read_archive, simulate, write_archive
-from warpchain.archive.mcap_read import MOST_CHUNK
+from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
 from warpchain.archive.mcap_write import Chunk, McapFile
 from warpchain.archive.parts import Parts
 from warpchain.drive import dumps_drive
@@ -36,7 +36,7 @@ def archive(run, tmp_path):
     return write_archive(run, tmp_path / "a.mcap")
 
 
-def refused(capsys, *words, limit=10.0):
+def refused(capsys, *words, limit=30.0):
     """The one line that a command is refused with, at once."""
     begin = time.perf_counter()
     status, _, err = command(capsys, *words)
@@ -53,7 +53,7 @@ def refused(capsys, *words, limit=10.0):
         (["--duration", "50000"], "allowed are at most 2147483646"),
         (["--duration", "1e308"], "allowed are at most 2147483646"),
         (["--step", "1e-300"], "allowed are at most 2147483646"),
-        (["--rate", "1e-4"], "rate = 0.0001 Hz"),
+        (["--rate", "1e-6"], "rate = 1e-06 Hz"),
         (["--rate", "1e-300"], "rate = 1e-300 Hz"),
         (["--set", "run.duration=" + "9" * 5000], "run.duration"),
         (["--set", "sprockets.0.center=[1e8, 0.0]"], "must be within 10000 m of the origin"),
@@ -164,23 +164,18 @@ def written(path, run, change):
 @pytest.mark.parametrize("size", [0, 2**10, 2**32])
 def test_a_small_file_that_opens_to_gigabytes_is_refused(tmp_path, compression, encode, size):
     """Whatever it says of its size: at most that is ever made, and at most the cap of chunks."""
-    from warpchain.archive.mcap_read import decompressed
-
     data = encode(bytes(2**30 if size == 2**32 else 2**26))
     file = McapFile(tmp_path / "b.mcap", "test")
     file.schema(1, "s", "", b"")
     file.channel(1, 1, "/a", "", {})
     file.chunk(Chunk(compression, data, size, 0, 0, 0, {1: np.zeros((1, 2), dtype=np.uint64)}))
     file.finish()
-    from warpchain.archive.mcap_read import Content, McapIndex, kinds_chunk
-
     index = McapIndex(tmp_path / "b.mcap")
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ArchiveError, match="is damaged"):
         index.chunk(index.chunks[0])
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**20 // 8  # kilobytes: 128 MiB
     assert MOST_CHUNK == 2**28
-    del decompressed, Content, kinds_chunk
 
 
 @pytest.mark.parametrize("variants", ["0", "-1", "9" * 30, "x"])
@@ -202,7 +197,7 @@ def test_wrong_numbers_of_variants(run, tmp_path, variants):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("key", "value"), [("precision", "float16"), ("values", "V9"), ("channels", "tension tension")])
+@pytest.mark.parametrize(("key", "value"), [("precision", "float16"), ("values", "V9"), ("channels", "mass mass")])
 def test_wrong_metadata_of_a_channel(run, tmp_path, key, value):
     from warpchain.archive import mcap_write
 
@@ -287,7 +282,8 @@ def test_study_files_that_make_no_sense(capsys, tmp_path, case):
 
     source, (old, new, told) = write_study(tmp_path, points=2), STUDIES[case]
     assert old in source.read_text()
-    source.write_text(source.read_text().replace(old, new, 1))
+    text = source.read_text().replace(old, new, 1)
+    source.write_text(text.replace("points = 2\n", "") if "factorial" not in text else text)
     status, out, err = command(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
     if told is None:  # a row that makes no drive is infeasible, with its reason
         assert (status, err) == (0, [])

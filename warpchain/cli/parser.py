@@ -208,19 +208,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns the exit status."""
     top = parser()
     arguments = top.parse_args(argv)
-    if arguments.version:
-        from importlib.metadata import version
-
-        print(f"warpchain {version('warpchain')}")
-        return DONE
-    if arguments.command is None:
-        top.print_help()
-        return WRONG
     warnings.showwarning = _warning
     with contextlib.suppress(AttributeError, ValueError, OSError):  # a standard error that is no file
         faulthandler.enable()
     try:
-        status = int(arguments.run(arguments))
+        status = _run_command(top, arguments)
         sys.stdout.flush()
         return status
     except WarpchainError as error:
@@ -240,6 +232,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         _say("interrupted")
         return UNFINISHED
+
+
+def _run_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
+    if arguments.version:
+        from importlib.metadata import version
+
+        print(f"warpchain {version('warpchain')}")
+        return DONE
+    if arguments.command is None:
+        top.print_help()
+        return WRONG
+    return int(arguments.run(arguments))
 
 
 def _say(line: str) -> None:

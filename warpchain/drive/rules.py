@@ -36,9 +36,8 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
                 seen.add(name)
             for key in ("center", "start", "end"):
                 point = get(part, key)
-                if isinstance(point, (list, tuple)) and any(
-                    isinstance(x, (int, float)) and abs(x) > FARTHEST for x in point
-                ):
+                along = [x for x in point if isinstance(x, (int, float))] if isinstance(point, (list, tuple)) else []
+                if any(abs(x) > FARTHEST for x in along):
                     yield Problem((kind, i, key), list(point), f"must be within {FARTHEST:g} m of the origin")
 
 

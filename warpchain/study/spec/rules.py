@@ -81,7 +81,7 @@ def _expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expression]
 
 def expression_rules(node: Any) -> Iterator[Problem]:
     """Expressions are arithmetic of known factors, and none needs itself."""
-    factors = [get(factor, "name") for factor in elements(node, "factors")]
+    factors = [str(get(factor, "name")) for factor in elements(node, "factors")]
     for path, text in _texts(node):
         if not isinstance(text, str):
             continue
