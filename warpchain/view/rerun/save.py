@@ -22,8 +22,10 @@ def saved(stream: rr.RecordingStream, target: Path, error: type[Exception]) -> I
     Raises:
         error: another writer, or a folder or disk that refuses, in one line.
     """
+    import rerun as rr
+
     with refusals(target, error), whole_file(target) as file:
-        sink = stream.binary_stream()
+        sink = rr.binary_stream(stream)
         yield
         stream.flush()
         file.write(sink.read() or b"")
