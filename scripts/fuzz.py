@@ -279,12 +279,16 @@ def fuzz(kinds: list[str], count: int, seed: int, folder: Path) -> dict[str, Cou
 KINDS = ("drives", "studies", "tables", "archives")
 
 
+def parser() -> argparse.ArgumentParser:
+    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    words.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
+    words.add_argument("--count", type=int, default=1000)
+    words.add_argument("--seed", type=int, default=0)
+    return words
+
+
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kind", nargs="+", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--count", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
+    arguments = parser().parse_args()
     faulthandler.enable()
     broken = 0
     for kind in arguments.kind:
