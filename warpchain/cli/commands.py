@@ -18,7 +18,7 @@ def _value(word: str) -> Any:
 
     try:
         table = tomllib.loads(f"value = {word}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # also a number of thousands of digits
         return word
     return table["value"] if len(table) == 1 else word
 
@@ -202,8 +202,9 @@ def export(arguments: argparse.Namespace) -> int:
 def recover(arguments: argparse.Namespace) -> int:
     from warpchain.archive.recover import recover_archive
 
-    print(recover_archive(arguments.archive, arguments.output, arguments.overwrite))
-    return DONE
+    recovered = recover_archive(arguments.archive, arguments.output, arguments.overwrite)
+    print(recovered)
+    return DONE if recovered.complete else UNFINISHED
 
 
 def study(arguments: argparse.Namespace) -> int:

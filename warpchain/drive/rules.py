@@ -16,6 +16,9 @@ from warpchain.drive.parts import Chain
 from warpchain.drive.stiffness import largest_load
 from warpchain.drive.teeth import iso606_tooth
 
+FARTHEST = 1e4
+"""No drive reaches farther [m]; numbers beyond come from a mistake, and would take hours of links to count."""
+
 
 def sprocket_rules(drive: Any) -> Iterator[Problem]:
     sprockets = elements(drive, "sprockets")
@@ -31,6 +34,11 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
                 yield Problem((kind, i, "name"), name, "must be unique among sprockets and guides")
             elif isinstance(name, str):
                 seen.add(name)
+            for key in ("center", "start", "end"):
+                point = get(part, key)
+                along = [x for x in point if isinstance(x, (int, float))] if isinstance(point, (list, tuple)) else []
+                if any(abs(x) > FARTHEST for x in along):
+                    yield Problem((kind, i, key), list(point), f"must be within {FARTHEST:g} m of the origin")
 
 
 def shaft_rules(drive: Any) -> Iterator[Problem]:

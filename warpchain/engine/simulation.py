@@ -151,7 +151,7 @@ def schedules_of(
         SimulationError: a duration that is not positive, or a window outside the run.
     """
     from warpchain.engine.alike import alike
-    from warpchain.results.schedule import Schedule
+    from warpchain.results.schedule import Schedule, whole_steps
 
     if duration is not None and not (np.isfinite(duration) and duration > 0.0):
         raise SimulationError(f"duration = {duration!r}: allowed is a finite number above 0 (s)")
@@ -167,15 +167,18 @@ def schedules_of(
             raise DriveError(f"variant {v}: {error}") from None
         h = resolved[kind]
         length = duration if duration is not None else drive.run.duration
-        steps = max(1, round(length / h))
+        steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
         start, end = window if window is not None else (0.5 * length, length)
-        first, last = round(start / h), round(end / h)
+        first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
         if not 0 <= first < last <= steps:
             raise SimulationError(
                 f"window = ({start:g}, {end:g}) s: allowed is 0 <= start < end <= duration = {length:g} s (variant {v})"
             )
         rate = record.rate if record.rate is not None else drive.run.sample_rate
-        every = max(1, round(1.0 / (rate * h))) if v in recorded else 0
+        every = 0
+        if v in recorded:
+            period = 1.0 / (rate * h) if rate * h > 0.0 else np.inf
+            every = max(1, whole_steps(f"rate = {rate:g} Hz: a sample's period at a step of {h:.4g} s", period))
         schedules.append(Schedule(h, steps, first, last, every))
     return schedules
 
