@@ -67,7 +67,7 @@ def row(drive: Drive, count: int) -> list[float]:
     table = run.metrics
     mean = np.asarray(table["tension_mean"], float)
     kept = [trajectory_of(run, k) for k in range(count)]
-    spread = np.array([np.quantile(t.tension, QUANTILES) for t in kept])
+    spread = np.array([np.quantile(np.asarray(t.tension), QUANTILES) for t in kept])
     share = [contact_share(t) for t in kept]
     output, given = np.asarray(table["output_work"], float), np.asarray(table["input_work"], float)
     residual = np.abs(np.asarray(table["energy_residual_relative"], float)).max()

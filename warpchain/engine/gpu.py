@@ -212,7 +212,8 @@ class GpuEngine:
             slots, sprockets, guides, *kinds = key
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            buckets.append(Bucket(shape, sprockets, guides, *map(bool, kinds), order, array))
+            moves, rk4, slides, bends, uneven = map(bool, kinds)
+            buckets.append(Bucket(shape, sprockets, guides, moves, rk4, slides, bends, uneven, order, array))
         return buckets
 
     def _kernel(self, name: str, bucket: Bucket) -> Any:
