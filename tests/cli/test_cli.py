@@ -153,7 +153,7 @@ def test_run_export_round_trip(capsys, tmp_path):
 
 def test_a_run_that_diverges_is_status_1(capsys, tmp_path):
     words = ["run", "marine", "-o", tmp_path / "mad.mcap", "--quiet", "--duration", "0.05", "--step", "5.9e-5"]
-    mad = ["--set", "contact.sprocket.impact_speed_floor=1e-9", "--set", "sprockets.camshaft.load.torque=1e9"]
+    mad = ["--set", "contact.sprocket.impact_speed_floor=1e-9", "--set", "sprockets.camshaft.load.viscous=1e9"]
     status, out, _ = run(capsys, *words, *mad)
     assert status == 1
     assert any("diverged at" in line for line in out)

@@ -148,9 +148,9 @@ RUBS |= {"contact.sprocket.static_friction": 0.15, "contact.sprocket.stribeck_sp
 
 
 def rubbing():
-    """On a bar that rollers are pressed on, and in one so deep that some have missed it; tight chains."""
+    """On a bar that rollers of its ends are pressed on and others have missed, and one that all have; tight chains."""
     drives = []
-    for drive, deep in zip(marine(), (0.01, 0.05), strict=True):
+    for drive, deep in zip(marine(), (0.02, 0.05), strict=True):
         bar = {f"guides.0.{end}.0": getattr(drive.guides[0], end)[0] + deep for end in ("start", "end")}
         tight = {"chain.elongation": -2e-4, "sprockets.crankshaft.prescribed.ramp_time": 0.0}
         drives.append(drive.with_values(RUBS | bar | tight))
