@@ -134,8 +134,9 @@ class LinkTally:
 
 @wp.struct
 class RollerTally:
-    """What one link, and joint friction on one roller, dissipated, and the energy of the roller, its link and its contacts
-    at the window's two ends.
+    """What one link, and joint friction on one roller, dissipated, and energies at the window's two ends.
+
+    They are of the roller, its link and its contacts.
     """
 
     dissipated: wp.float64  # [J]
