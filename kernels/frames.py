@@ -1,8 +1,9 @@
 """Where the values of a frame are written: once, for the CPU's kernel and the GPU's alike.
 
 Which channels a frame holds and how they lie is not known here: it comes as `frame`, an object with `place(name)`,
-`holds(name)` for those on request, `roller_values` and `sprocket_values` (the package's `results.channels.FrameLayout`),
-whose numbers the compiler sees as constants. A new channel is a row of that table and one line here.
+`holds(name)` for those on request, `roller_values` and `sprocket_values` (the package's
+`results.channels.FrameLayout`), whose numbers the compiler sees as constants. A new channel is a row of that table and
+one line here.
 """
 
 from dataclasses import dataclass

@@ -119,7 +119,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def pulled(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, j: int, lag: Real):
-        """Tension of link j [N], and the rates at which it turns [rad/s]: now, and `lag` after the velocities' instant."""
+        """Tension of link j [N] and the rate at which it turns [rad/s], which comes a second time from `lag` later."""
         n = mine.rollers
         tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
         d, w = across(shared, j, n)
@@ -130,7 +130,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
 
     @wp.func
     def joint_power(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, j: int, lag: Real):
-        """Power that joint j dissipates [W], worked out anew from the links beside it, at the mean of two velocities."""
+        """Power that joint j dissipates [W], worked out anew from the links beside it, at rates from `lag` later."""
         tension_before, turn_before, later_before = pulled(ensemble, shared, mine, before(j, mine.rollers), lag)
         tension, turn, later = pulled(ensemble, shared, mine, j, lag)
         moment = joint_moment(tension_before, turn_before, tension, turn, shared.joint[0])

@@ -7,6 +7,7 @@ import pytest
 from drives import errors_of, marine_values, put, row, two_sprockets
 
 from warpchain import Record, read_archive, simulate
+from warpchain.assembly.summary import derive, report
 
 WORN_IN, NEW = 4 / math.pi, math.pi / 2
 JOINT = {"friction": 0.1, "pin_radius": 0.0075}
@@ -61,6 +62,21 @@ def test_the_pin_term_of_spicer():
     # (M needs |g| = M h / (0.375 m p^2 / 6), 1.6 rad/s of 8 and 17 here, to act in full: hence the short step)
     # the formula has the tight strand only; with the drive's own tensions it is linear in their sum
     assert own == pytest.approx(power * (tight + slack) / 300.0, rel=0.03)
+
+
+def test_check_tells_a_step_at_which_joints_creep():
+    # M = mu kappa r T is at most 0.375 (m p^2 / 6) g / h: in full from g = 16 M h / (m p^2) on
+    base = two_sprockets(speed=10.0, step=5e-6).with_values({"chain.joint": JOINT})
+    values = derive(base)
+    tension = max(strand["working_tension"] for strand in values["strands"])
+    full = 16 * 0.1 * WORN_IN * 0.0075 * tension * 5e-6 / (1.0 * 0.05**2)
+    assert values["joint"]["full_friction_rate"] == pytest.approx(full, rel=1e-12)
+    assert values["joint"]["slowest_rate"] == pytest.approx(10.0, rel=1e-12)
+    assert "TOO LOW" not in report(values)
+    slow = derive(base.with_values({"sprockets.driver.prescribed.speed": 0.1}))
+    share = slow["joint"]["full_friction_rate"] / 0.1
+    assert 0.5 < share < 0.7
+    assert f"TOO LOW at this step: take run.step = {5e-6 * 0.5 / share:.2g} s or less" in report(slow)
 
 
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])

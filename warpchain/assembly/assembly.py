@@ -9,8 +9,9 @@ With 2 y_i the angle that link i takes at the arc's center, Y_i = y_1 + ... + y_
 
 are roller i's places along the chord and off it, on the side of gravity (outward of the loop where gravity does not
 tell). Links on a wrapped arc carry no force: where wear has made them longer than the sprocket's pitch, the rollers
-stand off their seats, at the radius where links of that length span a tooth each, and an outer and an inner one of
-unlike lengths two teeth. Only a sprocket's pitch above the chain's, or a single link unlike the others, carries the stiffness times the difference from the start, until settling.
+stand off their seats, at the radius where links of that length span a tooth each, an outer and an inner one of unlike
+lengths two teeth. Only a sprocket's pitch above the chain's, or a single link unlike the others, carries the stiffness
+times the difference from the start, until settling.
 
 The driver, the first prescribed sprocket, has a seat exactly where the chain's path arrives on it, which is where the
 strand that it pulls ends. The other angles follow (see `warpchain.assembly.seating`). Seat 0 of every sprocket is the

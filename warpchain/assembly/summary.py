@@ -16,8 +16,11 @@ from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
-from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
+from warpchain.drive.rubbing import full_friction_rate, guide_rubbing, tooth_rubbing
 from warpchain.drive.stiffness import contact_rebound
+
+MOST_CREEP = 0.5
+"""Largest rate at which joints may creep, over the slowest sprocket's speed, for their losses to come out right."""
 
 __all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
@@ -66,6 +69,18 @@ def _links_and_joints(drive: Drive) -> dict[str, Any]:
     return found
 
 
+def _joint_rates(drive: Drive, strands: list[dict[str, Any]]) -> dict[str, Any]:
+    """Above what rate of turning joint friction acts in full, and at what rate the slowest sprocket bends [rad/s]."""
+    travel = drive.sprockets[drive.driver].prescribed
+    assert travel is not None
+    largest = max(strand["working_tension"] for strand in strands)
+    reach = max(drive.pitch_radius(s) for s in range(len(drive.sprockets)))
+    return {
+        "full_friction_rate": full_friction_rate(drive.chain, largest, resolve_step(drive)),
+        "slowest_rate": travel.top_speed * drive.pitch_radius(drive.driver) / reach,
+    }
+
+
 def derive(drive: Drive) -> dict[str, Any]:
     """All derived quantities by name, in SI units; lists follow the drive's sprockets, strands and guide-bars.
 
@@ -83,6 +98,11 @@ def derive(drive: Drive) -> dict[str, Any]:
     speed = driver.prescribed.top_speed
     standing, running = statics.standing(drive, assembly), statics.running(drive, assembly)
     strands = _strands(drive, assembly, preload, standing, running)
+    chain_speed = speed * drive.pitch_radius(drive.driver)
+    links_and_joints = _links_and_joints(drive)
+    if "joint" in links_and_joints:
+        largest = max(strand["working_tension"] for strand in strands)
+        links_and_joints["joint"] |= _joint_rates(drive, largest, chain_speed)
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
@@ -92,8 +112,8 @@ def derive(drive: Drive) -> dict[str, Any]:
         "breaking_load": drive.chain.breaking_load,
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
-        **_links_and_joints(drive),
-        "chain_speed": speed * drive.pitch_radius(drive.driver),
+        **links_and_joints,
+        "chain_speed": chain_speed,
         "mean_chain_speed": drive.chain.pitch * speed * driver.teeth / math.tau,
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
@@ -209,6 +229,13 @@ def _joint_lines(values: dict[str, Any]) -> list[str]:
         at_rest = "" if joint["static_friction"] is None else f", {joint['static_friction']:g} at rest"
         pin = f"pins of {1e3 * joint['pin_radius']:.4g} mm radius, factor {joint['factor']:.4g}"
         lines.append(f"joints: friction {joint['friction']:g}{at_rest}, {pin}")
+        full, slowest = joint["full_friction_rate"], joint["slowest_rate"]
+        lines.append(
+            f"  in full above {full:.3g} rad/s at this step; sprockets bend them at {slowest:.3g} rad/s or more"
+        )
+        if full > MOST_CREEP * slowest > 0.0:
+            enough = values["step"] * MOST_CREEP * slowest / full
+            lines.append(f"  joint losses come out TOO LOW at this step: take run.step = {enough:.2g} s or less")
     if "outer" in values:
         outer = values["outer"]
         stretched = f"{100.0 * outer['elongation']:.3g} % longer than the pitch"

@@ -119,10 +119,10 @@ class Drive(Part):
         return max(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half)))
 
     def riding_lean(self, s: int) -> float:
-        """Angle [rad] by which outer links on sprocket s reach beyond their seats at either end, as inner ones fall short.
+        """Angle [rad] by which outer links on sprocket s reach beyond a tooth at either end, and inner ones fall short.
 
-        Where rollers ride above their seats, links of unlike lengths span unlike angles, 2 asin(l / 2R): roller i stands
-        that angle before the middle of its gap if i is even, as outer links begin there, else after it.
+        Where rollers ride above their seats, links of unlike lengths span unlike angles, 2 asin(l / 2R): roller i
+        stands that angle before the middle of its gap if i is even, as outer links begin there, else after it.
         """
         inner, outer = self.chain.pulled_pair
         radius = self.riding_radius(s)

@@ -69,9 +69,7 @@ CHANNELS = (
     Channel("sprocket_speed", "rad/s", "sprocket", "angular velocity, counter-clockwise"),
     Channel("sprocket_moment", "N m", "sprocket", "moment of the contact forces, counter-clockwise"),
     Channel("sprocket_center", "m", "sprocket", "center", ("x", "y")),
-    Channel(
-        "joint_friction_power", "W", "roller", "power that friction of the joint at this roller dissipates", on_request=True
-    ),
+    Channel("joint_friction_power", "W", "roller", "power that the joint at this roller dissipates", on_request=True),
 )
 """Every channel that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
 

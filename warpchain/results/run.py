@@ -98,10 +98,10 @@ class Trajectory:
         sprocket_speed: (F, S) sprocket angular velocities, counter-clockwise [rad/s].
         sprocket_moment: (F, S) moment of the contact forces on each sprocket, counter-clockwise [N m] (16).
         sprocket_center: (F, S, 2) sprocket centers [m].
-        joint_friction_power: (F, N) power that friction of the joint at each roller dissipates [W]: its moment times the
-            rate at which its links turn against each other, with leapfrog at the mean of the velocities before and after
-            the step, as in the metric `joints.friction`. Then that of a joint that hardly turns can be a little below 0.
-            On request; 0 where joints do not rub.
+        joint_friction_power: (F, N) power that the joint at each roller dissipates [W]: its moment of friction times
+            the rate at which its links turn against each other, with leapfrog at the mean of the velocities before and
+            after the step, as in the metric `joints.friction`; that of a joint that hardly turns can then be a little
+            below 0. On request; 0 where joints do not rub.
     """
 
     drive: Drive
