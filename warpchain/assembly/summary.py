@@ -51,12 +51,12 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     return [tension + offset + drive.chain.mass / drive.chain.pitch * chain_speed**2 for tension in rise]
 
 
-def _links_and_joints(drive: Drive) -> dict[str, Any]:
+def _links_and_joints(drive: Drive, strands: list[dict[str, Any]]) -> dict[str, Any]:
     """What is set of joints, outer links and play; nothing of what is not."""
     chain = drive.chain
     found: dict[str, Any] = {}
     if chain.joint is not None:
-        found["joint"] = chain.joint.model_dump() | {"pin_radius": chain.pin_radius}
+        found["joint"] = chain.joint.model_dump() | {"pin_radius": chain.pin_radius} | _joint_rates(drive, strands)
     if chain.outer is not None:
         elongation = chain.outer_pitch / chain.pitch - 1.0
         found["outer"] = {
@@ -98,11 +98,6 @@ def derive(drive: Drive) -> dict[str, Any]:
     speed = driver.prescribed.top_speed
     standing, running = statics.standing(drive, assembly), statics.running(drive, assembly)
     strands = _strands(drive, assembly, preload, standing, running)
-    chain_speed = speed * drive.pitch_radius(drive.driver)
-    links_and_joints = _links_and_joints(drive)
-    if "joint" in links_and_joints:
-        largest = max(strand["working_tension"] for strand in strands)
-        links_and_joints["joint"] |= _joint_rates(drive, largest, chain_speed)
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
@@ -112,8 +107,8 @@ def derive(drive: Drive) -> dict[str, Any]:
         "breaking_load": drive.chain.breaking_load,
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
-        **links_and_joints,
-        "chain_speed": chain_speed,
+        **_links_and_joints(drive, strands),
+        "chain_speed": speed * drive.pitch_radius(drive.driver),
         "mean_chain_speed": drive.chain.pitch * speed * driver.teeth / math.tau,
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
@@ -230,9 +225,7 @@ def _joint_lines(values: dict[str, Any]) -> list[str]:
         pin = f"pins of {1e3 * joint['pin_radius']:.4g} mm radius, factor {joint['factor']:.4g}"
         lines.append(f"joints: friction {joint['friction']:g}{at_rest}, {pin}")
         full, slowest = joint["full_friction_rate"], joint["slowest_rate"]
-        lines.append(
-            f"  in full above {full:.3g} rad/s at this step; sprockets bend them at {slowest:.3g} rad/s or more"
-        )
+        lines.append(f"  in full above {full:.3g} rad/s at this step; sprockets bend them at {slowest:.3g} and more")
         if full > MOST_CREEP * slowest > 0.0:
             enough = values["step"] * MOST_CREEP * slowest / full
             lines.append(f"  joint losses come out TOO LOW at this step: take run.step = {enough:.2g} s or less")
