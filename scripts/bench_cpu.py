@@ -73,7 +73,7 @@ def reference_input(packed: Packed) -> bytes:
     n, sprockets, guides = int(drive["rollers"]), int(drive["sprockets"]), int(drive["guides"])
     head = [n, sprockets, guides, drive["step"], packed.lengths[0], chain["stiffness"], chain["damping"], chain["mass"]]
     values = [*head, *chain["gravity"], 0.0, 0.0]
-    law = ("stiffness", "exponent", "damping", "speed_floor")
+    law = ("stiffness", "exponent", "damping", "speed_floor", "most_damping")
     for s in range(sprockets):
         teeth, motion, body = packed.sprockets[s], packed.motions[s], packed.bodies[s]
         values += [*body["center"], teeth["pitch_radius"], teeth["near_square"], teeth["far_square"]]
