@@ -186,6 +186,7 @@ def types(Real: type) -> SimpleNamespace:
         exponent: Real  # n
         damping: Real  # hysteresis factor d [-]; with Kelvin-Voigt c [N s/m]
         speed_floor: Real  # v_min [m/s]
+        most_damping: Real  # m_e / h [N s/m]: more would turn the approach around in a step
 
     @wp.struct
     class Friction:

@@ -20,6 +20,7 @@ import warp as wp
 
 from warpchain import Drive, load_drive, loads_drive
 from warpchain.assembly.timestep import resolve_step
+from warpchain.drive.examples import drive_path
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
@@ -73,7 +74,7 @@ def reference_input(packed: Packed) -> bytes:
     n, sprockets, guides = int(drive["rollers"]), int(drive["sprockets"]), int(drive["guides"])
     head = [n, sprockets, guides, drive["step"], packed.lengths[0], chain["stiffness"], chain["damping"], chain["mass"]]
     values = [*head, *chain["gravity"], 0.0, 0.0]
-    law = ("stiffness", "exponent", "damping", "speed_floor")
+    law = ("stiffness", "exponent", "damping", "speed_floor", "most_damping")
     for s in range(sprockets):
         teeth, motion, body = packed.sprockets[s], packed.motions[s], packed.bodies[s]
         values += [*body["center"], teeth["pitch_radius"], teeth["near_square"], teeth["far_square"]]
@@ -187,6 +188,21 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
+SMOOTH = {
+    "chain.joint": None,
+    "contact.sprocket.friction": None,
+    "contact.guide.friction": None,
+    "contact.guide.rolling": False,
+}
+"""The values that take friction from a drive."""
+
+
+def bench_drives() -> dict[str, Drive]:
+    """The drives that speed is measured on, without friction."""
+    marine = load_drive(drive_path("marine")).with_values(SMOOTH)
+    return {"two equal 30-tooth sprockets": loads_drive(TWO_SPROCKETS), "marine drive": marine}
+
+
 RUBBING = {"chain.joint": {"friction": 0.1, "pin_radius": 0.02}}
 STRIBECK = RUBBING | {"chain.joint.static_friction": 0.15, "chain.joint.stribeck_speed": 0.05}
 
@@ -215,11 +231,7 @@ def main() -> int:
         quick = Reference(Path(folder), compiler, "-fno-math-errno") if compiler else None
         if reference is None:
             print("no C compiler (cc, gcc or clang) found: the reference is left out")
-        drives = {
-            "two equal 30-tooth sprockets": loads_drive(TWO_SPROCKETS),
-            "marine drive": load_drive(HERE.parent / "warpchain" / "drives" / "marine.toml"),
-        }
-        for name, drive in drives.items():
+        for name, drive in bench_drives().items():
             compare(name, drive, reference, quick, arguments.steps, arguments.rounds)
             joints(drive, arguments.steps, arguments.rounds)
     return 0

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from bench_cpu import FOREVER, HERE, RUBBING, TWO_SPROCKETS, reference_input
+from bench_cpu import FOREVER, HERE, RUBBING, bench_drives, reference_input
 
-from warpchain import Drive, Record, load_drive, loads_drive, simulate
+from warpchain import Drive, Record, load_drive, simulate
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
 from warpchain.engine.gpu import GpuEngine
@@ -32,10 +32,7 @@ from warpchain.results.schedule import Schedule
 
 DEVICE = "cuda:0"
 VARIANTS = (1, 132, 1056, 4224, 16896)
-DRIVES = {
-    "two equal 30-tooth sprockets": loads_drive(TWO_SPROCKETS),
-    "marine drive": load_drive(drive_path("marine")),
-}
+DRIVES = bench_drives()
 
 
 def repeated(one: Packed, variants: int) -> Packed:
@@ -174,8 +171,8 @@ def gpus() -> None:
 
 
 def headline() -> None:
-    """10,000 variants of the marine drive."""
-    drive = DRIVES["marine drive"]
+    """10,000 variants of the marine drive, with its friction."""
+    drive = load_drive(drive_path("marine"))
     begin = time.perf_counter()
     drives = [drive.with_values({"sprockets.camshaft.load.torque": 8000.0 + 0.2 * k}) for k in range(10_000)]
     made = time.perf_counter() - begin

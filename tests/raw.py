@@ -77,7 +77,7 @@ def chain(
         put_friction(packed.tooth_sliding[s], values.get("friction", 0.0), values.get("heft", mass), step)
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
         law["damping"] = 0.75 * (1 - values.get("restitution", 1.0) ** 2)
-        law["speed_floor"] = values.get("speed_floor", 0.01)
+        law["speed_floor"], law["most_damping"] = values.get("speed_floor", 0.01), mass / step
         motion, body = packed.motions[s], packed.bodies[s]
         motion["sign"] = 1.0
         motion["prescribed"] = int("inertia" not in values)
@@ -100,7 +100,7 @@ def chain(
         bar["deepest_entry"] = 0.5 * values["roller_radius"]
         law = bar["law"]
         law["form"], law["stiffness"], law["exponent"] = values.get("form", 0), values["stiffness"], 1.0
-        law["damping"], law["speed_floor"] = values.get("damping", 0.0), 0.01
+        law["damping"], law["speed_floor"], law["most_damping"] = values.get("damping", 0.0), 0.01, mass / step
     if seats:
         packed.seats = np.concatenate(seats)
     return packed

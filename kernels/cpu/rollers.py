@@ -15,13 +15,13 @@ from ..physics.contact import (
     MISSED,
     UNTOUCHED,
     after_teeth,
+    dissipated,
     in_teeth,
     misses,
     on_guide,
     reaction,
     respond,
     rub,
-    rubbing_power,
     surface_velocity,
     tracked_seat,
 )
@@ -199,11 +199,12 @@ def passes(Real: type, capacity: int) -> Passes:
         store_row(w, LINK_Y, load_row(w, LINK_Y + n))
 
     @wp.func
-    def add_response(totals: Totals, size: wp.float64, dissipated: wp.float64, energy: wp.float64):
+    def add_response(totals: Totals, size: wp.float64, damped: wp.float64, rubbed: wp.float64, energy: wp.float64):
         """Adds one contact's answer to what its partner's contacts add up to."""
         totals.force += size
         totals.force_max = wp.max(totals.force_max, size)
-        totals.dissipated += dissipated
+        totals.dissipated += damped
+        totals.friction += rubbed
         totals.energy += energy
         return totals
 
@@ -222,13 +223,6 @@ def passes(Real: type, capacity: int) -> Passes:
             load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i),
         )
         return roller_acceleration(force, inverse_mass, gravity)
-
-    @wp.func
-    def add_drag(w: wp.array[Real], i: int, drag: vec2, relative: vec2, lag: Real, chain: kinds.Chain):
-        """Adds friction to roller i's contact forces; returns its power [W]."""
-        store_row(w, FX + i, load_row(w, FX + i) + drag[0])
-        store_row(w, FY + i, load_row(w, FY + i) + drag[1])
-        return wp.float64(rubbing_power(drag, relative, acceleration(w, i, chain.inverse_mass, chain.gravity), lag))
 
     @wp.func
     def sprocket_pass(
@@ -261,21 +255,23 @@ def passes(Real: type, capacity: int) -> Passes:
                 memory.seat[at] = seat.number
                 kept = after_teeth(before)
                 if penetration > Real(0.0):
-                    f, size, first, dissipated, energy = respond(penetration, normal, relative, before, sprocket.law)
+                    f, size, first, damper, energy = respond(penetration, normal, relative, before, sprocket.law)
                     kept = first
+                    drag = vec2(Real(0.0), Real(0.0))
+                    if sliding.rubs != 0:
+                        drag = rub(size, normal, relative, sliding)
+                    f = f + drag
                     add_force(w, i, SPROCKET_FORCE, f, size)
                     totals.moment += wp.float64(reaction(r, f))
                     push -= f
-                    totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
+                    a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+                    damped = wp.float64(dissipated(damper * normal, relative, a, memory.lag))
+                    rubbed = wp.float64(dissipated(drag, relative, a, memory.lag))
+                    totals = add_response(totals, wp.float64(size), damped, rubbed, wp.float64(energy))
                     if before <= Real(0.0):
                         totals.impacts += 1
                     if before == Real(UNTOUCHED):
                         totals.contacts += 1
-                    if sliding.rubs != 0:
-                        drag = rub(size, normal, relative, sliding)
-                        totals.friction += add_drag(w, i, drag, relative, memory.lag, chain)
-                        totals.moment += wp.float64(reaction(r, drag))
-                        push -= drag
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)
             else:
@@ -319,19 +315,21 @@ def passes(Real: type, capacity: int) -> Passes:
                     if before == Real(UNTOUCHED):
                         totals.missed += 1
                 elif penetration > Real(0.0):
-                    f, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
+                    f, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
                     kept = first
+                    drag = vec2(Real(0.0), Real(0.0))
+                    if sliding.rubs != 0:
+                        drag = rub(size, normal, relative, sliding)
+                    f = f + drag
                     add_force(w, i, GUIDE_FORCE, f, size)
                     totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), f))
                     push -= f
-                    totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
+                    a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+                    damped = wp.float64(dissipated(damper * normal, relative, a, memory.lag))
+                    rubbed = wp.float64(dissipated(drag, relative, a, memory.lag))
+                    totals = add_response(totals, wp.float64(size), damped, rubbed, wp.float64(energy))
                     if before == Real(UNTOUCHED):
                         totals.impacts += 1
-                    if sliding.rubs != 0:
-                        drag = rub(size, normal, relative, sliding)
-                        totals.friction += add_drag(w, i, drag, relative, memory.lag, chain)
-                        totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), drag))
-                        push -= drag
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)
             else:

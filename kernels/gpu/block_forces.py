@@ -12,13 +12,13 @@ from ..physics.contact import (
     MISSED,
     UNTOUCHED,
     after_teeth,
+    dissipated,
     in_teeth,
     misses,
     on_guide,
     reaction,
     respond,
     rub,
-    rubbing_power,
     tracked_seat,
 )
 from ..rows import accessors
@@ -95,37 +95,34 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             state.impact_speed[at] = Real(0.0)
 
     @wp.func
-    def keep(
-        state: kinds.State, tallies: Tallies, now: Now, at: int, before: Real, first: Real, size: Real, power: Real
-    ):
-        """Keeps what a closed contact whose memory is at `at` goes on with, and in the window adds it to its sums.
+    def keep(state: kinds.State, now: Now, at: int, before: Real, first: Real):
+        """Keeps what a closed contact whose memory is at `at` goes on with.
 
         v0 is kept at a step's start only (rk4 has three more stages).
         """
         if before <= Real(0.0) and now.stage == 0:
             store_row(state.impact_speed, at, first)
-        if now.measured != 0:
-            begun = wp.where(before <= Real(0.0), 1, 0)
-            add_contact(tallies.contact, at, size, size, power, begun, now.weight)
+
+    @wp.func
+    def lag(mine: Mine):
+        """How far velocities are behind the forces [s]."""
+        if wp.static(rk4):
+            return Real(0.0)
+        else:
+            return Real(wp.float64(0.5) * mine.h)
+
+    @wp.func
+    def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
+        """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
+        add_contact(tallies.contact, at, size, size, damped, wp.where(before <= Real(0.0), 1, 0), now.weight)
+        if wp.static(sliding):
+            add_friction(tallies.contact, at, rubbed, now.weight)
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
         """What an open contact keeps."""
         if before != kept and now.stage == 0:
             store_row(state.impact_speed, at, kept)
-
-    @wp.func
-    def add_drag(
-        tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now, j: int, p: int, drag: vec2, relative: vec2
-    ):
-        """Adds friction against partner p to roller j's force, and in the window its power to its sums."""
-        set_force(shared, j, force_on(shared, j) + drag)
-        if now.measured != 0:
-            lag = Real(0.0)
-            if wp.static(not rk4):
-                lag = Real(wp.float64(0.5) * mine.h)
-            power = rubbing_power(drag, relative, acceleration(shared, j), lag)
-            add_friction(tallies.contact, mine.memory + j + p * mine.rollers, power, now.weight)
 
     @wp.func
     def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
@@ -164,19 +161,23 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             v = vec2(v[0] - Real(pose.velocity[0]), v[1] - Real(pose.velocity[1]))
         penetration, normal, relative = in_teeth(p, v, Real(pose.speed), seat, teeth)
         if penetration > Real(0.0):
-            force, size, first, dissipated, energy = respond(penetration, normal, relative, before, teeth.law)
+            force, size, first, damper, energy = respond(penetration, normal, relative, before, teeth.law)
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first + j
                 state.extra[extra].energy = state.extra[extra].energy + energy
                 state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
-            keep(state, tallies, now, at, before, first, size, dissipated)
-            if before == Real(UNTOUCHED) and now.measured != 0:
-                add_touches(tallies.contact, at, 1, 0)
-            set_force(shared, j, force_on(shared, j) + force)
+            drag = vec2(Real(0.0), Real(0.0))
             if wp.static(sliding):
                 drag = rub(size, normal, relative, shared.sliding[s])
-                add_drag(tallies, shared, mine, now, j, s, drag, relative)
                 force = force + drag
+            set_force(shared, j, force_on(shared, j) + force)
+            keep(state, now, at, before, first)
+            if now.measured != 0:
+                a = acceleration(shared, j)
+                damped = dissipated(damper * normal, relative, a, lag(mine))
+                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
+                if before == Real(UNTOUCHED):
+                    add_touches(tallies.contact, at, 1, 0)
             if (now.summed >> s) & 1 != 0:
                 arm = vec2(Real(p[0]), Real(p[1]))
                 add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
@@ -197,17 +198,21 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 add_touches(tallies.contact, at, 0, 1)
             put(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
-            force, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
+            force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
             if now.flags & EXTRA != 0:
                 extra = mine.first + j
                 state.extra[extra].energy = state.extra[extra].energy + energy
                 state.extra[extra].guide_force = state.extra[extra].guide_force + size
-            keep(state, tallies, now, at, before, first, size, dissipated)
-            set_force(shared, j, force_on(shared, j) + force)
+            drag = vec2(Real(0.0), Real(0.0))
             if wp.static(sliding):
-                p_of = wp.static(sprockets) + g
-                drag = rub(size, normal, relative, shared.sliding[p_of])
-                add_drag(tallies, shared, mine, now, j, p_of, drag, relative)
+                drag = rub(size, normal, relative, shared.sliding[wp.static(sprockets) + g])
+                force = force + drag
+            set_force(shared, j, force_on(shared, j) + force)
+            keep(state, now, at, before, first)
+            if now.measured != 0:
+                a = acceleration(shared, j)
+                damped = dissipated(damper * normal, relative, a, lag(mine))
+                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
         else:
             put(state, now, at, before, Real(UNTOUCHED))
 

@@ -10,8 +10,9 @@ product).
 
     in_teeth, on_guide  where a roller is in a tooth gap or on a bar: penetration, normal, relative velocity
     misses      whether it is in a bar without having come through its face
-    respond     what the contact answers: force vector, v0, dissipated power, energy
-    rub         the friction on the roller, and what it dissipates (`rubbing_power`)
+    respond     what the contact answers: force vector, v0, what of it damps, energy
+    rub         the friction on the roller
+    dissipated  what damping and friction take
     reaction    the moment of the answer on the partner's body
 
 Friction acts at the roller's center like the contact force, against what the partner's material point there slides
@@ -49,7 +50,8 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         law: the contact's parameters (`structs.ContactLaw`).
 
     Returns:
-        Force on the roller (vector) and its magnitude [N], v0 [m/s], dissipated power [W], elastic energy [J].
+        Force on the roller (vector) and its magnitude [N], v0 [m/s], what of the magnitude damps [N], elastic energy
+        [J].
     """
     speed = wp.dot(relative, normal)
     first = impact_speed
@@ -57,9 +59,8 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         first = wp.max(speed, law.speed_floor)
     elastic = elastic_force(penetration, law.stiffness, law.exponent)
     size = contact_force(elastic, speed, first, law)
-    dissipated = (size - elastic) * speed
     energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
-    return size * normal, size, first, dissipated, energy
+    return size * normal, size, first, size - elastic, energy
 
 
 @wp.func
@@ -96,16 +97,18 @@ def rub(size: Any, normal: Any, relative: Any, sliding: Any):
 
 
 @wp.func
-def rubbing_power(drag: Any, relative: Any, acceleration: Any, lag: Any):
-    """Power [W] of friction at the forces' instant, where the sliding speed is the mean of those around the step.
+def dissipated(force: Any, relative: Any, acceleration: Any, lag: Any):
+    """Power [W] that dampers or friction take, at the mean of the speeds before and after the step.
+
+    With the speed before it alone, the energy balance would drift with the step.
 
     Args:
-        drag: friction on the roller [N].
+        force: of the damper or of friction on the roller [N].
         relative: velocity of the partner's material point less the roller's, `lag` before the forces' instant [m/s].
         acceleration: of the roller, with all that acts on it [m/s^2].
         lag: half a step with leapfrog, 0 with rk4 [s].
     """
-    return wp.dot(drag, relative - lag * acceleration)
+    return wp.dot(force, relative - lag * acceleration)
 
 
 @wp.func

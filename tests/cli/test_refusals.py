@@ -268,7 +268,7 @@ STUDIES = {
     "name-list": ('name = "torque"', "name = []", "factors.0.name"),
     "channels": ("[run]", "[record]\nevery = 1\nchannels = 1.0\n[run]", "record.channels"),
     "choice": ('kind = "factorial"', 'kind = "plackett-burman"\ncenter = 1000000000', "allowed are at most"),
-    "count": ('kind = "factorial"', 'kind = "sobol"\ncount = 1000000000', "from 1 to 100000000"),
+    "count": ('kind = "factorial"', 'kind = "sobol"\ncount = 1000000000', "at most 100000000"),
     "power": ('path = "chain.links"\nlevels = [44, 45]', 'path = "chain.links"\nexpression = "10000**16"', None),
     "kinds": ("levels = [44, 45]", "choice = [44, true]", "of one kind"),
     "zero": ('drive = "tiny.toml"', 'drive = "a\\u0000b.toml"', "zero byte|null byte|must be"),

@@ -83,7 +83,7 @@ GUIDE = {"law": "lankarani-nikravesh", "restitution": 0.3, "impact_speed_floor":
 
 def guided(mu, **options):
     """Two sprockets whose pulling strand a bar presses down, long enough for both its ends to lie on the strand."""
-    drive = two_sprockets(links=80, span=30.003, damping=2e4, speed=6.0, torque=400.0, **options)
+    drive = two_sprockets(**{"links": 80, "span": 30.003, "damping": 2e4, "speed": 6.0, "torque": 400.0} | options)
     bar = {"name": "bar", "start": [1.0, 0.158], "end": [0.5, 0.158], "end_radius": 0.3}
     return drive.with_values({"contact.guide": GUIDE | {"friction": mu}, "guides": [bar]})
 
@@ -113,18 +113,19 @@ def test_no_friction_is_bitwise_the_drive_without():
 
 
 def test_friction_power_of_a_guide_bar_is_the_tension_it_takes_times_the_chain_speed():
-    # (T_out - T_in) v in the mean over whole tooth passings, after the start has died away
-    drive = guided(0.15, duration=0.5)
-    passing = 2 * np.pi / 20 / 6.0
-    window = (0.5 - 5 * passing, 0.5)
+    # (T_out - T_in) v in the mean over whole tooth passings, after the start has died away; slowly, since transverse
+    # waves carry power of their own past the bar: 2 % at 1.5 rad/s, up to 10 % at 6
+    drive = guided(0.15, speed=1.5, duration=1.0, ramp=0.1)
+    passing = 2 * np.pi / 20 / 1.5
+    window = (1.0 - 3 * passing, 1.0)
     run = simulate(drive, device="cpu", record=Record(rate=4000.0), window=window)
     values, seen = run.metrics.to_pylist()[0], run[0].time >= window[0]
     x, y = np.moveaxis(0.5 * (run[0].position + np.roll(run[0].position, -1, axis=1)), -1, 0)
     tension, upper = run[0].tension, y > 0.1
     before, after = (tension[(seen[:, None]) & upper & (x > a) & (x < b)].mean() for a, b in ((1.15, 1.3), (0.2, 0.35)))
     power = values["bar.friction"] / (window[1] - window[0])
-    assert power > 10.0 and values["bar.missed"] == 0
-    assert (after - before) * 6.0 * drive.pitch_radius(0) == pytest.approx(power, rel=0.03)
+    assert power > 4.0 and values["bar.missed"] == 0
+    assert (after - before) * 1.5 * drive.pitch_radius(0) == pytest.approx(power, rel=0.03)
 
 
 def arc_ratio(mu):

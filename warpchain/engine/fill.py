@@ -65,12 +65,13 @@ class RowList:
         return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
 
 
-def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
+def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float, heft: float) -> None:
     row["form"] = FORMS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
     row["damping"] = contact_damping(contact, stiffness, mass)
     row["speed_floor"] = contact.impact_speed_floor
+    row["most_damping"] = heft  # `pack` divides it by the step
 
 
 def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
@@ -92,7 +93,7 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     row["sin_half_seat"] = np.sin(half_seat)
     row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
     row["tip_reach"] = tooth.tip_radius + roller_radius
-    fill_law(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass)
+    fill_law(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass, tooth_heft(drive, s))
 
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
@@ -140,7 +141,7 @@ def fill_guide(row: Any, drive: Drive, g: int) -> None:
     row["end_radius"] = guide.end_radius
     row["roller_radius"] = drive.chain.roller_radius
     row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
-    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
+    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass, drive.chain.mass)
 
 
 def fill_sliding(row: Any, rubbing: Rubbing, heft: float) -> None:

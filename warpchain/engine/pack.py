@@ -79,9 +79,11 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
                     fill_motion(packed.motions[begin + s], drive, s, angle, harmonics, tables)
     for name in ("step", "steps", "window_start", "window_end", "sample_every"):
         packed.drives[name] = [getattr(schedule, name) for _, schedule in zip(drives, schedules, strict=True)]
-    for sliding, counts in ((packed.tooth_sliding, "sprockets"), (packed.guide_sliding, "guides")):
+    sprockets, guides = packed.tooth_sliding, packed.guide_sliding
+    for laws, sliding, counts in ((packed.sprockets, sprockets, "sprockets"), (packed.guides, guides, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
         sliding["stop"][: len(steps)] /= steps
+        laws["law"]["most_damping"][: len(steps)] /= steps
     packed.joints["stop"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
     packed.drives["tension_scale"] = [tension_scale(*of) for of in zip(drives, packed.assemblies, strict=True)]
     packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()

@@ -186,7 +186,11 @@ class Packed:
         arrays: dict[str, Any] = {
             name: _rows(getattr(self, name), places[kind], width) for name, (kind, width) in FIELDS.items()
         }
-        each = {"chains": self.chains[chosen], "joints": self.joints[chosen], "links": self.links[chosen]}
+        each: dict[str, Any] = {
+            "chains": self.chains[chosen],
+            "joints": self.joints[chosen],
+            "links": self.links[chosen],
+        }
         return replace(self, drives=numbered(drives), assemblies=assemblies, **each, **arrays)
 
     def at_precision(self, precision: str) -> Packed:
