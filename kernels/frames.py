@@ -1,8 +1,9 @@
 """Where the values of a frame are written: once, for the CPU's kernel and the GPU's alike.
 
 Which channels a frame holds and how they lie is not known here: it comes as `frame`, an object with `place(name)`,
-`roller_values` and `sprocket_values` (the package's `results.channels.FrameLayout`), whose numbers the compiler sees as
-constants. A new channel is a row of that table and one line here.
+`holds(name)` for those on request, `roller_values` and `sprocket_values` (the package's
+`results.channels.FrameLayout`), whose numbers the compiler sees as constants. A new channel is a row of that table and
+one line here.
 """
 
 from dataclasses import dataclass
@@ -52,6 +53,8 @@ def frame_writers(Real: type, frame: Any) -> FrameWriters:
         frames[mine + wp.static(place("tension")) * n] = seen.tension
         frames[mine + wp.static(place("sprocket_force")) * n] = seen.sprocket_force
         frames[mine + wp.static(place("guide_force")) * n] = seen.guide_force
+        if wp.static(frame.holds("joint_friction_power")):
+            frames[mine + wp.static(place("joint_friction_power")) * n] = seen.friction_power
 
     @wp.func
     def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: BodyState, moment: wp.float64):

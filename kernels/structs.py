@@ -299,6 +299,7 @@ def types(Real: type) -> SimpleNamespace:
         sprocket_force: Real  # sum of magnitudes [N]
         guide_force: Real  # [N]
         energy: Real  # elastic [J]
+        friction_power: Real  # of its joint, where frames hold it [W]
 
     @wp.struct
     class State:

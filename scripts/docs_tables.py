@@ -36,7 +36,7 @@ def place(channel: Channel) -> str:
 
 def channels() -> str:
     """The table of channels."""
-    rows = [(f"`{c.name}`", c.unit, c.per, place(c), c.description) for c in CHANNELS]
+    rows = [(f"`{c.name}`", c.unit, c.per, place(c), c.description + "; on request" * c.on_request) for c in CHANNELS]
     return table(("channel", "unit", "of each", "where", "what it is"), rows)
 
 

@@ -1,9 +1,10 @@
-"""A chain that wears: rollers climb the flanks as links lengthen, on the drive of compare_profiles.py.
+"""A chain that wears: rollers climb the flanks as outer links lengthen, on the drive of compare_profiles.py.
 
     python scripts/wear_study.py [docs/images/wear.png]
 
-The driven sprocket moves out as the chain grows, as a tensioner would have it. Radial places are means over a second of
-running, taken by the pitches since a roller came to the driver.
+Wear lengthens outer links only, by twice what the chain grows on the whole. The driven sprocket moves out with it, as a
+tensioner would have it. Radial places are means over a second of running, taken by the pitches since a roller came to
+the driver.
 """
 
 import argparse
@@ -17,15 +18,16 @@ from matplotlib.axes import Axes
 from warpchain import Drive, Record, Trajectory, simulate
 from warpchain.results.scene import nearest_sprocket, tooth_outline
 
-ELONGATIONS = (0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03)
-LINK = 40  # the one that is worn alone
+ELONGATIONS = (0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03)  # of the chain; its outer links have twice that
+LINK = 40  # the one that is worn alone, an outer one
 SHOWN = "iso606, maximum gap"
 
 
 def worn(profile: str, elongation: float) -> Drive:
-    """The drive with all links longer by `elongation`, its sprockets as far apart as keeps the chain taut."""
+    """The drive with a chain worn by `elongation` as a whole, its sprockets as far apart as keeps the chain taut."""
     span = 29.5 * PITCH * (1.0 + elongation) * (1.0 + 1e-4)
-    return drive(profile).with_values({"chain.elongation": elongation, "sprockets.driven.center": [span, 0.0]})
+    outer = {"elongation": 2.0 * elongation}
+    return drive(profile).with_values({"chain.outer": outer, "sprockets.driven.center": [span, 0.0]})
 
 
 def radial_places(trajectory: Trajectory, rollers: slice = slice(None)) -> tuple[np.ndarray, np.ndarray]:
@@ -65,32 +67,40 @@ def main() -> None:
     rows = run.metrics.to_pylist()
     figure, ((place, climb), (picture, single)) = plt.subplots(2, 2, figsize=(11, 8.5), constrained_layout=True)
     shades = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(ELONGATIONS)))
-    print("profile               elongation   climb on the driver   tension mean / max   losses of contacts   diverged")
-    heights = []
+    print(
+        "profile               elongation   climb: outer / inner link follows   tension mean / max   losses of contacts"
+    )
+    heights = np.empty((len(cases), 2))
     for v, (name, e) in enumerate(cases):
-        where, radial = radial_places(run[v])
-        heights.append(radial.max())
+        shade = shades[ELONGATIONS.index(e)]
+        for first, style in enumerate(("-", "--")):
+            where, radial = radial_places(run[v], slice(first, None, 2))
+            heights[v, first] = radial.max()
+            if name == SHOWN:
+                label = None if first else f"{100 * e:g} %"
+                place.plot(where, 100.0 * radial, style, color=shade, label=label)
         losses = (rows[v]["driver.dissipated"] + rows[v]["driven.dissipated"]) / (1.2 - BEGIN)
         print(
-            f"{name:20s} {100 * e:10.1f} % {100 * radial.max():16.2f} % {rows[v]['tension_mean']:14.0f} / "
-            f"{rows[v]['tension_max']:.0f} N {losses:16.1f} W {rows[v]['diverged']:10d}"
+            f"{name:20s} {100 * e:10.1f} % {100 * heights[v, 0]:12.2f} % / {100 * heights[v, 1]:.2f} % "
+            f"{rows[v]['tension_mean']:21.0f} / {rows[v]['tension_max']:.0f} N {losses:10.1f} W  {rows[v]['status']}"
         )
-        if name == SHOWN:
-            place.plot(where, 100.0 * radial, color=shades[ELONGATIONS.index(e)], label=f"{100 * e:g} %")
     percent = 100.0 * np.array(ELONGATIONS)
     for name, color in zip(PROFILES, COLORS, strict=True):
         mine = [v for v, case in enumerate(cases) if case[0] == name]
-        climb.plot(percent, 100.0 * np.array(heights)[mine], "o-", color=color, label=name)
-    climb.plot(percent, percent, "--", color="0.5", label="links of that length on every tooth")
+        climb.plot(percent, 100.0 * heights[mine, 0], "o-", color=color, label=f"{name}: an outer link follows")
+        climb.plot(percent, 100.0 * heights[mine, 1], "o--", color=color, mfc="white", label=f"{name}: an inner one")
+    climb.plot(percent, percent, ":", color="0.4", label="an outer and an inner link on every two teeth")
     for k, label in enumerate(("the roller before", "its first roller", "its second roller", "the roller after")):
         where, radial = radial_places(run[len(cases)], slice(LINK - 1 + k, LINK + k))
         single.plot(where, 100.0 * radial, label=label)
         print(f"one link longer by 3 %: {label} up to {100 * radial.max():.2f} %")
     last = cases.index((SHOWN, ELONGATIONS[-1]))
     draw(picture, run[last])
-    place.set(xlabel="pitches since arrival on the driver", ylabel="off the pitch circle [%]", title=SHOWN)
+    place.set(xlabel="pitches since arrival on the driver", ylabel="off the pitch circle [%]")
+    place.set_title(f"{SHOWN}; dashed: an inner link follows")
     place.legend(fontsize=8, ncols=2)
-    climb.set(xlabel="elongation [%]", ylabel="off the pitch circle [%]", title="highest roller on the driver, mean")
+    climb.set(xlabel="elongation of the chain [%]", ylabel="off the pitch circle [%]")
+    climb.set_title("highest rollers on the driver, mean")
     climb.legend(fontsize=8)
     single.set(xlabel="pitches since arrival on the driver", ylabel="off the pitch circle [%]")
     single.set_title(f"{SHOWN}, one link 3 % longer")

@@ -8,7 +8,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.joint import couple_force, joint_moment, rubbing_moment, turning
+from ..physics.joint import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
 from ..rows import accessors
 from ..structs import types
@@ -24,6 +24,7 @@ class JointPasses:
     rub_joints: wp.Function
     bend_links: wp.Function
     friction_power: wp.Function
+    joint_power: wp.Function
 
 
 @cache
@@ -157,10 +158,27 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
             i = i + 1
         return total
 
+    @wp.func
+    def turn_at(w: wp.array[Real], i: int, n: int, chain: kinds.Chain, lag: Real):
+        """Rate at which link i turns [rad/s], `lag` after the velocities' instant."""
+        mine = acceleration(w, i, chain.inverse_mass, chain.gravity)
+        of_next = acceleration(w, wp.where(i + 1 < n, i + 1, 0), chain.inverse_mass, chain.gravity)
+        v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
+        lever, turn = turning(apart(w, i), v + lag * (of_next - mine))
+        return turn
+
+    @wp.func
+    def joint_power(w: wp.array[Real], i: int, n: int, chain: kinds.Chain, lag: Real):
+        """Power that joint i dissipates [W]; over all joints the sum is `friction_power`."""
+        before = wp.where(i > 0, i - 1, n - 1)
+        turn = turn_at(w, i, n, chain, lag)
+        return joint_friction_power(load_row(w, MOMENT + i), turn_at(w, before, n, chain, lag), turn)
+
     return JointPasses(
         pull_links=pull_links,
         pull_uneven=pull_uneven,
         rub_joints=rub_joints,
         bend_links=bend_links,
         friction_power=friction_power,
+        joint_power=joint_power,
     )

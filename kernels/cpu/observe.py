@@ -70,7 +70,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     kinds = types(Real)
     vec2 = kinds.vec2
     tally = tallies(Real, capacity)
-    friction_power = joint_passes(Real, capacity).friction_power
+    friction_power, joint_power = joint_passes(Real, capacity).friction_power, joint_passes(Real, capacity).joint_power
     look = statistics(Real, capacity).look
     follow = following(Real).follow
     load_row = accessors(Real).load_row
@@ -182,8 +182,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     def sample(
         ensemble: kinds.Ensemble,
         state: kinds.State,
+        variant: int,
         drive: Drive,
-        chain: kinds.Chain,
         w: wp.array[Real],
         frames: wp.array[Real],
         first: wp.int64,
@@ -193,12 +193,17 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         n = drive.rollers
         begin = int(first)
         lag = Real(at.lag)
+        chain = ensemble.chains[variant]
         inverse_mass = chain.inverse_mass
         for i in range(n):
             a = acceleration(w, i, inverse_mass, chain.gravity)
             position = vec2(load_row(w, X + i), load_row(w, Y + i))
             velocity = vec2(load_row(w, VX + i) + lag * a[0], load_row(w, VY + i) + lag * a[1])
-            write_roller(frames, begin, n, i, position, velocity, seen(w, i))
+            extra = seen(w, i)
+            if wp.static(frame.holds("joint_friction_power")):
+                if ensemble.joints[variant].rubs != 0:
+                    extra.friction_power = joint_power(w, i, n, chain, lag)
+            write_roller(frames, begin, n, i, position, velocity, extra)
         for s in range(drive.sprockets):
             b = drive.first_body + s
             body = body_now(ensemble, state, b, at.time, at.lag)

@@ -9,7 +9,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.joint import couple_force, joint_moment, turning
+from ..physics.joint import couple_force, joint_friction_power, joint_moment, turning
 from ..rows import accessors
 from ..structs import types
 from .block_kind import BlockKind, Mine, now_struct
@@ -23,6 +23,7 @@ class JointFunctions:
 
     pull: wp.Function
     add_friction: wp.Function
+    joint_power: wp.Function
 
 
 @cache
@@ -116,4 +117,23 @@ def block_joints(kind: BlockKind) -> JointFunctions:
             at = FRICTION + j
             store_row(shared.seen, at, load_row(shared.seen, at) - now.weight * wp.dot(force, v))
 
-    return JointFunctions(pull=pull, add_friction=add_friction)
+    @wp.func
+    def pulled(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, j: int, lag: Real):
+        """Tension of link j [N] and the rate at which it turns [rad/s], which comes a second time from `lag` later."""
+        n = mine.rollers
+        tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
+        d, w = across(shared, j, n)
+        next = wp.where(j + 1 < n, j + 1, 0)
+        lever, turn = turning(d, w)
+        later = turn + lag * wp.dot(lever, acceleration(shared, next) - acceleration(shared, j))
+        return tension, turn, later
+
+    @wp.func
+    def joint_power(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, j: int, lag: Real):
+        """Power that joint j dissipates [W], worked out anew from the links beside it, at rates from `lag` later."""
+        tension_before, turn_before, later_before = pulled(ensemble, shared, mine, before(j, mine.rollers), lag)
+        tension, turn, later = pulled(ensemble, shared, mine, j, lag)
+        moment = joint_moment(tension_before, turn_before, tension, turn, shared.joint[0])
+        return joint_friction_power(moment, later_before, later)
+
+    return JointFunctions(pull=pull, add_friction=add_friction, joint_power=joint_power)

@@ -14,6 +14,7 @@ from ..sum_structs import Sums, Tallies
 from ..sums import STRAND_EVERY, add_energy
 from .block_bodies import block_bodies
 from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
+from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, now_struct
 from .block_observe import block_observing
 from .block_rows import block_rows
@@ -40,7 +41,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     kinds, Now = types(Real), now_struct(Real)
     of_each = wp.types.vector(per, Real)
     row, bodies, observe = block_rows(kind), block_bodies(kind), block_observing(kind)
-    statistics = block_statistics(kind)
+    statistics, joint_power = block_statistics(kind), block_joints(kind).joint_power
     frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
     load_row, X, Y, vec2 = accessors(Real).load_row, row.X, row.Y, kinds.vec2
     barrier, place, link_of = row.sharing.barrier, row.place, row.link_of
@@ -164,6 +165,18 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         return vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
 
     @wp.func
+    def sample_joints(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
+        """Keeps what friction takes from the thread's joints, for a frame; all threads together."""
+        lag = Real(0.0)
+        if wp.static(not rk4):
+            lag = wp.where(now.step == 0, Real(0.0), Real(wp.float64(0.5) * mine.h))
+        j = int(mine.thread)
+        while j < mine.rollers:
+            state.extra[mine.first + j].friction_power = joint_power(ensemble, shared, mine, j, lag)
+            j = j + wp.static(threads)
+        barrier()  # neighbors' velocities are set at once
+
+    @wp.func
     def sample_rollers(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -175,6 +188,9 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         since: int,
     ):
         """Writes the thread's rollers to the frame, and their energy to the tallies, where that is due."""
+        if wp.static(kind.bending and frame.holds("joint_friction_power")):
+            if now.flags & FRAME != 0:
+                sample_joints(ensemble, state, shared, mine, now)
         drive = ensemble.drives[mine.variant]
         j = int(mine.thread)
         while j < mine.rollers:

@@ -60,6 +60,17 @@ def joint_moment(tension_before: Any, turn_before: Any, tension_after: Any, turn
 
 
 @wp.func
+def joint_friction_power(moment: Any, turn_before: Any, turn_after: Any):
+    """Power -M_i g_i [W] that a joint's friction takes.
+
+    Args:
+        moment: M_i [N m].
+        turn_before, turn_after: rates at which the links before and after the joint turn [rad/s].
+    """
+    return moment * (turn_before - turn_after)
+
+
+@wp.func
 def couple_force(moment: Any, next_moment: Any, lever: Any):
     """Force [N] on roller i of the couple that joints i and i + 1 make on link i; its opposite acts on roller i + 1.
 

@@ -2,8 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
 from drives import errors_of, marine_values, put, row, two_sprockets
+
+from warpchain import Record, read_archive, simulate
+from warpchain.assembly.summary import derive, report
 
 WORN_IN, NEW = 4 / math.pi, math.pi / 2
 JOINT = {"friction": 0.1, "pin_radius": 0.0075}
@@ -58,6 +62,48 @@ def test_the_pin_term_of_spicer():
     # (M needs |g| = M h / (0.375 m p^2 / 6), 1.6 rad/s of 8 and 17 here, to act in full: hence the short step)
     # the formula has the tight strand only; with the drive's own tensions it is linear in their sum
     assert own == pytest.approx(power * (tight + slack) / 300.0, rel=0.03)
+
+
+def test_check_tells_a_step_at_which_joints_creep():
+    # M = mu kappa r T is at most 0.375 (m p^2 / 6) g / h: in full from g = 16 M h / (m p^2) on
+    base = two_sprockets(speed=10.0, step=5e-6).with_values({"chain.joint": JOINT})
+    values = derive(base)
+    tension = max(strand["working_tension"] for strand in values["strands"])
+    full = 16 * 0.1 * WORN_IN * 0.0075 * tension * 5e-6 / (1.0 * 0.05**2)
+    assert values["joint"]["full_friction_rate"] == pytest.approx(full, rel=1e-12)
+    assert values["joint"]["slowest_rate"] == pytest.approx(10.0, rel=1e-12)
+    assert "TOO LOW" not in report(values)
+    slow = derive(base.with_values({"sprockets.driver.prescribed.speed": 0.1}))
+    share = slow["joint"]["full_friction_rate"] / 0.1
+    assert 0.5 < share < 0.7
+    assert f"TOO LOW at this step: take run.step = {5e-6 * 0.5 / share:.2g} s or less" in report(slow)
+
+
+@pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
+def test_powers_of_the_joints_add_up_to_their_loss(integrator, tmp_path):
+    # sampled at every step, the joints' powers under the window's trapezoids are the metric's sum in another order
+    drive = two_sprockets(duration=0.01, integrator=integrator).with_values({"chain.joint": JOINT})
+    run = simulate(
+        drive, device="cpu", window=(0.0, 0.01), archive=tmp_path / "run.mcap",
+        record=Record(rate=1e9, channels=["joint_friction_power"]),
+    )  # fmt: skip
+    power = read_archive(tmp_path / "run.mcap")[0].joint_friction_power
+    assert power.shape == (2001, 60)
+    weight = np.full(2001, run.info.step)
+    weight[[0, -1]] *= 0.5
+    assert weight @ power.sum(axis=1) == pytest.approx(run.metrics["joints.friction"][0].as_py(), rel=1e-12)
+    # a joint that hardly turns may gain a little at the mean of two velocities, that of one velocity never
+    assert power.min() >= (-1e-3 * power.max() if integrator == "leapfrog" else 0.0)
+
+
+def test_a_drive_without_joint_friction_has_no_friction_power():
+    # its scratch still holds the moments of the variant before it, which the same thread has run
+    rubbing = two_sprockets(duration=0.002)
+    rubbing, bare = rubbing.with_values({"chain.joint": JOINT}), rubbing
+    record = Record(channels=["joint_friction_power"])
+    run = simulate([rubbing, bare], device="cpu", workers=1, record=record)
+    assert run[0].joint_friction_power.max() > 0.0
+    assert (run[1].joint_friction_power == 0.0).all()
 
 
 BAD = [

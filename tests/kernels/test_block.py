@@ -1,5 +1,6 @@
 """The block kernel: against the CPU kernel on cooperative fibers, and compiled for CUDA where there is no GPU."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -22,7 +23,7 @@ from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.relaxation import Settling
 from warpchain.kernels.tension_bins import BINS
-from warpchain.results.channels import FRAME, frame_width
+from warpchain.results.channels import FRAME, NAMES, frame_of, frame_width
 from warpchain.results.schedule import Schedule
 
 FOREVER = 10**8
@@ -177,13 +178,19 @@ def run_blocks(packed, shape, blocks, order, frames):
     ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, len(order)))
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
     threads = shape.threads
-    kernel = block_kernel(kind_of(packed, shape), 4, FRAME)
+    kernel = block_kernel(kind_of(packed, shape), 4, packed.frame)
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
         inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
         wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=threads, device="cpu")
     wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, sums
+
+
+def joint_powers(packed, drive, frames):
+    """Friction power of each joint, of 16 frames of a drive."""
+    found = packed.frame.split(frames.reshape(16, -1), drive.chain.links, len(drive.sprockets))
+    return found["joint_friction_power"]
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
@@ -211,7 +218,9 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
     shape = block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), many)
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]
     packed = pack(variants, schedules).at_precision(precision)
-    widths = [frame_width(drive) * 16 for drive in variants]
+    bends = bool(packed.joints["rubs"].any())
+    packed = replace(packed, frame=frame_of(NAMES if bends else ()))
+    widths = [frame_width(drive, packed.frame) * 16 for drive in variants]
     packed.drives["first_value"] = [0, widths[0]]
     serial = CpuEngine(packed, 1)
     theirs = serial.frame_buffer(sum(widths))
@@ -232,6 +241,10 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
         close(state.bodies.numpy()[name], serial.state.bodies.numpy()[name])
     # forces are differences of positions times stiffness: relative to the largest there is
     close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
+    if bends:
+        powers = [joint_powers(packed, variants[0], frames.numpy()[: widths[0]]) for frames in (ours, theirs)]
+        close(*powers, atol=(1e-9 if precision == "float64" else 5e-3) * powers[1].max())
+        assert powers[1].max() > 0.0
     summed = serial.sums()
     assert packed.slides.all() == (summed["contact"]["friction"] > 0.0).any()
     for name in ("chain", "strand", "sprocket", "mount", "contact", "slip", *NOTES):

@@ -12,11 +12,13 @@ from grown import ROOT, grown, recipe, run_in
 from warpchain import Record, Trajectory, dumps_drive, simulate
 from warpchain.results.channels import (
     CHANNELS,
+    DEFAULT,
     FRAME,
     NAMES,
     OF_ROLLERS,
     Channel,
     FrameLayout,
+    frame_of,
     frame_width,
 )
 
@@ -71,6 +73,14 @@ def test_a_trajectory_holds_every_channel():
         assert f"        {channel.name}: (F, " in Trajectory.__doc__
 
 
+def test_what_is_on_request_takes_no_room_unless_asked_for():
+    assert tuple(name for name in NAMES if name not in DEFAULT) == ("joint_friction_power",)
+    assert frame_of(DEFAULT) == FRAME
+    assert Record().channels == DEFAULT
+    drive = two_sprockets()
+    assert frame_width(drive, frame_of(NAMES)) - frame_width(drive) == drive.chain.links
+
+
 def test_channels_of_rollers_share_no_field():
     fields = [field for channel in OF_ROLLERS for field in channel.fields]
     assert len(set(fields)) == len(fields)
@@ -95,15 +105,20 @@ def test_places_of_a_frame():
     assert hash(small) != hash(FRAME)
 
 
-def test_frames_have_room_for_every_channel():
-    drive = two_sprockets()
-    found = FRAME.split(np.arange(2 * frame_width(drive)).reshape(2, -1), drive.chain.links, 2)
-    assert list(found) == list(NAMES)
+@pytest.mark.parametrize(("asked", "names"), [((), DEFAULT), (NAMES, NAMES)], ids=["default", "all"])
+def test_frames_have_room_for_every_channel(asked, names):
+    drive, frame = two_sprockets(), frame_of(asked)
+    width = frame_width(drive, frame)
+    found = frame.split(np.arange(2 * width).reshape(2, -1), drive.chain.links, 2)
+    assert list(found) == list(names)
     for channel in CHANNELS:
+        if channel.name not in names:
+            assert channel.on_request
+            continue
         assert found[channel.name].shape == (2, *channel.shape(drive.chain.links, 2))
         assert len(channel.dimensions) == found[channel.name].ndim
     every = np.concatenate([values.reshape(-1) for values in found.values()])
-    np.testing.assert_array_equal(np.sort(every), np.arange(2 * frame_width(drive)))  # each value once
+    np.testing.assert_array_equal(np.sort(every), np.arange(2 * width))  # each value once
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])

@@ -9,8 +9,9 @@ With 2 y_i the angle that link i takes at the arc's center, Y_i = y_1 + ... + y_
 
 are roller i's places along the chord and off it, on the side of gravity (outward of the loop where gravity does not
 tell). Links on a wrapped arc carry no force: where wear has made them longer than the sprocket's pitch, the rollers
-stand off their seats, at the radius where links of that length span a tooth each. Only a sprocket's pitch above the
-chain's, or a link unlike the others, carries the stiffness times the difference from the start, until settling.
+stand off their seats, at the radius where links of that length span a tooth each, an outer and an inner one of unlike
+lengths two teeth. Only a sprocket's pitch above the chain's, or a single link unlike the others, carries the stiffness
+times the difference from the start, until settling.
 
 The driver, the first prescribed sprocket, has a seat exactly where the chain's path arrives on it, which is where the
 strand that it pulls ends. The other angles follow (see `warpchain.assembly.seating`). Seat 0 of every sprocket is the
@@ -97,7 +98,8 @@ def assemble(drive: Drive) -> Assembly:
     for s, sprocket in enumerate(drive.sprockets):
         rollers = slice(first[s], last[s] + 1)
         seat = (first_seat[s] + sprocket.sign * np.arange(seating.seats[s])) % sprocket.teeth
-        polar = angle[s] + seat * (2.0 * math.pi / sprocket.teeth)
+        lean = sprocket.sign * drive.riding_lean(s) * np.where(np.arange(first[s], last[s] + 1) % 2, 1.0, -1.0)
+        polar = angle[s] + seat * (2.0 * math.pi / sprocket.teeth) + lean
         arm = path.radius[s] * np.stack([np.cos(polar), np.sin(polar)], axis=1)
         position[rollers] = initial_center(sprocket) + arm
         velocity[rollers] = initial_velocity(sprocket) + speed[s] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)

@@ -4,11 +4,12 @@ Sprocket s holds m_s >= 1 rollers on consecutive seats, the first at polar angle
 b_s = a_s + w_s (m_s - 1) alpha_s; strand k has n_k >= 1 links. The whole numbers satisfy sum (m_s - 1) + sum n_k = N.
 The closing conditions, one a strand,
 
-    |first seat of sprocket k+1 (a_{k+1}) - last seat of sprocket k (b_k)| = l_k (1 + strain),         (a)
+    |first roller of sprocket k+1 (a_{k+1}) - last roller of sprocket k (b_k)| = l_k (1 + strain),     (a)
 
 with l_k the sum of the unloaded lengths of its n_k links, determine the strain and all a_s but the driver's, which is
 the angle where the path arrives on it. They are solved by Newton's method from the path. In a slack chain (strain < 0)
-a strand of one link cannot sag: it keeps its length.
+a strand of one link cannot sag: it keeps its length. Rollers stand in their seats' directions, but where outer links
+are longer and the rollers ride above the seats: there they lean by `Drive.riding_lean`, turn by turn back and forth.
 
 The whole numbers come from the path measured in pitches from the driver's arrival: on an arc the angle over the pitch
 angle, in a strand the length over p (1 + nominal strain), p the links' mean length. Roller i stands at i pitches, and
@@ -73,6 +74,11 @@ def seat_chain(drive: Drive, path: ChainPath) -> Seating:
     return seating
 
 
+def forth(roller: int) -> int:
+    """1 where an outer link ends at a roller, -1 where one begins (`Drive.riding_lean`)."""
+    return 1 if roller % 2 else -1
+
+
 class _Loop:
     """A drive's sprockets as plain numbers, in the order of the chain's travel."""
 
@@ -85,6 +91,7 @@ class _Loop:
         self.pitch_angle = [2.0 * math.pi / teeth for teeth in self.teeth]
         self.step = [sprocket.sign * angle for sprocket, angle in zip(drive.sprockets, self.pitch_angle, strict=True)]
         self.radius = [float(radius) for radius in path.radius]
+        self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
         self.pitch = path.pitch
         self.reach = np.concatenate([[0.0], np.cumsum(np.tile(drive.chain.pulled_lengths, 2))])
 
@@ -124,11 +131,18 @@ class _Loop:
         """Polar angle of the seat that holds the last roller of sprocket s."""
         return seating.first_angle[s] + (seating.seats[s] - 1) * self.step[s]
 
+    def ends(self, seating: Seating, k: int) -> tuple[float, float]:
+        """Polar angles of the last roller before strand k and of the first one after it."""
+        following = (k + 1) % self.size
+        last = sum(seating.seats[: k + 1]) + sum(seating.links[:k]) - 1 - k
+        leave = self.last_angle(seating, k) + forth(last) * self.lean[k]
+        return leave, seating.first_angle[following] + forth(last + seating.links[k]) * self.lean[following]
+
     def chord(self, seating: Seating, k: int) -> tuple[float, float, float, float, float]:
         """Strand k from seat to seat: its unit vector's components and length; the last two are its unit vector times
         the outward unit vectors of its first and last seat."""
         following = (k + 1) % self.size
-        leave, arrive = self.last_angle(seating, k), seating.first_angle[following]
+        leave, arrive = self.ends(seating, k)
         cos_leave, sin_leave = math.cos(leave), math.sin(leave)
         cos_arrive, sin_arrive = math.cos(arrive), math.sin(arrive)
         x = self.center[following][0] + self.radius[following] * cos_arrive
@@ -178,10 +192,7 @@ class _Loop:
                 following = (k + 1) % size
                 x, y, length, _, _ = self.chord(seating, k)
                 residual[k] = length - lengths[k] - elastic[k] * seating.strain
-                leave, arrive = (
-                    self.last_angle(seating, k),
-                    seating.first_angle[following],
-                )
+                leave, arrive = self.ends(seating, k)
                 jacobian[k, following] = self.radius[following] * (y * math.cos(arrive) - x * math.sin(arrive))
                 jacobian[k, k] = -self.radius[k] * (y * math.cos(leave) - x * math.sin(leave))
                 jacobian[k, self.driver] = -elastic[k]

@@ -76,6 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
         exact_positions=arguments.exact_positions,
         split_size=arguments.split_size,
     )
+    record = Record(rate=arguments.rate)
+    if arguments.channels is not None:
+        record = Record(rate=arguments.rate, channels=arguments.channels)
     start_warp()
     drive = _load(arguments)
     run = simulate(
@@ -84,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         precision=arguments.precision,
         duration=arguments.duration,
         step=arguments.step,
-        record=Record(rate=arguments.rate),
+        record=record,
         progress=not arguments.quiet,
         memory=arguments.memory,
         archive=arguments.output,

@@ -98,6 +98,12 @@ def _run(commands: Any) -> None:
     parser.add_argument("--duration", type=number, metavar="SECONDS", help="simulated time; default the drive's own")
     parser.add_argument("--step", type=number, metavar="SECONDS", help="time step; default the drive's own")
     parser.add_argument("--rate", type=number, metavar="HZ", help="samples a second; default the drive's own")
+    parser.add_argument(
+        "--channels",
+        nargs="+",
+        metavar="NAME",
+        help="what to record (docs/archive.md); default all but those on request, such as joint_friction_power",
+    )
     parser.add_argument("--memory", type=gibibytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)")
     parser.add_argument("--compression", default="zstd", choices=["zstd", "lz4", "none"], help="default zstd")
     parser.add_argument(

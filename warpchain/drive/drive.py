@@ -108,9 +108,27 @@ class Drive(Part):
     def riding_radius(self, s: int) -> float:
         """Radius at which the rollers ride on sprocket s [m]: in their seats, or on the flanks where links are longer.
 
-        Links of the length l that take a tooth each span the pitch angle at l / (2 sin(pi/z)).
+        Links of the length l that take a tooth each span the pitch angle at l / (2 sin(pi/z)); an outer and an inner
+        link of unlike lengths l, l' span two of them, a = 4 pi/z, at sqrt(l^2 + l'^2 + 2 l l' cos(a/2)) / (2 sin(a/2)).
         """
-        return max(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(math.pi / self.sprockets[s].teeth))
+        inner, outer = self.chain.pulled_pair
+        half = math.pi / self.sprockets[s].teeth
+        if inner == outer:
+            return max(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
+        over_both = math.sqrt(inner**2 + outer**2 + 2.0 * inner * outer * math.cos(2.0 * half))
+        return max(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half)))
+
+    def riding_lean(self, s: int) -> float:
+        """Angle [rad] by which outer links on sprocket s reach beyond a tooth at either end, and inner ones fall short.
+
+        Where rollers ride above their seats, links of unlike lengths span unlike angles, 2 asin(l / 2R): roller i
+        stands that angle before the middle of its gap if i is even, as outer links begin there, else after it.
+        """
+        inner, outer = self.chain.pulled_pair
+        radius = self.riding_radius(s)
+        if inner == outer or radius <= self.pitch_radius(s):
+            return 0.0
+        return 0.5 * (math.asin(0.5 * outer / radius) - math.asin(0.5 * inner / radius))
 
     def tooth(self, s: int) -> Tooth:
         """The tooth gap of sprocket s: the contact's own, or that of ISO 606 for its teeth."""

@@ -229,6 +229,12 @@ class Chain(Part):
         return (inner if self.outer_pitch == inner else 0.5 * (inner + self.outer_pitch)) + self.link_play
 
     @property
+    def pulled_pair(self) -> tuple[float, float]:
+        """Lengths at which a pulled inner and a pulled outer link begin to carry tension [m]."""
+        inner = self.pitch * (1.0 + self.elongation)
+        return inner + self.link_play, self.outer_pitch + self.link_play
+
+    @property
     def link_lengths(self) -> NDArray[np.float64]:
         """(N,) unloaded lengths of the links [m]."""
         import numpy as np

@@ -18,7 +18,6 @@ from warpchain.engine.arrays import SUMS, empty_sums, upload_ensemble, upload_st
 from warpchain.engine.packed import Packed
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu import relax, serial
-from warpchain.results.channels import FRAME
 
 CAPACITIES = (264, 1032, 4104, 16392, 65544)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
@@ -51,7 +50,7 @@ class CpuEngine:
         """The compiled kernel, loaded before any thread launches it."""
         if name not in self._kernels:
             form = self.packed.real, self.capacity
-            kernel = relax.relax_kernel(*form) if name == "relax" else serial.advance_kernel(*form, FRAME)
+            kernel = relax.relax_kernel(*form) if name == "relax" else serial.advance_kernel(*form, self.packed.frame)
             wp.load_module(kernel.module, device="cpu")
             self._kernels[name] = kernel
         return self._kernels[name]

@@ -24,7 +24,7 @@ from warpchain.drive.mounts import (
     wheel_inertia,
     wheel_mass,
 )
-from warpchain.drive.rubbing import Rubbing
+from warpchain.drive.rubbing import Rubbing, joint_stop
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.table import Table
 from warpchain.kernels.physics.impact import FORCES
@@ -250,10 +250,6 @@ def fill_chain(row: Any, drive: Drive) -> None:
     row["gravity"] = drive.run.gravity
 
 
-JOINT_STOP = 0.375
-"""Part of a link's turning that joint friction may stop in a step, so that all joints at once still decay."""
-
-
 def fill_joint(row: Any, drive: Drive) -> None:
     """Fills the chain's `kernels.structs.Joint`, its `stop` for a step of 1 s; it stays zero without friction."""
     chain = drive.chain
@@ -263,7 +259,7 @@ def fill_joint(row: Any, drive: Drive) -> None:
     assert pin_radius is not None  # the chain's own rule
     row["rubs"] = 1
     row["pin_radius"], row["arm"] = pin_radius, chain.joint.factor * pin_radius
-    row["stop"] = JOINT_STOP * chain.mass * chain.pitch**2 / (6.0 * pin_radius)
+    row["stop"] = joint_stop(chain) / pin_radius
     row["law"]["mu_dynamic"], row["law"]["mu_static"] = chain.joint.friction, chain.joint.static_coefficient
     row["law"]["stribeck_speed"] = chain.joint.stribeck_speed or 1.0
 

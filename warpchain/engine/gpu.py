@@ -27,7 +27,6 @@ from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.structs import DIVERGENCE_CHECK, GROUND
-from warpchain.results.channels import FRAME
 
 MOST_LINKS = 16 * THREADS[-1]
 """Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
@@ -225,7 +224,8 @@ class GpuEngine:
         each = 2**31 if name == "relax" else -(-bucket.count // int(wp.get_device(self.device).sm_count))
         blocks = kernel_shape(name, bucket).resident(self.packed.precision, kind.measuring, each)
         if (name, kind) not in self._kernels:
-            kernel = block_relax_kernel(kind, blocks) if name == "relax" else block_kernel(kind, blocks, FRAME)
+            frame = self.packed.frame
+            kernel = block_relax_kernel(kind, blocks) if name == "relax" else block_kernel(kind, blocks, frame)
             wp.load_module(kernel.module, device=self.device, block_dim=kind.threads)
             self._kernels[name, kind] = kernel
         return self._kernels[name, kind]

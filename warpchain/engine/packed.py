@@ -17,6 +17,7 @@ from warpchain.assembly import Assembly
 from warpchain.errors import SimulationError
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
+from warpchain.results.channels import FRAME, FrameLayout
 
 REAL = {"float64": wp.float64, "float32": wp.float32}
 
@@ -106,6 +107,7 @@ class Packed:
         drives ... impact_speed: see `kernels.structs.Ensemble` and `.State`.
         rollers: (6 * all rollers,) each variant's rows: x, y, vx, vy, and the low parts of x, y (float32).
         assemblies: the initial states.
+        frame: how recorded frames lie.
     """
 
     precision: str
@@ -128,6 +130,7 @@ class Packed:
     strands: NDArray[Any]
     seat: NDArray[np.int32]
     assemblies: tuple[Assembly, ...]
+    frame: FrameLayout = FRAME
 
     @property
     def real(self) -> type:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.results.channels import FRAME, frame_width
+from warpchain.results.channels import frame_width
 from warpchain.results.run import Record, RunInfo, Trajectory
 from warpchain.results.schedule import Schedule
 
@@ -66,7 +66,7 @@ class Recorder:
         self.drives, self.schedules, self.packed = drives, schedules, packed
         self.channels = tuple(record.channels)
         self.indices = record.indices(len(drives))
-        self.widths = np.array([frame_width(drives[v]) for v in self.indices], dtype=np.int64)
+        self.widths = np.array([frame_width(drives[v], packed.frame) for v in self.indices], dtype=np.int64)
         self.every = np.array([schedules[v].sample_every for v in self.indices], dtype=np.int64)
         self.bytes_per_value = np.dtype(recording.precision).itemsize
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
@@ -131,7 +131,7 @@ class Recorder:
     def _trajectory(self, v: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
         """Frames as they lie in a buffer, as a trajectory of its own memory."""
         drive = self.drives[v]
-        channels = FRAME.split(values, drive.chain.links, len(drive.sprockets))
+        channels = self.packed.frame.split(values, drive.chain.links, len(drive.sprockets))
         return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in self.channels})
 
     def _keep(self, v: int, chunk: Trajectory) -> None:
@@ -155,7 +155,7 @@ class Recorder:
         """A variant's chunks as one trajectory."""
         chunks = self._kept.pop(v)
         if not chunks:
-            return self._trajectory(v, np.zeros(0), np.zeros((0, frame_width(self.drives[v]))))
+            return self._trajectory(v, np.zeros(0), np.zeros((0, frame_width(self.drives[v], self.packed.frame))))
         if len(chunks) == 1:
             return chunks[0]
         time = np.concatenate([chunk.time for chunk in chunks])

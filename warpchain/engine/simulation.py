@@ -94,6 +94,7 @@ def simulate(
     from warpchain.engine.ends import engaged, layout_line, layouts_of, net_force
     from warpchain.engine.pack import pack
     from warpchain.engine.packed import real_of
+    from warpchain.results.channels import frame_of
 
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
     if not chosen:
@@ -101,7 +102,7 @@ def simulate(
     recording = Recording(record or Record(), precision, memory, archive, archive_options, overwrite)
     schedules = schedules_of(chosen, duration, step, recording.record, window)
     cores = workers or available_cores()
-    packed = pack(chosen, schedules)
+    packed = replace(pack(chosen, schedules), frame=frame_of(recording.record.channels))
     real_of(precision)  # an unknown precision ends here
     layouts = layouts_of(chosen, packed.assemblies)
     _warn(LayoutWarning, layout_line(layouts))

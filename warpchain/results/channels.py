@@ -6,6 +6,7 @@ trajectories, tables, archives and the table in `docs/archive.md` go by the row.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -27,6 +28,7 @@ class Channel:
         description: what it is, in a few words.
         components: names of a vector's components; of a channel of rollers or links its fields in an archive, so that
             no two of those share one. Empty for a number.
+        on_request: whether frames hold it only where it is asked for by name (`Record.channels`).
     """
 
     name: str
@@ -34,6 +36,7 @@ class Channel:
     per: Literal["roller", "link", "sprocket"]
     description: str
     components: tuple[str, ...] = ()
+    on_request: bool = False
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -66,11 +69,14 @@ CHANNELS = (
     Channel("sprocket_speed", "rad/s", "sprocket", "angular velocity, counter-clockwise"),
     Channel("sprocket_moment", "N m", "sprocket", "moment of the contact forces, counter-clockwise"),
     Channel("sprocket_center", "m", "sprocket", "center", ("x", "y")),
+    Channel("joint_friction_power", "W", "roller", "power that the joint at this roller dissipates", on_request=True),
 )
 """Every channel that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
 
 NAMES = tuple(channel.name for channel in CHANNELS)
 """Names of the channels, in the table's order."""
+DEFAULT = tuple(channel.name for channel in CHANNELS if not channel.on_request)
+"""Names of those that are recorded unless others are asked for."""
 CHANNEL = {channel.name: channel for channel in CHANNELS}
 """The channels by name."""
 OF_ROLLERS = tuple(channel for channel in CHANNELS if not channel.of_sprocket)
@@ -109,6 +115,10 @@ class FrameLayout:
             ends[channel.of_sprocket] += len(channel.fields)
         return places
 
+    def holds(self, name: str) -> bool:
+        """Whether a frame has that channel."""
+        return name in self._places
+
     def place(self, name: str) -> int:
         """A channel's first row among those of the rollers, or its first value among a sprocket's."""
         return self._places[name]
@@ -140,10 +150,16 @@ class FrameLayout:
         return found
 
 
-FRAME = FrameLayout(CHANNELS)
-"""How the kernels' frames lie."""
+FRAME = FrameLayout(tuple(CHANNEL[name] for name in DEFAULT))
+"""How the kernels' frames lie where nothing else is asked for."""
 
 
-def frame_width(drive: Drive) -> int:
+def frame_of(channels: Iterable[str]) -> FrameLayout:
+    """How frames lie that hold, beside what all of them do, those of these channels that are on request."""
+    asked = set(channels)
+    return FrameLayout(tuple(channel for channel in CHANNELS if not channel.on_request or channel.name in asked))
+
+
+def frame_width(drive: Drive, frame: FrameLayout = FRAME) -> int:
     """Number of values of one frame of a drive."""
-    return FRAME.width(drive.chain.links, len(drive.sprockets))
+    return frame.width(drive.chain.links, len(drive.sprockets))

@@ -7,7 +7,7 @@ driver's revolutions, n_s a sprocket's tooth passings, m a roller's mass:
     contact energy per revolution = E / n_d, a wear index: what the contacts have to take up                  (b)
     impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
 
-(b) is the work of normal impacts, not of sliding in the bushings.
+(b) is the work of normal impacts; what sliding takes, where things rub, is in `joints.friction` and `PART.friction`.
 
 Every formula takes the numbers of one variant or arrays (V,) of variants of the same columns.
 """

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
-from warpchain.results.channels import NAMES
+from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.results.judgement import OK
 
 if TYPE_CHECKING:
@@ -39,7 +39,8 @@ class Record:
         variants: "all", "none", or the indices of the variants to record.
         rate: samples a second of simulated time [Hz]; None takes each drive's own `run.sample_rate`. The sampling
             interval is rounded to whole steps; frame 0 is t = 0.
-        channels: which of `results.channels.NAMES` to keep; the others are None in the trajectory.
+        channels: which of `results.channels.NAMES` to keep; the others are None in the trajectory. Those on request
+            (`joint_friction_power`) are not among those kept by default.
 
     Raises:
         SimulationError: for an unknown channel, an unknown word, or a rate that is not positive.
@@ -47,7 +48,7 @@ class Record:
 
     variants: Literal["all", "none"] | Sequence[int] = "all"
     rate: float | None = None
-    channels: Sequence[str] = NAMES
+    channels: Sequence[str] = DEFAULT
 
     def __post_init__(self) -> None:
         if isinstance(self.variants, str) and self.variants not in ("all", "none"):
@@ -97,6 +98,10 @@ class Trajectory:
         sprocket_speed: (F, S) sprocket angular velocities, counter-clockwise [rad/s].
         sprocket_moment: (F, S) moment of the contact forces on each sprocket, counter-clockwise [N m] (16).
         sprocket_center: (F, S, 2) sprocket centers [m].
+        joint_friction_power: (F, N) power that the joint at each roller dissipates [W]: its moment of friction times
+            the rate at which its links turn against each other, with leapfrog at the mean of the velocities before and
+            after the step, as in the metric `joints.friction`; that of a joint that hardly turns can then be a little
+            below 0. On request; 0 where joints do not rub.
     """
 
     drive: Drive
@@ -110,6 +115,7 @@ class Trajectory:
     sprocket_speed: NDArray[np.floating] | None = None
     sprocket_moment: NDArray[np.floating] | None = None
     sprocket_center: NDArray[np.floating] | None = None
+    joint_friction_power: NDArray[np.floating] | None = None
 
     def channels(self) -> dict[str, NDArray[np.floating]]:
         """The recorded channels by name, without time."""

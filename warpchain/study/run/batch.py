@@ -193,10 +193,10 @@ def _attempt(
 def _held(study: Study, variants: Sequence[Variant], memory: int) -> bool:
     """Whether the trajectories of the recorded variants find room in half of the memory."""
     from warpchain.engine.simulation import schedules_of
-    from warpchain.results.channels import frame_width
+    from warpchain.results.channels import frame_of, frame_width
     from warpchain.results.run import Record
 
-    record, size = Record(rate=study.record.rate), 0
+    record, frame, size = Record(rate=study.record.rate), frame_of(study.record.channels), 0
     for variant in variants:
         if variant.recorded and variant.drive is not None:
             try:
@@ -205,7 +205,7 @@ def _held(study: Study, variants: Sequence[Variant], memory: int) -> bool:
                 )
             except (DriveError, SimulationError):
                 continue  # it is said when it is simulated
-            size += 8 * schedule.frames * frame_width(variant.drive)
+            size += 8 * schedule.frames * frame_width(variant.drive, frame)
     return 2 * size <= memory
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from warpchain.drive.part import BARE, Direction, Part, Positive, Problem, Text, Value, allowed, elements, get, numbers
-from warpchain.results.channels import NAMES
+from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.study.spec.factor import Texts, _plain
 
 SAMPLED = ("latin-hypercube", "sobol", "halton")
@@ -185,14 +185,14 @@ class Recording(Part):
         every: every k-th, from 0.
         worst: those with the most extreme value of a metric, simulated a second time when all are known.
         rate: samples a second of simulated time [Hz]; None is each drive's own.
-        channels: of `warpchain.results.channels.NAMES`.
+        channels: of `warpchain.results.channels.NAMES`; those on request only where they are named.
     """
 
     variants: Wholes = ()
     every: Count | None = None
     worst: Worst | None = None
     rate: Positive | None = None
-    channels: Texts = NAMES
+    channels: Texts = DEFAULT
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

@@ -78,7 +78,8 @@ def blueprint(
         tabs.append(rrb.Horizontal(overlay, beside, column_shares=[2, 3], name="overlaid"))
     pictures = [chart.view(f"{root}: link tension {scale}") for chart, root in zip(images, roots, strict=True)]
     tabs.append(rrb.Vertical(*pictures, *curves("strand tension"), name="tension along the chain"))
-    tabs.append(rrb.Vertical(*curves("contact", "moment"), name="contact forces"))
+    rubs = ("friction",) if any(one.trajectory.joint_friction_power is not None for one in shown) else ()
+    tabs.append(rrb.Vertical(*curves("contact", "moment", *rubs), name="contact forces"))
     tabs.append(rrb.Vertical(*curves("ratio", "error", "speed"), name="speed ratio and transmission error"))
     if spectra:
         tabs.append(rrb.Vertical(*(chart.view(f"spectrum of {chart.path[-1]}") for chart in spectra), name="spectrum"))

@@ -36,6 +36,7 @@ GROUPS = {
     "error": "transmission error [mrad]",
     "speed": "sprocket speed [rad/s]",
     "displacement": "strand displacement at mid-span [mm]",
+    "friction": "friction power of all joints [W]",
 }
 """Groups of curves, each a view, with their titles."""
 WIDEST = 4096
@@ -54,6 +55,8 @@ def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floati
     yield "contact", "of sprockets", trajectory.sprocket_force.max(axis=1)
     if drive.guides:
         yield "contact", "of guide-bars", trajectory.guide_force.max(axis=1)
+    if trajectory.joint_friction_power is not None:
+        yield "friction", "of joints", trajectory.joint_friction_power.sum(axis=1)
     for k, name in enumerate(drive.strand_names):
         passing = passing_link(trajectory, k)
         yield "strand tension", name, strand_tension(trajectory, k, passing)
