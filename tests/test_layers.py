@@ -20,7 +20,7 @@ LEVELS = (
     ("results",),
     ("archive",),
     ("engine", "view"),
-    ("study",),
+    ("modal", "study"),
     ("cli",),
     ("", "__main__", "examples", "fit"),
 )

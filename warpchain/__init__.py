@@ -10,12 +10,14 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
     from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
+    from warpchain.modal import Modes, modes
     from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.run import run_study
 
 _HOME = {
     "ArchiveOptions": "archive",
     "Drive": "drive",
+    "Modes": "modal",
     "Record": "results.run",
     "Run": "results.run",
     "Trajectory": "results.run",
@@ -24,6 +26,7 @@ _HOME = {
     "dumps_drive": "drive",
     "load_drive": "drive",
     "loads_drive": "drive",
+    "modes": "modal",
     "read_archive": "archive",
     "run_study": "study.run",
     "simulate": "engine.simulation",
@@ -33,6 +36,7 @@ _HOME = {
 __all__ = [
     "ArchiveOptions",
     "Drive",
+    "Modes",
     "Record",
     "Run",
     "Trajectory",
@@ -42,6 +46,7 @@ __all__ = [
     "dumps_drive",
     "load_drive",
     "loads_drive",
+    "modes",
     "read_archive",
     "run_study",
     "simulate",
