@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from drives import two_sprockets
+from scipy.optimize import least_squares
 
 from warpchain import load_drive
 from warpchain.assembly.timestep import step_limit
@@ -11,54 +12,77 @@ from warpchain.engine.cpu import CpuEngine
 from warpchain.errors import SimulationError
 from warpchain.modal.modes import modes, modes_of, system
 
+KICK = 1e-9
+"""Amplitude [m]: less than what holds any contact closed."""
+
 
 def swung(found, result, chosen, cycles=2.5):
-    """Frequencies [Hz] that a run shows when the standing drive is kicked along one mode at a time."""
-    longest = cycles / result.frequency[chosen].min()
-    step = 0.9 * step_limit(found.drive)
-    packed = found.packed.taken([0] * len(chosen))
+    """Eigenvalues [1/s] that a run shows when the standing drive is let go displaced and kicked as one of its modes.
+
+    What the drive does without a kick (it stands to 1e-6 of its tension, no better) is taken off.
+    """
+    step = 0.5 * step_limit(found.drive)
+    packed = found.packed.taken([0] * (len(chosen) + 1))
     packed.drives["step"], packed.drives["steps"] = step, 2**30
     packed.drives["window_start"] = packed.drives["window_end"] = 2**30
-    vectors = []
+    weights = []
     for v, k in enumerate(chosen):
-        shape, bodies = result.shape[k].real, result.bodies[k].real
-        size = 1e-8 * 2 * np.pi * result.frequency[k] / np.abs(shape).max()
-        packed.rows(v)[2:4] = size * shape.T
-        mine = slice(v * bodies.shape[0], (v + 1) * bodies.shape[0])
-        packed.bodies["velocity"][mine], packed.bodies["speed"][mine] = size * bodies[:, :2], size * bodies[:, 2]
-        vectors.append(shape.T / size)
+        shape, bodies, s = result.shape[k], result.bodies[k], result.eigenvalue[k]
+        size = KICK / np.abs(shape).max()
+        packed.rows(v)[0:2] += size * shape.T.real
+        packed.rows(v)[2:4] = size * (s * shape).T.real
+        mine = packed.bodies[v * len(bodies) : (v + 1) * len(bodies)]
+        mine["center"] += size * bodies[:, :2].real
+        mine["angle"] += size * bodies[:, 2].real
+        mine["velocity"], mine["speed"] = size * (s * bodies[:, :2]).real, size * (s * bodies[:, 2]).real
+        weights.append(shape.T.real / np.abs(shape).max() / KICK)
     engine = CpuEngine(packed, 1)
     frames = engine.frame_buffer(1)
-    rows = engine.state.rollers.numpy().reshape(len(chosen), 6, -1)
-    start, every = rows[:, :2].copy(), int(1.0 / (40.0 * result.frequency[chosen].max() * step))
-    times, found_at = [], []
-    for n in range(int(longest / (every * step)) + 1):
-        times.append(n * every * step)
-        found_at.append([(vector * (row[:2] - at)).sum() for vector, row, at in zip(vectors, rows, start, strict=True)])
+    rows = engine.state.rollers.numpy().reshape(len(chosen) + 1, 6, -1)
+    slowest, fastest = result.frequency[chosen].min(), result.frequency[chosen].max()
+    every = int(1.0 / (40.0 * fastest * step))
+    signals = []
+    for _ in range(int(cycles / (slowest * every * step))):
+        signals.append([(weight * (row[:2] - rows[-1, :2])).sum() for weight, row in zip(weights, rows, strict=False)])
         for future in engine.advance(every, frames):
             future.result()
     engine.close()
     assert not engine.progress()["diverged"].any()
-    times, signals = np.array(times), np.array(found_at).T
-    return np.array([crossing_frequency(times, signal) for signal in signals])
+    times = every * step * np.arange(len(signals))
+    return [fitted(times, signal, result.eigenvalue[k]) for k, signal in zip(chosen, np.array(signals).T, strict=True)]
 
 
-def crossing_frequency(times, signal):
-    """Frequency by the upward crossings of zero, the first at t = 0."""
-    up = np.flatnonzero((signal[1:-1] <= 0.0) & (signal[2:] > 0.0)) + 1
-    at = times[up] - signal[up] * (times[up + 1] - times[up]) / (signal[up + 1] - signal[up])
-    return len(at) / at[-1]
+def fitted(times, signal, guess):
+    """The s of the decaying oscillation Re(a exp(s t)) nearest to a signal, over `guess`'s first two and a half cycles
+    or the time in which it decays to a tenth."""
+    until = min(2.5 * 2.0 * np.pi / guess.imag, 2.3 / max(-guess.real, 1e-12))
+    times, signal = times[times <= until], signal[times <= until]
+
+    def misses(s):
+        waves = np.exp(s[0] * guess.imag * times)[:, None] * np.stack(
+            [np.cos(s[1] * guess.imag * times), np.sin(s[1] * guess.imag * times)], axis=1
+        )
+        return waves @ np.linalg.lstsq(waves, signal, rcond=None)[0] - signal
+
+    found = least_squares(misses, [guess.real / guess.imag, 1.0]).x
+    return guess.imag * complex(*found)
 
 
 @pytest.mark.parametrize(
-    ("name", "chosen"), [("marine", [0, 4, 10, 16]), ("engine", [0, 6, 11, 18]), ("industrial", [0, 5, 12])]
+    ("name", "chosen"), [("engine", [0, 6, 11, 18]), ("industrial", [0, 5, 12]), ("motorcycle", [0, 5, 17])]
 )
 def test_a_kicked_drive_swings_as_its_modes(name, chosen):
-    """Within the 2 % that are asked for; a mode of 35 % damping turns its phase a little from one cycle to the next."""
-    found = system(load_drive(drive_path(name)))
+    """Frequency and damping to a tenth of the 2 % that are asked for, on drives whose contacts do not damp.
+
+    Hysteretic contacts at rest damp as at their floor of impact speed, so strongly that no run's step follows it.
+    """
+    drive = load_drive(drive_path(name)).with_values({"contact.sprocket.restitution": 1.0})
+    if drive.guides:
+        drive = drive.with_values({"contact.guide.restitution": 1.0})
+    found = system(drive)
     result = modes_of(found, 20)
-    damped = result.frequency * np.sqrt(1.0 - result.damping_ratio**2)
-    assert np.allclose(swung(found, result, chosen), damped[chosen], rtol=0.02)
+    run = np.array(swung(found, result, chosen))
+    assert (np.abs(run - result.eigenvalue[chosen]) < 2e-3 * np.abs(run)).all()
 
 
 def test_a_driven_sprocket_between_two_strands():
@@ -70,7 +94,15 @@ def test_a_driven_sprocket_between_two_strands():
     """
     teeth, k, kappa, inertia = 40, 5e7, 2e8, 2000.0
     drive = two_sprockets(
-        teeth=teeth, links=80, span=20.04, stiffness=k, contact=kappa, torque=0.0, inertia=inertia, clearance=0.0
+        teeth=teeth,
+        links=80,
+        span=20.04,
+        stiffness=k,
+        contact=kappa,
+        torque=0.0,
+        inertia=inertia,
+        clearance=0.0,
+        seat_angle=175.0,
     )
     result = modes(drive, 30)
     turning = [m for m in range(len(result)) if result.participation[m, 3] > 0.5]

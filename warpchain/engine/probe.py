@@ -87,6 +87,13 @@ class Probe:
         position = np.ascontiguousarray(rows[0:2].T)
         return States(position[None], np.zeros_like(position)[None], place[None], np.zeros_like(place)[None])
 
+    def packed(self, states: States) -> Packed:
+        """The variant in the first of the states, at rest."""
+        still = replace(self.base, bodies=self.base.bodies.copy(), rollers=self.base.rollers.copy())
+        still.rows(0)[0:2] = states.position[0].T
+        still.bodies["center"], still.bodies["angle"] = states.bodies[0, :, :2], states.bodies[0, :, 2]
+        return still
+
     def body(self, b: int, angle: float) -> BodyRow:
         """How body `b` is held, and its inertia at an angle [rad]."""
         motion, mount = self.base.motions[b], self.base.mounts[b]

@@ -12,9 +12,10 @@ from warpchain.drive import Drive
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
 from warpchain.engine.standing import passing_rate, standing
+from warpchain.modal.balance import balanced
 from warpchain.modal.coordinates import Array, Coordinates, coordinates
 from warpchain.modal.layout import Layout, layout
-from warpchain.modal.matrices import damping, stiffness
+from warpchain.modal.matrices import damping
 from warpchain.modal.pencil import eigenpairs, travelling
 
 ZERO = 1e-5
@@ -107,8 +108,10 @@ def system(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> Sys
         at = coordinates(probe, state)
         places = layout(packed.assemblies[0], probe.contacts(state)[: len(drive.sprockets)])
         travel = travelling(at.rollers, at.mass, passing_rate(drive, speed), places.free_links, at.count)
-        own = stiffness(probe, at, state, drive.chain.pitch)
-        return System(drive, speed, packed, state, at, places, at.masses, damping(probe, at, state), own, travel)
+        pull = float(np.abs(_tension(packed, state)).max())
+        state, own = balanced(probe, at, state, drive.chain.pitch, pull)
+        here = probe.packed(state)
+        return System(drive, speed, here, state, at, places, at.masses, damping(probe, at, state), own, travel)
     finally:
         probe.close()
 
@@ -158,17 +161,18 @@ def modes_of(found: System, count: int) -> Modes:
         bodies=bodies,
         position=found.state.position[0],
         placed=found.state.bodies[0],
-        tension=_tension(found),
+        tension=_tension(found.packed, found.state),
         zeros=int(zero.sum() + 1) // 2,
         growing=np.sort(alone[alone > 0.0]),
         creeping=np.sort(-alone[alone < 0.0]),
     )
 
 
-def _tension(found: System) -> Array:
-    place = found.state.position[0]
+def _tension(packed: Packed, state: States) -> Array:
+    """(N,) of the links [N]; of a running chain with what bends it around the sprockets."""
+    place = state.position[0]
     length = np.hypot(*(np.roll(place, -1, axis=0) - place).T)
-    return float(found.packed.chains["stiffness"][0]) * (length - found.packed.lengths)
+    return float(packed.chains["stiffness"][0]) * (length - packed.lengths)
 
 
 def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:

@@ -59,9 +59,7 @@ def eigenpairs(
     if n <= WHOLE:
         above = np.hstack([np.zeros((n, n)), np.eye(n)])
         below = np.hstack([-k.toarray(), -c.toarray()])
-        value, vector = scipy.linalg.eig(
-            np.vstack([above, below]), scipy.linalg.block_diag(np.eye(n), m.toarray())
-        )
+        value, vector = scipy.linalg.eig(np.vstack([above, below]), scipy.linalg.block_diag(np.eye(n), m.toarray()))
     else:
         value, vector = _nearest(m, c, k, min(2 * wanted + 8, n))
     upper = np.flatnonzero(value.imag >= 0.0)

@@ -44,5 +44,7 @@ def remarks(modes: Modes) -> list[str]:
         result.append(f"{len(modes.growing)} motions run away, the fastest at {modes.growing[-1]:.3g} 1/s: left out")
     if len(modes.creeping):
         slow = 1.0 / modes.creeping[0]
-        result.append(f"{len(modes.creeping)} motions come back without swinging, the slowest in {slow:.3g} s: left out")
+        result.append(
+            f"{len(modes.creeping)} motions come back without swinging, the slowest in {slow:.3g} s: left out"
+        )
     return result
