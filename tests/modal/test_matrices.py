@@ -39,8 +39,8 @@ def strand():
 def test_a_strand_has_the_frequencies_of_its_lumps(strand, n):
     """(1/pi) sqrt(T / (m p)) sin(k pi / (2 (n + 1))) across, (1/pi) sqrt(k / m) sin(...) along.
 
-    Rounding in a link's force, k eps p, over the step of 1e-6 p is 2e-10 of k, or 5e-6 of T / p; of its square root half
-    as much in a mode that feels it all, less in others.
+    Rounding in a link's force, k eps p, over the step of 1e-7 p is 2e-9 of k, or 5e-5 of T / p; of its square root
+    half as much in a mode that feels it all, less in others.
     """
     k, c, m = strand(n)
     value, _ = eigenpairs(m, 0.0 * c, k, n, np.sqrt(STIFFNESS / MASS) / n)
@@ -106,7 +106,7 @@ def plain(at, probe, base, moved, steps):
                                    ' damping = 500.0 }', '{ kind = "elastic", stiffness = [1e7, 2e7], damping = [100.0,'
                                    ' 0.0] }'], ids=["fixed", "slider", "elastic"])  # fmt: skip
 def test_structure_changes_nothing(mount):
-    """Against plain differences: a step in x of 2^-25 m leaves 1e-8 of k; kinks of contacts that are just closed none."""
+    """Against plain differences: a step in x of 2^-25 m leaves 1e-8 of k, and no contact is just closed."""
     import tomllib
 
     kind = tomllib.loads(f"mount = {mount}")["mount"]

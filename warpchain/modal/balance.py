@@ -1,8 +1,8 @@
 """The last digits of a standing state, by Newton's method.
 
-Relaxation leaves a millionth of the chain's tension unbalanced, which moves slack strands by micrometers. Each step goes
-as far along K^-1 F as lowers the energy: to where the forces no longer work along it. A state in which contacts are about
-to open or close has no stiffness of its own, and steps there lead back and forth; the best one met is taken.
+Relaxation leaves a millionth of the chain's tension unbalanced, which moves slack strands by micrometers. Each step
+goes as far along K^-1 F as lowers the energy: to where the forces no longer work along it. A state in which contacts
+are about to open or close has no stiffness of its own, and steps there lead back and forth; the best one is taken.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ K the stiffness, that of a running chain with the bending that its running takes
 damping, and G what makes strands travel: a roller that hangs at a place of its own moves on to the next f times a
 second, so its acceleration has the part 2 f (x_{i+1} - x_{i-1}) / 2 beside the m f^2 D2 x that is in K. With T the
 tension, m_l the mass of a length and v the speed the whole is a travelling string's m_l w'' + 2 v m_l D1 w' -
-(T - m_l v^2) D2 w at the chain's own spacing. On sprockets rollers keep their places, for what moves there is the teeth.
+(T - m_l v^2) D2 w at the chain's own spacing. On sprockets rollers keep their places.
 
 Small pencils are solved whole; of large ones the eigenvalues nearest to zero, by Arnoldi's method on the inverse, whose
 matrix is banded but for the sprockets' columns.
