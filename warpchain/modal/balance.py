@@ -22,8 +22,10 @@ FAINT = 1e-10
 """Of the tension of a link: forces below this are rounding."""
 
 
-def balanced(probe: Probe, at: Coordinates, state: States, pitch: float, tension: float) -> tuple[States, sp.csc_array]:
-    """The standing state nearest to a relaxed one, and K there.
+def balanced(
+    probe: Probe, at: Coordinates, state: States, pitch: float, tension: float
+) -> tuple[States, sp.csc_array, float]:
+    """The standing state nearest to a relaxed one, K there, and its largest force, of the tension.
 
     Args:
         state: one copy.
@@ -46,4 +48,4 @@ def balanced(probe: Probe, at: Coordinates, state: States, pitch: float, tension
         state, force = at.moved(state, SHARES[k] * step[None]), new[k]
         if np.abs(force).max() < least:
             best, least = state, float(np.abs(force).max())
-    return best, stiffness(probe, at, best, pitch)
+    return best, stiffness(probe, at, best, pitch), least / tension

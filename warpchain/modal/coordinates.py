@@ -6,6 +6,7 @@ Displacements, velocities and forces are (n,) vectors of these; states are `engi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -74,7 +75,12 @@ class Coordinates:
         own = (turned.reshape(copies, -1) @ self.basis) @ self.inertia
         return np.hstack([self.mass * straight.reshape(copies, -1), own])
 
-    def split(self, vector: Array) -> tuple[Array, Array]:
+    def vector(self, straight: NDArray[Any], turned: NDArray[Any]) -> NDArray[Any]:
+        """Vectors (copies, n) of displacements of rollers (copies, N, 2) and bodies (copies, B, 3)."""
+        own = turned.reshape(len(turned), -1) @ self.basis
+        return np.hstack([straight.reshape(len(straight), -1), own])
+
+    def split(self, vector: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Rollers' (copies, N, 2) and bodies' (copies, B, 3) parts of vectors (copies, n)."""
         own = 2 * self.rollers
         straight = vector[:, :own].reshape(len(vector), self.rollers, 2)
@@ -94,5 +100,5 @@ def coordinates(probe: Probe, states: States) -> Coordinates:
         inertia[mine, mine] = row.free.T @ row.inertia @ row.free
         at += count[b]
     owner = np.repeat(np.arange(len(rows)), count)
-    turning = basis.reshape(len(rows), 3, sum(count))[:, 2].any(axis=0)
+    turning = np.asarray(basis.reshape(len(rows), 3, sum(count))[:, 2].any(axis=0))
     return Coordinates(probe.rollers, float(probe.base.chains["mass"][0]), basis, inertia, owner, turning)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
-from warpchain.engine.standing import passing_rate, standing
+from warpchain.engine.standing import TOLERANCE, beginning, passing_rate, released
 from warpchain.modal.balance import balanced
 from warpchain.modal.coordinates import Array, Coordinates, coordinates
 from warpchain.modal.layout import Layout, layout
@@ -73,6 +74,21 @@ class Modes:
     def __len__(self) -> int:
         return len(self.eigenvalue)
 
+    def first(self, count: int) -> Modes:
+        """The first of the modes."""
+        kept = {name: getattr(self, name)[:count] for name in PER_MODE}
+        return replace(self, **kept)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All arrays by name, with `frequency` and `damping_ratio`."""
+        others = ("parts", "position", "placed", "tension", "growing", "creeping")
+        result = {name: np.asarray(getattr(self, name)) for name in (*PER_MODE, *others)}
+        return {**result, "frequency": self.frequency, "damping_ratio": self.damping_ratio}
+
+
+PER_MODE = ("eigenvalue", "names", "participation", "across", "shape", "bodies")
+"""Fields of `Modes` that have a row for each mode."""
+
 
 @dataclass(frozen=True)
 class System:
@@ -100,18 +116,34 @@ class System:
 
 
 def system(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> System:
-    """Small motion of a drive; arguments and errors as of `engine.standing.standing`."""
-    packed = standing(drive, speed, start)
+    """Small motion of a drive at a speed of its driver [rad/s].
+
+    Args:
+        start: the drive as it stands at a speed nearby.
+
+    Raises:
+        DriveError: a chain that does not fit.
+        SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
+    """
+    if start is not None:
+        near, unrest = _about(beginning(drive, speed, start), drive, speed)
+        if unrest < TOLERANCE:
+            return near
+    return _about(released(beginning(drive, speed, start), drive), drive, speed)[0]
+
+
+def _about(packed: Packed, drive: Drive, speed: float) -> tuple[System, float]:
+    """Small motion about the standing state near a packed one, and how far from standing that is, of the tension."""
     probe = Probe(packed)
     try:
         state = probe.start()
         at = coordinates(probe, state)
+        pull = float(np.abs(_tension(packed, state)).max())
+        state, own, unrest = balanced(probe, at, state, drive.chain.pitch, pull)
         places = layout(packed.assemblies[0], probe.contacts(state)[: len(drive.sprockets)])
         travel = travelling(at.rollers, at.mass, passing_rate(drive, speed), places.free_links, at.count)
-        pull = float(np.abs(_tension(packed, state)).max())
-        state, own = balanced(probe, at, state, drive.chain.pitch, pull)
-        here = probe.packed(state)
-        return System(drive, speed, here, state, at, places, at.masses, damping(probe, at, state), own, travel)
+        drag = damping(probe, at, state)
+        return System(drive, speed, probe.packed(state), state, at, places, at.masses, drag, own, travel), unrest
     finally:
         probe.close()
 

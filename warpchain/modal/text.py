@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from warpchain.modal.campbell import Campbell
 from warpchain.modal.modes import Modes
 
 SHOWN = 0.005
@@ -47,4 +48,19 @@ def remarks(modes: Modes) -> list[str]:
         result.append(
             f"{len(modes.creeping)} motions come back without swinging, the slowest in {slow:.3g} s: left out"
         )
+    return result
+
+
+def campbell_lines(found: Campbell) -> list[str]:
+    """Where orders meet modes, and where the tooth frequency is twice that of a mode, line by line."""
+    width = max(4, *map(len, found.names))
+    result = ["", f"{'meets':<{width}}  {'rad/s':>8}  {'Hz':>8}  {'damping':>8}  {'order':>8}  cause"]
+    for c in found.crossings():
+        result.append(
+            f"{c.mode:<{width}}  {c.speed:>8.4g}  {c.frequency:>8.4g}  {100.0 * c.damping_ratio:>7.2g}%  "
+            f"{c.order.value:>8.4g}  {c.order.cause}"
+        )
+    result += ["", f"{'tooth frequency twice that of':<{width}}  {'rad/s':>8}  {'Hz':>8}  runs away from e = 4 zeta ="]
+    for t in found.tongues():
+        result.append(f"{t.mode:<{width}}  {t.speed:>8.4g}  {t.frequency:>8.4g}  {t.threshold:.2g}")
     return result
