@@ -89,9 +89,9 @@ def test_a_driven_sprocket_between_two_strands():
     """R sqrt(k_1 + k_2) / (2 pi sqrt J), the strands' links in series with the seated rollers at both of their ends.
 
     From the roller seated last, the arc is a ladder of seats kappa and links k', whose stiffness without its first seat
-    is (-kappa + sqrt(kappa^2 + 4 k' kappa)) / 2. Without clearance a seat is a spring kappa in any direction, and a link
-    on the arc also draws its roller inwards: 1/k' = 1/k + (2 pi / z)^2 / kappa. Left out are the chain's own inertia,
-    0.4 % of the sprocket's, of which less than half turns with it, and the lever's cos(pi/z), 0.3 %, half of it.
+    is (-kappa + sqrt(kappa^2 + 4 k' kappa)) / 2. Without clearance a seat is a spring kappa in any direction, and a
+    link on the arc also draws its roller inwards: 1/k' = 1/k + (2 pi / z)^2 / kappa. Left out are the chain's own
+    inertia, 0.4 % of the sprocket's, of which less than half turns with it, and the lever's cos(pi/z), 0.3 % at most.
     """
     teeth, k, kappa, inertia = 40, 5e7, 5e6, 2000.0
     drive = two_sprockets(

@@ -49,7 +49,7 @@ def _campbell(drive: Drive, speeds: list[float], points: int, count: int) -> Cam
     from warpchain.modal.campbell import campbell
 
     with tqdm(total=points, desc="modes", unit="speed", file=sys.stderr, dynamic_ncols=True) as bar:
-        return campbell(drive, np.linspace(*speeds, max(points, 2)).tolist(), count, lambda done, _: bar.update(1))
+        return campbell(drive, np.linspace(speeds[0], speeds[1], max(points, 2)).tolist(), count, lambda done, _: bar.update(1))
 
 
 def _write(path: Path, result: Modes, found: Campbell | None) -> None:
@@ -77,6 +77,7 @@ def _write(path: Path, result: Modes, found: Campbell | None) -> None:
     elif path.suffix == ".npz":
         import numpy as np
 
-        save(lambda file: np.savez(file, **result.arrays()))
+        arrays: Any = result.arrays()
+        save(lambda file: np.savez(file, **arrays))
     else:
         save(lambda file: figure().savefig(file, format=path.suffix[1:], dpi=130))

@@ -38,7 +38,7 @@ TOLERANCE, ENOUGH = 1e-6, 1e-4
 of steps."""
 SPELL = 16
 """Steps between two looks at the kinetic energy."""
-SPELLS = 40_000
+SPELLS = 20_000
 """Most of them."""
 GRAVITY = 9.81
 
@@ -172,7 +172,8 @@ class _Relaxing:
         return float(self.mass * (self.rows[2:4] ** 2).sum() + turning + straight)
 
     def residual(self) -> float:
-        """Largest net force over the largest link force, of the state, which is at rest and stays."""
+        """Largest net force over the largest link force, of the state, which is at rest and stays; infinite outside the
+        drive's box."""
         place, held = self.rows[0:2].copy(), self.bodies.copy()
         self.run(1)
         kick = 0.5 * self.step
@@ -181,6 +182,8 @@ class _Relaxing:
             float((self.inertia * np.abs(self.bodies["speed"]) / self.radius).max()),
             float((self.moving * np.hypot(*self.bodies["velocity"].T)).max()),
         )
+        if self.progress["diverged"][0]:
+            return float("inf")
         self.rows[0:2], self.bodies[:] = place, held
         self.stop()
         length = np.hypot(*(np.roll(place, -1, axis=1) - place))

@@ -25,7 +25,7 @@ from warpchain.modal.orders import Order, orders
 
 SPARE = 10
 """Modes beyond those asked for that are found at each speed, so that those asked for can be followed."""
-ALIKE = 0.3
+ALIKE = 0.35
 """Least modal assurance with which a mode is followed from one speed to the next."""
 
 Array = NDArray[np.float64]

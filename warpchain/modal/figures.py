@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +20,6 @@ SWING = 0.06
 """Largest displacement drawn, of the drive's size."""
 COLUMNS, MOST = 4, 12
 """Panels of the figure of shapes in a row, and at most."""
-LABELED = 14
-"""Crossings with tooth passing that are marked with their mode's number at most."""
 
 
 def swing(modes: Modes, k: int, phase: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -84,12 +83,14 @@ def campbell_figure(found: Campbell) -> Figure:
     axis = figure.subplots()
     speed = rpm(1.0) * found.speed
     top = 1.08 * float(np.nanmax(found.frequency))
-    for k, name in enumerate(found.names):
-        color = LINES[k % len(LINES)]
-        axis.plot(speed, found.frequency[:, k], color=color, lw=1.4)
-        end = found.frequency[np.flatnonzero(np.isfinite(found.frequency[:, k]))[-1], k]
-        axis.annotate(f"{k + 1}  {arrowed(name)}", (speed[-1], end), (4, 0), textcoords="offset points",
-                      fontsize=7, va="center", color=color, annotation_clip=False)  # fmt: skip
+    ends = []
+    for k in range(len(found.names)):
+        axis.plot(speed, found.frequency[:, k], color=LINES[k % len(LINES)], lw=1.4)
+        ends.append(found.frequency[np.flatnonzero(np.isfinite(found.frequency[:, k]))[-1], k])
+    for k, place in enumerate(_apart(np.array(ends), 0.022 * top)):
+        words, color = f"{k + 1}  {arrowed(found.names[k])}", LINES[k % len(LINES)]
+        axis.annotate(words, (speed[-1], place), (4, 0), textcoords="offset points", fontsize=7, va="center",
+                      color=color, annotation_clip=False)  # fmt: skip
     for order in found.orders:
         _draw_order(axis, order.value, f"{order.value:.4g}: {order.cause}", speed[-1], top)
     for crossing in found.crossings():
@@ -103,9 +104,18 @@ def campbell_figure(found: Campbell) -> Figure:
     axis.grid(alpha=0.3)
     axis.set_xlabel(f"speed of {found.drive.sprockets[found.drive.driver].name} [rpm]")
     axis.set_ylabel("frequency [Hz]")
-    axis.legend(loc="upper left", fontsize=8)
-    axis.set_title("Campbell diagram of the modes; orders of the driver's revolution dashed", fontsize=11)
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+    figure.suptitle("Campbell diagram of the modes; orders of the driver's revolution dashed", fontsize=11)
     return figure
+
+
+def _apart(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """Places moved up, where need be, to lie at least so far apart."""
+    result = places.copy()
+    rank = np.argsort(places)
+    for below, above in itertools.pairwise(rank):
+        result[above] = max(result[above], result[below] + least)
+    return result
 
 
 def _draw_order(axis: Any, order: float, words: str, end: float, top: float) -> None:
@@ -113,9 +123,8 @@ def _draw_order(axis: Any, order: float, words: str, end: float, top: float) -> 
     at = min(end, 60.0 * top / order)
     axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)
     short = words if len(words) <= 44 else words[:43] + "\N{HORIZONTAL ELLIPSIS}"
+    style = {"textcoords": "offset points", "fontsize": 6.5, "color": "0.35"}
     if at < end:
-        axis.annotate(short, (at, top), (2, -3), textcoords="offset points", fontsize=6.5, color="0.35",
-                      rotation=90, va="top", ha="right")  # fmt: skip
+        axis.annotate(short, (at, top), (0, 3), rotation=35, va="bottom", annotation_clip=False, **style)
     elif order * at / 60.0 > 0.02 * top:
-        axis.annotate(short, (at, order * at / 60.0), (-3, 2), textcoords="offset points", fontsize=6.5,
-                      color="0.35", ha="right", va="bottom")  # fmt: skip
+        axis.annotate(short, (at, order * at / 60.0), (-3, 2), ha="right", va="bottom", **style)

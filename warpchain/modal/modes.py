@@ -193,18 +193,19 @@ def modes_of(found: System, count: int) -> Modes:
         bodies=bodies,
         position=found.state.position[0],
         placed=found.state.bodies[0],
-        tension=_tension(found.packed, found.state),
+        tension=_tension(found.packed, found.state, passing_rate(found.drive, found.speed)),
         zeros=int(zero.sum() + 1) // 2,
         growing=np.sort(alone[alone > 0.0]),
         creeping=np.sort(-alone[alone < 0.0]),
     )
 
 
-def _tension(packed: Packed, state: States) -> Array:
-    """(N,) of the links [N]; of a running chain with what bends it around the sprockets."""
+def _tension(packed: Packed, state: States, rate: float = 0.0) -> Array:
+    """(N,) of the links [N]: what stretches them, and of a running chain what bends it around the sprockets too."""
     place = state.position[0]
     length = np.hypot(*(np.roll(place, -1, axis=0) - place).T)
-    return float(packed.chains["stiffness"][0]) * (length - packed.lengths)
+    bending = float(packed.chains["mass"][0]) * rate**2
+    return float(packed.chains["stiffness"][0]) * (length - packed.lengths) + bending * length
 
 
 def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:

@@ -25,8 +25,8 @@ class Order:
 def orders(drive: Drive) -> tuple[Order, ...]:
     """The excitation orders of a drive, ascending; causes of one order are named together.
 
-    Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket and of
-    the chain, harmonics and tables of prescribed motions and loads, balance wheels.
+    Tooth passing and its double, half of it where outer and inner links are unlike, a revolution of each sprocket and
+    of the chain, harmonics and tables of prescribed motions and loads, balance wheels.
     """
     driver = drive.sprockets[drive.driver]
     found = [(float(driver.teeth), "tooth passing"), (2.0 * driver.teeth, "twice tooth passing")]

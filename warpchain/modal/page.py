@@ -33,8 +33,8 @@ def page(modes: Modes, found: Campbell | None = None) -> str:
     tension = f"link tension {modes.tension.min():.4g} to {modes.tension.max():.4g} N"
     body = [
         f"<h1>Modes {escape(where)}</h1>",
-        f"<p>{links}; {tension}. Shares are of the mode's kinetic energy; across is what of the rollers' is transverse to "
-        "the chain.</p>",
+        f"<p>{links}; {tension}. Shares are of the mode's kinetic energy; across is what of the rollers' is "
+        "transverse to the chain.</p>",
         _modes_table(modes),
         *(f"<p>{escape(line)}</p>" for line in remarks(modes)),
         _picture(shapes_figure(modes), "mode shapes"),
@@ -52,8 +52,8 @@ def page(modes: Modes, found: Campbell | None = None) -> str:
         ]
     inner = "\n".join(body)
     return (
-        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>Modes</title>\n<style>{STYLE}</style>\n'
-        f"</head>\n<body>\n{inner}\n</body>\n</html>\n"
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>Modes</title>\n'
+        f"<style>{STYLE}</style>\n</head>\n<body>\n{inner}\n</body>\n</html>\n"
     )
 
 
