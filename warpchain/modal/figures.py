@@ -123,7 +123,8 @@ def _draw_order(axis: Any, order: float, words: str, end: float, top: float) -> 
     at = min(end, 60.0 * top / order)
     axis.plot([0.0, at], [0.0, order * at / 60.0], "--", color="0.55", lw=0.8)
     short = words if len(words) <= 44 else words[:43] + "\N{HORIZONTAL ELLIPSIS}"
-    style = {"textcoords": "offset points", "fontsize": 6.5, "color": "0.35"}
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.5}
+    style = {"textcoords": "offset points", "fontsize": 6.5, "color": "0.35", "bbox": box}
     if at < end:
         axis.annotate(short, (at, top), (0, 3), rotation=35, va="bottom", annotation_clip=False, **style)
     elif order * at / 60.0 > 0.02 * top:

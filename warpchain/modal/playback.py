@@ -36,12 +36,12 @@ def save_recording(modes: Modes, path: str | Path) -> Path:
 
     target = Path(path)
     stream = rr.RecordingStream("warpchain modes")
-    sink = stream.binary_stream()
-    stream.send_blueprint(blueprint(modes))
-    log_modes(stream, modes)
-    data = sink.read(flush=True)
     with refusals(target, ArchiveError), whole_file(target) as file:
-        file.write(data or b"")
+        stream.save(file.name)
+        stream.send_blueprint(blueprint(modes))
+        log_modes(stream, modes)
+        stream.flush()
+        stream.disconnect()
     return target
 
 
