@@ -48,8 +48,9 @@ def _campbell(drive: Drive, speeds: list[float], points: int, count: int) -> Cam
 
     from warpchain.modal.campbell import campbell
 
-    with tqdm(total=points, desc="modes", unit="speed", file=sys.stderr, dynamic_ncols=True) as bar:
-        return campbell(drive, np.linspace(speeds[0], speeds[1], max(points, 2)).tolist(), count, lambda done, _: bar.update(1))
+    between = np.linspace(speeds[0], speeds[1], max(points, 2)).tolist()
+    with tqdm(total=len(between), desc="modes", unit="speed", file=sys.stderr, dynamic_ncols=True) as bar:
+        return campbell(drive, between, count, lambda done, _: bar.update(done - bar.n))
 
 
 def _write(path: Path, result: Modes, found: Campbell | None) -> None:
