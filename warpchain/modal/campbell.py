@@ -140,12 +140,20 @@ def campbell(
 
 def followed(before: Modes, after: Modes, which: NDArray[np.int64], at: System) -> NDArray[np.int64]:
     """The modes `after` that those of indices `which` (-1: lost) became; -1 where none is alike."""
-    alike = assurance(before, after, at)
     kept = np.flatnonzero(which >= 0)
-    rows, columns = linear_sum_assignment(-alike[which[kept]])
     result = np.full(len(which), -1)
-    good = alike[which[kept[rows]], columns] >= ALIKE
-    result[kept[rows[good]]] = columns[good]
+    result[kept] = matched(before.chosen(which[kept]), after, at)
+    return result
+
+
+def matched(these: Modes, those: Modes, at: System) -> NDArray[np.int64]:
+    """(K,) which of `those` modes each of `these` is, one to one, by the largest sum of assurance; -1 where none is
+    alike."""
+    alike = assurance(these, those, at)
+    rows, columns = linear_sum_assignment(-alike)
+    result = np.full(len(these), -1)
+    good = alike[rows, columns] >= ALIKE
+    result[rows[good]] = columns[good]
     return result
 
 

@@ -76,8 +76,12 @@ class Modes:
 
     def first(self, count: int) -> Modes:
         """The first of the modes."""
-        kept = {name: getattr(self, name)[:count] for name in PER_MODE}
-        return replace(self, **kept)
+        return self.chosen(np.arange(min(count, len(self))))
+
+    def chosen(self, which: NDArray[np.integer]) -> Modes:
+        """The modes of these indices."""
+        kept = {name: getattr(self, name)[which] for name in PER_MODE if name != "names"}
+        return replace(self, **kept, names=tuple(self.names[k] for k in which))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All arrays by name, with `frequency` and `damping_ratio`."""
