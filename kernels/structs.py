@@ -62,6 +62,7 @@ class Drive:
     steps: wp.int32  # whole run
     window_start: wp.int32  # metrics are taken from this step
     window_end: wp.int32  # to this one
+    tension_scale: wp.float64  # of the bins of link tension [N]
     sample_every: wp.int32  # steps between frames; 0: not recorded
     first_value: wp.int64  # of this variant's frames in the block's buffer
     low: wp.vec2d  # bounding box beyond which a roller has left the drive [m]
@@ -185,6 +186,7 @@ def types(Real: type) -> SimpleNamespace:
         exponent: Real  # n
         damping: Real  # hysteresis factor d [-]; with Kelvin-Voigt c [N s/m]
         speed_floor: Real  # v_min [m/s]
+        most_damping: Real  # m_e / h [N s/m]: more would turn the approach around in a step
 
     @wp.struct
     class Friction:
@@ -193,6 +195,24 @@ def types(Real: type) -> SimpleNamespace:
         mu_dynamic: Real  # mu_d
         mu_static: Real  # mu_s
         stribeck_speed: Real  # v_s [m/s]
+
+    @wp.struct
+    class Sliding:
+        """What rubs where rollers touch teeth or a guide-bar (`physics.friction`)."""
+
+        rubs: wp.int32  # 1: there is friction
+        stop: Real  # beta m_e / h [N s/m]
+        law: Friction
+
+    @wp.struct
+    class Joint:
+        """What rubs in the joints of one chain (`physics.joint`)."""
+
+        rubs: wp.int32  # 1: there is friction
+        pin_radius: Real  # r_p [m]
+        arm: Real  # kappa r_p [m]
+        stop: Real  # moment a sliding speed that a step can stop, 0.375 (m p^2 / 6) / (h r_p) [N s]
+        law: Friction
 
     @wp.struct
     class Chain:
@@ -205,6 +225,15 @@ def types(Real: type) -> SimpleNamespace:
         gravity: vec2  # [m/s^2]
 
     @wp.struct
+    class Links:
+        """Where the links of one chain are not all the same linear spring: outer ones have an even index."""
+
+        uneven: wp.int32  # 1: outer links differ in stiffness or damping, or there is play
+        outer_stiffness: Real  # k of outer links [N/m]; the chain's is that of inner ones
+        outer_damping: Real  # c of outer links [N s/m]
+        play: Real  # s of a link, its two joints' [m]
+
+    @wp.struct
     class Sprocket:
         """The teeth of one sprocket and their contact law, eq. (5)-(8)."""
 
@@ -212,8 +241,8 @@ def types(Real: type) -> SimpleNamespace:
         first_seat: wp.int32  # of this number of teeth in the table of seat directions
         exact_radius: wp.float64  # R [m]
         pitch_radius: Real  # R [m]
-        near_square: Real  # (R - p/2)^2, and
-        far_square: Real  # (R + p/2)^2: rollers between are engaged
+        near_square: Real  # (R - b)^2, not below 0, and
+        far_square: Real  # (R + b)^2: rollers between are engaged, b = max(p/2, R_tip + Rr - R)
         half_pitch_tangent: Real  # tan(pi / z)
         clearance: Real  # Rc = R_seat - Rr [m]
         cos_half_seat: Real  # of half the seating angle
@@ -240,6 +269,7 @@ def types(Real: type) -> SimpleNamespace:
         length: Real  # |b - a| [m]
         end_radius: Real  # Rg [m]
         roller_radius: Real  # Rr [m]
+        deepest_entry: Real  # a roller first seen deeper than this has not come through the face [m]
         law: ContactLaw
 
     @wp.struct
@@ -255,6 +285,10 @@ def types(Real: type) -> SimpleNamespace:
         guides: wp.array[Guide]  # (all guide-bars,)
         curves: Curves
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
+        tooth_sliding: wp.array[Sliding]  # (all sprockets,)
+        guide_sliding: wp.array[Sliding]  # (all guide-bars,)
+        joints: wp.array[Joint]  # (variants,)
+        links: wp.array[Links]  # (variants,)
 
     @wp.struct
     class Extra:
@@ -276,7 +310,7 @@ def types(Real: type) -> SimpleNamespace:
         wrenches: wp.array[Wrench]  # (all bodies,)
         strands: wp.array[Strand]  # (all sprockets,)
         seat: wp.array[wp.int32]  # (contact memories,): seat of an engaged roller, else -1
-        impact_speed: wp.array[Real]  # (contact memories,): v0 of a contact, 0 while open [m/s]
+        impact_speed: wp.array[Real]  # (contact memories,): v0 of a contact, not positive while open (`contact`) [m/s]
         totals: wp.array[Totals]  # (all sprockets and guide-bars,)
         extra: wp.array[Extra]  # (all rollers,), for block kernels; else (1,)
         stages: wp.array[Real]  # (10 * all rollers,) for rk4 on blocks, else (1,): see `block_rk4`
@@ -293,6 +327,7 @@ def types(Real: type) -> SimpleNamespace:
         impact_speed: wp.array[Real]
         first: wp.int32  # of this partner's rollers
         stage: wp.int32  # v0 is kept at stage 0 only, a step's start (rk4 has three more)
+        lag: Real  # how far the velocities are behind the forces [s]
 
     @wp.struct
     class Shared:
@@ -305,7 +340,10 @@ def types(Real: type) -> SimpleNamespace:
         teeth: wp.array[Sprocket]  # (S,)
         bands: wp.array[Band]  # (S,)
         bars: wp.array[Guide]  # (G,), at least one
+        sliding: wp.array[Sliding]  # (S + G,), of kernels with friction there
         chain: wp.array[Chain]  # (1,)
+        joint: wp.array[Joint]  # (1,)
+        links: wp.array[Links]  # (1,)
         parts: wp.array[wp.float64]  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
         motions: wp.array[Motion]  # (S,)
         course: wp.array[wp.float64]  # (S, steps, 2): angle, speed of prescribed sprockets (`exchange.COURSE`)
@@ -321,6 +359,9 @@ def types(Real: type) -> SimpleNamespace:
         Shared=Shared,
         ContactLaw=ContactLaw,
         Friction=Friction,
+        Sliding=Sliding,
+        Joint=Joint,
+        Links=Links,
         Chain=Chain,
         Sprocket=Sprocket,
         Band=Band,

@@ -15,8 +15,12 @@ class Totals:
     force: wp.float64  # sum of magnitudes [N]
     force_max: wp.float64  # [N]
     dissipated: wp.float64  # power [W]
+    friction: wp.float64  # power of friction [W]
     energy: wp.float64  # elastic [J]
     impacts: wp.int32  # contacts that began
+    contacts: wp.int32  # of them, the first of a roller in its pass
+    missed: wp.int32  # rollers that came in not through the face
+    missing: wp.int32  # rollers that are in there
 
 
 @wp.struct
@@ -24,9 +28,12 @@ class ContactSums:
     """Sums over the window of one sprocket's or guide-bar's contacts."""
 
     force_max: wp.float64  # [N]
-    impacts: wp.int32
+    impacts: wp.int32  # contacts that began
+    contacts: wp.int32  # of them, the first of a roller in its pass over a sprocket
+    missed: wp.int32  # rollers that were in a guide-bar without having come through its face
     impulse: wp.float64  # [N s]
     dissipated: wp.float64  # [J]
+    friction: wp.float64  # dissipated by friction, which `dissipated` has not [J]
 
 
 @wp.struct
@@ -79,8 +86,39 @@ class ChainSums:
     tension_square: wp.float64
     samples: wp.int64  # steps in the window
     dissipated: wp.float64  # in the links [J]
+    friction: wp.float64  # dissipated in the joints [J]
     energy_start: wp.float64  # mechanical energy at the window's start [J]
     energy_end: wp.float64
+
+
+@wp.struct
+class ChainNote:
+    """What `ChainSums` has at a batch's end."""
+
+    tension: wp.float64
+    samples: wp.int64
+
+
+@wp.struct
+class StrandNote:
+    """What `StrandSums` has at a batch's end."""
+
+    links: wp.int64
+    tension: wp.float64
+    samples: wp.int64
+    displacement: wp.float64
+
+
+@wp.struct
+class SlipSums:
+    """Teeth that the chain has jumped over a sprocket in the window, and how that is followed (`kernels.slip`)."""
+
+    slips: wp.int32
+    known: wp.int32  # 1: a roller has been seen in mid-wrap
+    roller: wp.int32  # which was there at the last look
+    place: wp.int32  # of it along the chain, from where the window began, modulo the teeth
+    offset: wp.int32  # of its seat from that place, modulo the teeth
+    candidate: wp.int32  # the same at the last look
 
 
 @wp.struct
@@ -96,9 +134,13 @@ class LinkTally:
 
 @wp.struct
 class RollerTally:
-    """What one link dissipated, and the energy of one roller, its link and its contacts at the window's two ends."""
+    """What one link, and joint friction on one roller, dissipated, and energies at the window's two ends.
+
+    They are of the roller, its link and its contacts.
+    """
 
     dissipated: wp.float64  # [J]
+    friction: wp.float64  # [J]
     energy_start: wp.float64  # [J]
     energy_end: wp.float64
 
@@ -122,3 +164,9 @@ class Sums:
     sprocket: wp.array[SprocketSums]  # (all sprockets,)
     mount: wp.array[MountSums]  # (all sprockets,)
     contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first
+    slip: wp.array[SlipSums]  # (all sprockets,)
+    tension_counts: wp.array[wp.int32]  # `tension_bins.BINS` of each strand, then of links on none, variant by variant
+    chain_notes: wp.array[ChainNote]  # `batches.NOTES` a variant
+    strand_notes: wp.array[StrandNote]  # the same for each sprocket
+    sprocket_notes: wp.array[SprocketSums]
+    mount_notes: wp.array[MountSums]

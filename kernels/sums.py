@@ -74,6 +74,7 @@ def add_energy(sums: Any, start: bool, energy: wp.float64):
 def merge_roller(sums: ChainSums, tally: RollerTally):
     """What one roller and its link, or one sprocket, has for the energy balance."""
     sums.dissipated = sums.dissipated + tally.dissipated
+    sums.friction = sums.friction + tally.friction
     sums.energy_start = sums.energy_start + tally.energy_start
     sums.energy_end = sums.energy_end + tally.energy_end
     return sums
@@ -97,10 +98,28 @@ def add_contact(
 
 
 @wp.func
+def add_touches(sums: wp.array[ContactSums], at: int, contacts: int, missed: int):
+    """Adds rollers that touched for the first time in their pass, and those that came in not through the face."""
+    if contacts != 0:
+        sums[at].contacts = sums[at].contacts + contacts
+    if missed != 0:
+        sums[at].missed = sums[at].missed + missed
+
+
+@wp.func
+def add_friction(sums: wp.array[ContactSums], at: int, power: Any, weight: Any):
+    """Adds the power of friction in contacts of one step [W] to the sums at `at`; `weight` as in `add_contact`."""
+    sums[at].friction = sums[at].friction + wp.float64(weight * power)
+
+
+@wp.func
 def merge_contact(sums: ContactSums, other: ContactSums):
     """What other contacts of the same partner have."""
     sums.force_max = wp.max(sums.force_max, other.force_max)
     sums.impacts = sums.impacts + other.impacts
+    sums.friction = sums.friction + other.friction
+    sums.contacts = sums.contacts + other.contacts
+    sums.missed = sums.missed + other.missed
     sums.impulse = sums.impulse + other.impulse
     sums.dissipated = sums.dissipated + other.dissipated
     return sums

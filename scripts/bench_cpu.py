@@ -73,7 +73,7 @@ def reference_input(packed: Packed) -> bytes:
     n, sprockets, guides = int(drive["rollers"]), int(drive["sprockets"]), int(drive["guides"])
     head = [n, sprockets, guides, drive["step"], packed.lengths[0], chain["stiffness"], chain["damping"], chain["mass"]]
     values = [*head, *chain["gravity"], 0.0, 0.0]
-    law = ("stiffness", "exponent", "damping", "speed_floor")
+    law = ("stiffness", "exponent", "damping", "speed_floor", "most_damping")
     for s in range(sprockets):
         teeth, motion, body = packed.sprockets[s], packed.motions[s], packed.bodies[s]
         values += [*body["center"], teeth["pitch_radius"], teeth["near_square"], teeth["far_square"]]
@@ -187,6 +187,23 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
+RUBBING = {"chain.joint": {"friction": 0.1, "pin_radius": 0.02}}
+STRIBECK = RUBBING | {"chain.joint.static_friction": 0.15, "chain.joint.stribeck_speed": 0.05}
+
+
+def joints(drive: Drive, steps: int, rounds: int) -> None:
+    """Prints what joint friction costs, timed in turns with the same drive without it."""
+    kinds = {"without": drive, "joint friction": drive.with_values(RUBBING), "Stribeck": drive.with_values(STRIBECK)}
+    for precision in ("float64", "float32"):
+        best = dict.fromkeys(kinds, 0.0)
+        for _ in range(rounds):
+            for name, kind in kinds.items():
+                best[name] = max(best[name], engine_rate(kind, 1, 1, steps, False, precision))
+        for name in ("joint friction", "Stribeck"):
+            rate, note = best[name], f"{best[name] / best['without']:5.2f} of without"
+            print(f"  {f'warpchain, {precision}, {name}':38s} {rate / 1e6:8.1f} million roller-steps/s   {note}")
+
+
 def main() -> int:
     """Runs all cases."""
     arguments = parser().parse_args()
@@ -204,6 +221,7 @@ def main() -> int:
         }
         for name, drive in drives.items():
             compare(name, drive, reference, quick, arguments.steps, arguments.rounds)
+            joints(drive, arguments.steps, arguments.rounds)
     return 0
 
 

@@ -1,10 +1,11 @@
 """GPU benchmark: 1e9 roller-steps a second, beside hand-written CUDA C++ doing the same work, compiled on the spot.
 
-    python scripts/bench_gpu.py [table] [recording] [rollers] [gpus] [headline]
+    python scripts/bench_gpu.py [table] [joints] [recording] [rollers] [gpus] [headline]
 
 `table`: the time loop bare and with metrics, by precision and number of variants, two drives, each beside
-chain_reference.cu in the same run. `recording`: whole runs without records, with 16 variants in full, and with metrics
-over the whole run. `rollers`: by length of chain. `gpus`: on one GPU and on all. `headline`: 10,000 variants of the
+chain_reference.cu in the same run. `joints`: with joint friction beside without.
+`recording`: whole runs without records, with 16 variants in full, and with metrics over the whole run.
+`rollers`: by length of chain. `gpus`: on one GPU and on all. `headline`: 10,000 variants of the
 marine drive, two simulated seconds each, metrics for all. Without names: all of them. Each case is run several times
 and the best counts; compilation is timed apart. Without nvcc the reference is left out, with a message.
 """
@@ -19,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from bench_cpu import FOREVER, HERE, TWO_SPROCKETS, reference_input
+from bench_cpu import FOREVER, HERE, RUBBING, TWO_SPROCKETS, reference_input
 
 from warpchain import Drive, Record, load_drive, loads_drive, simulate
 from warpchain.assembly.timestep import resolve_step
@@ -193,7 +194,33 @@ def headline() -> None:
         )
 
 
-PARTS = {"table": table, "recording": recording, "rollers": rollers, "gpus": gpus, "headline": headline}
+def joints() -> None:
+    """What joint friction costs, beside the same drive without it."""
+    for title, drive in DRIVES.items():
+        print(f"\n{title}: {drive.chain.links} rollers; 1e9 roller-steps/s, 2,000 steps")
+        print("precision  variants  metrics  without  with friction  ratio")
+        rubbing = drive.with_values(RUBBING)
+        for precision in ("float64", "float32"):
+            for variants in VARIANTS:
+                for metrics in (False, True):
+                    work = variants * drive.chain.links * 2000 / 1e9
+                    plain, _, _ = bare(drive, variants, precision, 2000, metrics)
+                    rubbed, _, _ = bare(rubbing, variants, precision, 2000, metrics)
+                    print(
+                        f"{precision:9s} {variants:9d}  {metrics!s:7s} {work / plain:8.2f} {work / rubbed:14.2f} "
+                        f"{plain / rubbed:6.2f}",
+                        flush=True,
+                    )
+
+
+PARTS = {
+    "table": table,
+    "joints": joints,
+    "recording": recording,
+    "rollers": rollers,
+    "gpus": gpus,
+    "headline": headline,
+}
 
 
 def part(word: str) -> str:

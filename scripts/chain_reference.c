@@ -8,7 +8,7 @@
 #include <string.h>
 #include <time.h>
 
-typedef struct { double stiffness, exponent, hysteresis, speed_floor; } Law;
+typedef struct { double stiffness, exponent, hysteresis, speed_floor, most_damping; } Law;
 typedef struct { double order, amplitude, phase; } Harmonic;
 typedef struct {
     double x, y, radius, near2, far2, tangent, clearance, cos_half, sin_half, tip;
@@ -54,7 +54,10 @@ static double penalty(double pen, double speed, double *first, const Law *law) {
     if (pen <= 0.0) { *first = 0.0; return 0.0; }
     if (*first == 0.0) *first = speed > law->speed_floor ? speed : law->speed_floor;
     double elastic = law->stiffness * (law->exponent == 1.0 ? pen : pow(pen, law->exponent));
-    double force = elastic * (1.0 + law->hysteresis * speed / *first);
+    double share = speed / *first, most = law->most_damping * fabs(speed);
+    double force = elastic * (1.0 + law->hysteresis * (share < 1.0 ? share : 1.0));
+    if (force > elastic + most) force = elastic + most;
+    if (force < elastic - most) force = elastic - most;
     return force > 0.0 ? force : 0.0;
 }
 

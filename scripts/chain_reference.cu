@@ -13,7 +13,7 @@
 #define CHECK(call) do { cudaError_t e = (call); if (e != cudaSuccess) { \
     fprintf(stderr, "%s: %s\n", #call, cudaGetErrorString(e)); exit(1); } } while (0)
 
-struct LawIn { double stiffness, exponent, hysteresis, floor; };
+struct LawIn { double stiffness, exponent, hysteresis, floor, most; };
 struct SprocketIn {
     double x, y, radius, near2, far2, tangent, clearance, cos_half, sin_half, tip;
     LawIn law;
@@ -24,7 +24,7 @@ struct GuideIn { double x, y, tx, ty, length, end_radius, roller_radius; LawIn l
 struct Head { double n, sprockets, guides, h, pitch, stiffness, damping, mass, gx, gy, unused[2]; };
 struct Input { Head head; std::vector<SprocketIn> sprocket; std::vector<GuideIn> guide; std::vector<double> rows, seats; };
 
-template <class R> struct Law { R stiffness, exponent, hysteresis, floor; };
+template <class R> struct Law { R stiffness, exponent, hysteresis, floor, most; };
 template <class R> struct Teeth { R x, y, radius, near2, far2, tangent, clearance, cos_half, sin_half, tip; Law<R> law; int z, first; };
 template <class R> struct Bar { R x, y, tx, ty, length, end_radius, roller_radius; Law<R> law; };
 template <class R, int S, int G> struct Parameters {
@@ -42,7 +42,8 @@ template <class R> __device__ inline R penalty(R pen, R speed, R &inverse_first,
     if (!(pen > R(0))) { inverse_first = R(0); return R(0); }
     if (inverse_first == R(0)) inverse_first = R(1) / max(speed, law.floor);
     R elastic = law.exponent == R(1) ? law.stiffness * pen : law.stiffness * exp(law.exponent * log(pen));
-    return max(R(0), elastic * (R(1) + law.hysteresis * speed * inverse_first));
+    const R most = law.most * fabs(speed), force = elastic * (R(1) + law.hysteresis * min(speed * inverse_first, R(1)));
+    return max(R(0), min(max(force, elastic - most), elastic + most));
 }
 
 template <class R, int S, int G, int B>
@@ -172,7 +173,7 @@ __global__ void __launch_bounds__(B) march(const Parameters<R, S, G> *parameters
     if (live && blockIdx.x == 0) out[i] = x, out[n + i] = y, out[2 * n + i] = vx, out[3 * n + i] = vy;
 }
 
-template <class R> Law<R> law_of(const LawIn &l) { return {R(l.stiffness), R(l.exponent), R(l.hysteresis), R(l.floor)}; }
+template <class R> Law<R> law_of(const LawIn &l) { return {R(l.stiffness), R(l.exponent), R(l.hysteresis), R(l.floor), R(l.most)}; }
 
 template <class R, int S, int G, int B> void time_case(const Input &in, int variants, int steps, const char *file) {
     Parameters<R, S, G> p{};

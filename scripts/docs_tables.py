@@ -1,6 +1,6 @@
-"""Writes the tables of channels and of metrics into the documents, from the tables in the package.
+"""Writes the tables of channels, of metrics and of limits into the documents, from the tables in the package.
 
-    python scripts/docs_tables.py            # writes docs/archive.md and docs/metrics.md anew
+    python scripts/docs_tables.py            # writes docs/archive.md, metrics.md, judged-runs.md anew
     python scripts/docs_tables.py --check    # only looks whether they are up to date; status 1 if not
 
 Each stands between `<!-- NAME: scripts/docs_tables.py -->` and `<!-- end -->`.
@@ -13,7 +13,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from warpchain.results.channels import CHANNELS, OF_SPROCKETS, Channel
-from warpchain.results.columns import BALANCE, DESIGN, MEASURED, RECORDED, RUN, SETTLING, Group
+from warpchain.results.columns import BALANCE, DESIGN, ENGAGED, JOINTS, MEASURED, RECORDED, RUN, SETTLING, STEADY, Group
+from warpchain.results.judgement import RULES, Limits
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 OF = {"chain": "", "strand": "STRAND.", "sprocket": "SPROCKET.", "partner": "PART."}
@@ -49,13 +50,32 @@ def metrics(groups: Iterable[Group]) -> str:
     return table(("column", "unit", "what it is"), rows)
 
 
+def limits() -> str:
+    """The table of what variants are judged by."""
+    default = Limits()
+    rows = [
+        (
+            f"`{rule.key}`",
+            f"{'at least' if rule.least else 'at most'} {getattr(default, rule.key):g} {rule.unit}",
+            f"`{rule.where}`",
+            rule.advice,
+        )
+        for rule in RULES
+    ]
+    layout = f"at most {default.layout:g} findings"
+    rows.append(("`layout`", layout, "[the layout](#the-layout)", "what the finding says"))
+    return table(("limit", "default", "of the metrics", "what to change"), rows)
+
+
 def tables() -> dict[str, str]:
     """Every table by the name that its place in the documents has."""
     return {
         "channels": channels(),
-        "run": metrics((RUN, SETTLING)),
-        "measured": metrics(group for groups in MEASURED for group in groups),
-        "balance": metrics((BALANCE,)),
+        "run": metrics((RUN, SETTLING, ENGAGED)),
+        "limits": limits(),
+        "measured": metrics(group for groups in MEASURED for group in groups if group is not JOINTS),
+        "steady": metrics((STEADY,)),
+        "balance": metrics((BALANCE, JOINTS)),
         "design": metrics(group for groups in DESIGN for group in groups),
         "recorded": metrics(RECORDED),
     }
@@ -80,7 +100,7 @@ def main(words: Sequence[str] | None = None) -> int:
     """Writes or checks the documents; returns the exit status."""
     check = parser().parse_args(words).check
     stale = 0
-    for path in (DOCS / "archive.md", DOCS / "metrics.md"):
+    for path in (DOCS / "archive.md", DOCS / "metrics.md", DOCS / "judged-runs.md"):
         text = path.read_text()
         if renewed(text) != text:
             stale += 1

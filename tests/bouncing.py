@@ -33,7 +33,7 @@ def bounce(
         f1, s1, m1, d1, e1 = respond(half_pen, normal, half_v * normal, impact_speed, law)
         v = v - h * s1 / mass
         penetration = penetration + h * half_v
-        dissipated = dissipated + h * d1
+        dissipated = dissipated + h * d1 * half_v
         peak = wp.max(peak, e1)
         if penetration <= wp.float64(0.0):
             open = int(1)

@@ -28,6 +28,7 @@ def chain(
     integrator="leapfrog",
     window=None,
     sample_every=0,
+    joint=None,
     precision="float64",
 ):
     """One variant: a closed chain of rollers; each sprocket and guide-bar is a dict of the values that it needs.
@@ -39,9 +40,11 @@ def chain(
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = Packed(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
+        joints=zeros(kinds.Joint), links=zeros(kinds.Links),
         lengths=np.full(n, pitch, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
         mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
+        tooth_sliding=zeros(kinds.Sliding, wheels), guide_sliding=zeros(kinds.Sliding, bars),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
         bodies=zeros(structs.BodyState, bodies), strands=zeros(structs.Strand, wheels),
@@ -56,6 +59,8 @@ def chain(
     row = packed.chains[0]
     row["stiffness"], row["damping"] = stiffness, damping
     row["mass"], row["inverse_mass"], row["gravity"] = mass, 1.0 / mass, gravity
+    if joint is not None:
+        put_joint(packed, pitch, **joint)
     seats = []
     for s, values in enumerate(sprockets):
         teeth, half = values["teeth"], 0.5 * values.get("seat_angle", np.radians(137.0))
@@ -69,9 +74,10 @@ def chain(
         sprocket["flank_curvature"] = values.get("flank_curvature", 0.0)
         sprocket["tip_reach"] = radius + pitch / 2
         law = sprocket["law"]
+        put_friction(packed.tooth_sliding[s], values.get("friction", 0.0), values.get("heft", mass), step)
         law["stiffness"], law["exponent"] = values["stiffness"], values.get("exponent", 1.0)
         law["damping"] = 0.75 * (1 - values.get("restitution", 1.0) ** 2)
-        law["speed_floor"] = values.get("speed_floor", 0.01)
+        law["speed_floor"], law["most_damping"] = values.get("speed_floor", 0.01), mass / step
         motion, body = packed.motions[s], packed.bodies[s]
         motion["sign"] = 1.0
         motion["prescribed"] = int("inertia" not in values)
@@ -85,17 +91,35 @@ def chain(
         seats.append(np.stack([np.cos(angle), np.sin(angle)], axis=1))
         strand = packed.strands[s]
         strand["direction"], strand["length"] = (1.0, 0.0), 1.0
-    for bar, values in zip(packed.guides, guides, strict=False):
+    for g, (bar, values) in enumerate(zip(packed.guides, guides, strict=False)):
+        put_friction(packed.guide_sliding[g], values.get("friction", 0.0), values.get("heft", mass), step)
         chord = np.subtract(values["end"], values["start"])
         bar["body"], bar["start"], bar["length"] = values.get("body", structs.GROUND), values["start"], np.hypot(*chord)
         bar["direction"] = chord / np.hypot(*chord)
         bar["roller_radius"], bar["end_radius"] = values["roller_radius"], values.get("end_radius", 0.1)
+        bar["deepest_entry"] = 0.5 * values["roller_radius"]
         law = bar["law"]
         law["form"], law["stiffness"], law["exponent"] = values.get("form", 0), values["stiffness"], 1.0
-        law["damping"], law["speed_floor"] = values.get("damping", 0.0), 0.01
+        law["damping"], law["speed_floor"], law["most_damping"] = values.get("damping", 0.0), 0.01, mass / step
     if seats:
         packed.seats = np.concatenate(seats)
     return packed
+
+
+def put_friction(row, friction, heft, step):
+    """Friction of a hand-made contact."""
+    row["rubs"], row["stop"] = int(friction > 0.0), 0.5 * heft / step
+    row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
+    row["law"]["stribeck_speed"] = 1.0
+
+
+def put_joint(packed, pitch, friction, pin_radius, factor=4 / np.pi):
+    """Friction in the joints of a hand-made chain."""
+    row, chain = packed.joints[0], packed.chains[0]
+    row["rubs"], row["pin_radius"], row["arm"] = 1, pin_radius, factor * pin_radius
+    row["stop"] = 0.375 * chain["mass"] * pitch**2 / (6.0 * pin_radius * packed.drives[0]["step"])
+    row["law"]["mu_dynamic"] = row["law"]["mu_static"] = friction
+    row["law"]["stribeck_speed"] = 1.0
 
 
 def run(packed, workers=1):

@@ -1,4 +1,4 @@
-"""Shared by the tests of studies: a drive that simulates in milliseconds, and a study of it."""
+"""Shared by the tests of studies: a drive that simulates in milliseconds, and a study of it, whatever its energy."""
 
 from layouts import Placed, drive_of
 
@@ -21,6 +21,9 @@ points = {points}
 name = "links"
 path = "chain.links"
 levels = [44, 45]
+
+[limits]
+energy_residual = inf
 
 [run]
 duration = 0.0005

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -10,16 +11,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from archives import assert_same
 from drives import two_sprockets
 from hypothesis import given
 from hypothesis import strategies as st
 
 import warpchain
-from warpchain import Record, files, simulate, write_archive
+from warpchain import ArchiveOptions, Record, files, read_archive, simulate, write_archive
+from warpchain.archive import ArchiveWriter
 from warpchain.archive.export import export_npz
 from warpchain.archive.mcap_write import McapFile
+from warpchain.archive.names import cut_files
 from warpchain.errors import ArchiveError, DriveError
-from warpchain.files import WholeFile, read_text, refusals, whole_file, write_text
+from warpchain.files import read_text, refusals, whole_file, write_text
 from warpchain.study.store import write_text as write_study_text
 
 OLD, NEW = b"old", b"new" * 100_000
@@ -85,7 +89,8 @@ def test_an_error_at_any_step_leaves_a_whole_file_and_nothing_else(tmp_path, ove
         breaks = Breaks(step, after, end)
         with pytest.MonkeyPatch.context() as patch, contextlib.suppress(OSError, KeyboardInterrupt):
             write_and_break(path, overwrite, breaks, patch.setattr)
-        there = {file.name: file.read_bytes() for file in path.parent.iterdir() if file.name != "file"}
+        names = (file for file in path.parent.iterdir() if file.name not in ("file", ".file.lock"))
+        there = {file.name: file.read_bytes() for file in names}  # a lock that nobody holds is in nobody's way
         if not (step == 0 and after):  # the system opened the file and told nobody: only a system may do that
             assert there == {}
         now = path.read_bytes() if path.exists() else None
@@ -119,7 +124,7 @@ def test_a_kill_at_any_step_leaves_a_whole_file(tmp_path, step, after, overwrite
     assert done.returncode == -9, done.stderr
     now = path.read_bytes() if path.exists() else None
     assert now in (OLD if overwrite else None, NEW)
-    assert {file.suffix for file in tmp_path.iterdir()} <= {"", ".partial"}
+    assert {file.suffix for file in tmp_path.iterdir()} <= {"", ".partial", ".lock"}
     write_text(path, "next")  # what is left is in nobody's way
     assert path.read_text() == "next"
 
@@ -142,7 +147,7 @@ def test_without_overwrite_one_of_many_writers_wins(tmp_path, monkeypatch, links
     path = tmp_path / "a"
     with pytest.raises(FileExistsError), whole_file(path, overwrite=False) as late:
         late.write(b"late")
-        write_text(path, "first", overwrite=False)
+        path.write_text("first")  # by another program, which knows nothing of locks
     assert path.read_text() == "first"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -173,31 +178,108 @@ def run():
 
 
 def test_two_exports_to_one_target_at_once(run, tmp_path, monkeypatch):
-    """Both have their temporary file open when either goes on; each ends well and the target is one of them."""
-    archive = write_archive(run, tmp_path / "a.mcap")
-    plain, both, problems = np.savez_compressed, threading.Barrier(2, timeout=60), []
+    """The second one is told who writes; the first one ends well."""
+    archive, target = write_archive(run, tmp_path / "a.mcap"), tmp_path / "a.npz"
+    plain, said = np.savez_compressed, []
 
     def slow(file, **arrays):
-        both.wait()
+        with pytest.raises(ArchiveError) as caught:
+            export_npz(archive, target)
+        said.append(str(caught.value))
         plain(file, **arrays)
-        both.wait()
-
-    def export():
-        try:
-            export_npz(archive, tmp_path / "a.npz")
-        except BaseException as error:
-            problems.append(error)
 
     monkeypatch.setattr(np, "savez_compressed", slow)
-    threads = [threading.Thread(target=export) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not problems
-    with np.load(tmp_path / "a.npz") as held:
+    export_npz(archive, target)
+    who = f"process {os.getpid()} on {socket.gethostname()} is writing it, since "
+    assert said[0].startswith(f"{target}: cannot be written ({who}")
+    with np.load(target) as held:
         np.testing.assert_array_equal(held["position"], run[0].position)
     assert sorted(file.name for file in tmp_path.iterdir()) == ["a.mcap", "a.npz"]
+
+
+@pytest.mark.parametrize("split", [None, 1])
+def test_two_archives_of_one_name_at_once(run, tmp_path, split):
+    """The second writer of a file or a set is told who writes, also where it may overwrite and in another form."""
+    path = tmp_path / "a.mcap"
+    with ArchiveWriter(path, run.drives, [0], run.info, ArchiveOptions(split_variants=split)) as first:
+        for other in (None, 1):
+            with pytest.raises(ArchiveError, match=rf"process {os.getpid()} on .* is writing it"):
+                write_archive(run, path, overwrite=True, options=ArchiveOptions(split_variants=other))
+        with pytest.raises(ArchiveError, match=r"No such file or directory\); a run is writing it"):
+            read_archive(path)
+        first.append(0, run[0])
+        first.finish(run.metrics, run.info)
+    assert_same(run, read_archive(path))
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+HOLD = """
+import sys, time
+from pathlib import Path
+from warpchain.files import WholeFile
+file = WholeFile(Path(sys.argv[1]), hidden=False)
+file.stream.write(b"to be recovered")
+file.stream.flush()
+print("writing", flush=True)
+time.sleep(600)
+"""
+
+
+def test_a_killed_writer_holds_nothing_and_its_file_stays(tmp_path):
+    """While it lives it keeps others out; killed, the next one writes, beside what it left, whatever its number was."""
+    path = tmp_path / "a.mcap"
+    words = [sys.executable, "-c", HOLD, str(path)]
+    with subprocess.Popen(words, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}, stdout=-1) as process:
+        assert process.stdout.readline() == b"writing\n"
+        with pytest.raises(OSError, match=f"process {process.pid} on"):
+            write_text_now(path, "mine")
+        (left,) = cut_files(path)
+        assert files.is_being_written(left)
+        files.sweep([left, *tmp_path.glob(".*")])
+        assert left.read_bytes() == b"to be recovered"
+        process.kill()
+    assert not files.is_being_written(left)
+    write_text_now(path, "mine")
+    assert path.read_text() == "mine"
+    assert left.read_bytes() == b"to be recovered"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.mcap", left.name]
+    files.sweep([left])
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def write_text_now(path, text):
+    with whole_file(path) as file:
+        file.write(text.encode())
+
+
+def test_without_locks_files_are_written_all_the_same(tmp_path, monkeypatch):
+    monkeypatch.setattr(files.fcntl, "flock", lambda *_: refuse())
+    write_text(tmp_path / "a", "text")
+    assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [("a", "text")]
+    left = tmp_path / ".a.1.partial"
+    left.write_text("whose?")
+    files.sweep([left])
+    assert left.exists()  # nobody can tell whether it is being written
+
+
+def test_only_files_are_replaced(tmp_path):
+    """What is no regular file is refused and stays; a symbolic link to a file stays one."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "nowhere").symlink_to(tmp_path / "absent")
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    (tmp_path / "folder").mkdir()
+    told = {"pipe": "a device or a pipe", "nowhere": "a symbolic link to nothing", "folder": "Is a directory"}
+    for name, reason in told.items():
+        with pytest.raises(OSError, match=reason):
+            write_text(tmp_path / name, "x")
+    with pytest.raises(OSError, match="a device or a pipe"):
+        write_text(Path("/dev/null"), "x")
+    write_text(tmp_path / "link", "new")
+    assert (tmp_path / "real").read_text() == "new"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["folder", "link", "nowhere", "pipe", "real"]
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "nowhere").is_symlink()
 
 
 def test_an_archive_that_appears_meanwhile_stays(run, tmp_path):
@@ -211,21 +293,12 @@ def test_an_archive_that_appears_meanwhile_stays(run, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_a_killed_process_of_the_same_number_left_stays(tmp_path):
-    left = tmp_path / f"a.mcap.{os.getpid()}.partial"
-    left.write_text("to be recovered")
-    file = McapFile(tmp_path / "a.mcap", "test")
-    assert file.partial.name.removeprefix("a.mcap.").removesuffix(".partial").isdigit()
-    file.finish()
-    assert left.read_text() == "to be recovered"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", left.name]
-
-
-def test_a_temporary_name_that_is_taken_is_refused(tmp_path):
-    (tmp_path / "p").write_text("mine")
-    with pytest.raises(FileExistsError):
-        WholeFile(tmp_path / "a", partial=tmp_path / "p")
-    assert (tmp_path / "p").read_text() == "mine"
+def test_temporary_names_are_nobody_elses(tmp_path, monkeypatch):
+    """Processes of containers that share a folder may have the same number."""
+    monkeypatch.setattr(files.os, "getpid", lambda: 1)
+    names = [files.partial_name(tmp_path / "a.mcap", hidden).name for hidden in (True, False) for _ in range(1000)]
+    assert len(set(names)) == 2000
+    assert all(name.startswith((".a.mcap.1-", "a.mcap.1-")) for name in names)
 
 
 def test_refusals_are_one_line(tmp_path):

@@ -1,5 +1,6 @@
 """The guard of bitwise results: the same tree compares clean, and a changed value does not."""
 
+import ast
 import importlib.util
 from pathlib import Path
 
@@ -36,7 +37,25 @@ def test_the_same_tree_is_the_same_and_a_change_is_told(golden, tmp_path, capsys
     setup, tables = capsys.readouterr().out.splitlines()[1:]
     assert "missing: " in setup
     assert "run/0/position: 1 of " in tables and "metrics/columns/old is missing" in tables
-    assert "metrics/columns/tension_mean/value is new" in tables
+    assert "added: metrics/columns/tension_mean/value" in tables
+
+
+def test_what_is_added_is_no_difference(golden, tmp_path, capsys):
+    store = ["-o", str(tmp_path), "--only", "tables"]
+    assert golden.main(store) == 0
+    with np.load(tmp_path / "tables.npz") as stored:
+        arrays = dict(stored)
+    for name in [name for name in arrays if "/tension_q50" in name]:
+        del arrays[name]
+    names, facts = ast.literal_eval(arrays["metrics/names"].tobytes().decode())
+    for kept, status in (([name for name in names if name != "tension_q50"], 0), (names[::-1], 1)):
+        arrays["metrics/names"] = np.frombuffer(repr((kept, facts)).encode(), dtype=np.uint8)
+        np.savez(tmp_path / "tables.npz", **arrays)
+        capsys.readouterr()
+        assert golden.main([*store, "--compare"]) == status
+        line = capsys.readouterr().out.splitlines()[-1]
+        assert "added: metrics/columns/tension_q50/value" in line
+        assert ("  same; " in line) == (status == 0)
 
 
 def test_bits_count(golden):

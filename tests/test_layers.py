@@ -33,6 +33,7 @@ KERNEL_LEVELS = (
     ("integrate",),
     ("physics",),
     ("sums", "relaxation", "frames"),
+    ("batches", "tension_bins", "slip"),
     ("cpu", "gpu"),
 )
 STUDY_LEVELS = (

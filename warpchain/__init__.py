@@ -11,12 +11,14 @@ if TYPE_CHECKING:
     from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
     from warpchain.modal import Modes, modes
+    from warpchain.results.judgement import Limits
     from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.run import run_study
 
 _HOME = {
     "ArchiveOptions": "archive",
     "Drive": "drive",
+    "Limits": "results.judgement",
     "Modes": "modal",
     "Record": "results.run",
     "Run": "results.run",
@@ -36,6 +38,7 @@ _HOME = {
 __all__ = [
     "ArchiveOptions",
     "Drive",
+    "Limits",
     "Modes",
     "Record",
     "Run",

@@ -37,3 +37,11 @@ class ArchiveError(WarpchainError):
 
 class StudyError(WarpchainError):
     """A study, or a table of its results, cannot be used as asked: a missing column, too few rows, a bad design."""
+
+
+class LayoutWarning(UserWarning):
+    """Parts of a drive stand where no chain can run well: strands that cross, a guide-bar in the chain's way."""
+
+
+class SuspectWarning(UserWarning):
+    """Variants of a run are suspect or diverged: their results are not to be relied on."""

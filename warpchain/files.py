@@ -1,18 +1,192 @@
-"""Files written whole or not at all, and text read; what the file system refuses becomes one line.
+"""Files written whole or not at all, by one writer at a time, and text read; what the file system refuses is one line.
 
 A file is written under a temporary name in its own folder, flushed to the disk, and only then given its name, which the
 folder's flush makes last. Whoever looks at that name, at any moment and after any end of the writing process, finds
 the old file whole, or the new one.
+
+Who writes a name holds the lock of `.NAME.lock` beside it, which the system takes back when the process ends, however
+it ends; a second writer is told who that is. The temporary file is locked, too, so that what a killed process left can
+be told from what is being written. File systems without locks (flock) do without; temporary names are still nobody
+else's.
 """
 
 from __future__ import annotations
 
 import contextlib
+import datetime
+import errno
+import hashlib
 import os
+import re
 import secrets
-from collections.abc import Callable, Iterator
+import socket
+import stat
+import time
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO
+
+try:
+    import fcntl
+except ImportError:  # a system without flock
+    fcntl = None  # type: ignore[assignment]
+
+PATIENCE = 10.0
+"""Seconds that writers of small files wait for one another."""
+LONGEST = 255
+"""Bytes of a file's name, at most."""
+
+
+class Lock:
+    """The right to write a name, until `release` or the end of the process.
+
+    Args:
+        path: the name.
+        patience: how long to wait for another writer to end [s].
+
+    Raises:
+        OSError: another one writes it (the reason tells who), or a folder that refuses.
+    """
+
+    def __init__(self, path: Path, patience: float = 0.0) -> None:
+        name = f".{path.name}.lock"
+        if len(os.fsencode(name)) > LONGEST:
+            name = f".{hashlib.sha256(os.fsencode(path.name)).hexdigest()}.lock"
+        self.path = path.with_name(name)
+        self._handle: int | None = None
+        end = time.monotonic() + patience
+        while self._handle is None:
+            handle = _open_lock(self.path)
+            try:
+                if not _locked(handle):
+                    if time.monotonic() >= end:
+                        who = os.pread(handle, 200, 0).decode(errors="replace")
+                        raise OSError(errno.EBUSY, who or "another process is writing it")
+                    time.sleep(0.01)
+                elif _is_named(handle, self.path):
+                    self._handle = handle
+                    with contextlib.suppress(OSError):
+                        os.ftruncate(handle, 0)
+                        os.pwrite(handle, _who().encode(), 0)
+            finally:
+                if self._handle != handle:
+                    os.close(handle)
+
+    def release(self) -> None:
+        """Gives the right back. Raises nothing, and may be called again."""
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            try:
+                os.unlink(self.path)
+            except OSError:  # a file system that has become read-only
+                pass
+            finally:
+                os.close(handle)
+
+
+def _who() -> str:
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    return f"process {os.getpid()} on {socket.gethostname()} is writing it, since {now}"
+
+
+def _open_lock(path: Path) -> int:
+    """A lock's file, made where there is none; another user's is opened for reading alone."""
+    try:
+        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    except PermissionError:
+        if not path.exists():
+            raise
+        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+
+
+def _locked(handle: int) -> bool:
+    """Locks an open file; False if another one holds it. A file system without locks always agrees."""
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _is_named(handle: int, path: Path) -> bool:
+    """Whether an open file still has its name."""
+    try:
+        return os.path.samestat(os.fstat(handle), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def is_being_written(path: Path) -> bool:
+    """Whether a process that still runs writes a temporary file, or holds a lock's."""
+    if fcntl is None:
+        return True
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # held, or on a file system that cannot tell
+        return True
+    finally:
+        os.close(handle)
+    return False
+
+
+def sweep(paths: Iterable[Path]) -> None:
+    """Removes temporary files and locks that no process holds any more. Raises nothing."""
+    for path in paths:
+        with contextlib.suppress(OSError):
+            handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+            try:
+                if fcntl is not None:
+                    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    path.unlink()
+            finally:
+                os.close(handle)
+
+
+def leftovers(folder: Path) -> list[Path]:
+    """Temporary files and locks below a folder, whether left or in use."""
+    return [path for path in sorted(folder.rglob("*")) if LEFT.fullmatch(path.name) and path.is_file()]
+
+
+def target_of(path: Path) -> Path:
+    """The regular file that writing to a path makes or replaces; a symbolic link to one stays a link.
+
+    Raises:
+        OSError: a folder, a device, a FIFO, a symbolic link to nothing.
+    """
+    try:
+        kind = path.lstat().st_mode
+        if stat.S_ISLNK(kind):
+            path = path.resolve(strict=True)
+            kind = path.stat().st_mode
+    except FileNotFoundError:
+        if path.is_symlink():
+            raise OSError(errno.ENOENT, "it is a symbolic link to nothing") from None
+        return path
+    if stat.S_ISDIR(kind):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(kind):
+        raise OSError(errno.EINVAL, "it is a device or a pipe, not a file")
+    return path
+
+
+def partial_name(path: Path, hidden: bool = True) -> Path:
+    """A temporary name that no other writer has, in whatever container it runs; see `PARTIAL`."""
+    token = f"{os.getpid()}-{secrets.token_hex(8)}"
+    return path.with_name(f".{path.name[:40]}.{token}.partial" if hidden else f"{path.name}.{token}.partial")
+
+
+PARTIAL = r"\.\d+(-[0-9a-f]{16})?\.partial"
+"""Regular expression of what follows the name in a temporary name that is not hidden."""
+LEFT = re.compile(rf"\..*\.lock|\..*\.partial|.*\.mcap{PARTIAL}")
+"""Names of temporary files and locks."""
 
 
 class WholeFile:
@@ -21,7 +195,8 @@ class WholeFile:
     Args:
         path: its name when whole.
         overwrite: replace a file of that name; without it, of several processes the first one to finish decides.
-        partial: the temporary name, in the same folder; None makes one that no other writer has.
+        hidden: whether the temporary name begins with a dot; one that users may look for does not.
+        patience: how long to wait for another writer of the name [s]; None if the caller holds its lock.
 
     Attributes:
         partial: the temporary name.
@@ -29,26 +204,44 @@ class WholeFile:
         finished: whether it has its own name.
 
     Raises:
-        FileExistsError: a file of the temporary name; in `finish`, one of its own name and no `overwrite`.
-        OSError: here and in `finish`, a folder or disk that refuses.
+        FileExistsError: in `finish`, a file of its own name and no `overwrite`.
+        OSError: here and in `finish`, another writer of the name, or a folder or disk that refuses.
     """
 
-    def __init__(self, path: Path, overwrite: bool = True, partial: Path | None = None) -> None:
-        self.path, self.overwrite, self.finished = path, overwrite, False
-        self.partial = partial or path.with_name(f".{path.name[:40]}.{os.getpid()}.{secrets.token_hex(8)}.partial")
-        self.stream: IO[bytes] = self.partial.open("xb")
+    def __init__(self, path: Path, overwrite: bool = True, hidden: bool = True, patience: float | None = 0.0) -> None:
+        self.path, self.overwrite, self.finished = target_of(path), overwrite, False
+        self._lock = None if patience is None else Lock(self.path, patience)
+        try:
+            self.partial, self.stream = self._begin(hidden)
+        except BaseException:
+            self._release()
+            raise
+
+    def _begin(self, hidden: bool) -> tuple[Path, IO[bytes]]:
+        """Opens a temporary file, and locks it before any other process could take it for one that was left."""
+        while True:
+            partial = partial_name(self.path, hidden)
+            stream = partial.open("xb")
+            if _locked(stream.fileno()) and _is_named(stream.fileno(), partial):
+                return partial, stream
+            stream.close()
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            self._lock.release()
 
     def finish(self) -> None:
         """Flushes the file to the disk and gives it its name."""
         self.stream.flush()
         os.fsync(self.stream.fileno())
-        self.stream.close()
         if self.overwrite:
             os.replace(self.partial, self.path)
         else:
             _claim(self.partial, self.path)
         self.finished = True
+        self.stream.close()
         _sync_folder(self.path.parent)
+        self._release()
 
     def drop(self, keep: bool = False) -> None:
         """Ends an unfinished file: removes it, or keeps it under its temporary name. Raises nothing."""
@@ -57,6 +250,7 @@ class WholeFile:
         if not (keep or self.finished):
             with contextlib.suppress(OSError):
                 self.partial.unlink()
+        self._release()
 
 
 def _claim(partial: Path, path: Path) -> None:
@@ -86,12 +280,12 @@ def _sync_folder(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def whole_file(path: Path, overwrite: bool = True) -> Iterator[IO[bytes]]:
+def whole_file(path: Path, overwrite: bool = True, patience: float = 0.0) -> Iterator[IO[bytes]]:
     """A file to be written in a `with` block, whose end gives it its name; an error leaves what was there before.
 
     Its `name` is the temporary one, for those that write by path. See `WholeFile` for arguments and errors.
     """
-    file = WholeFile(path, overwrite)
+    file = WholeFile(path, overwrite, patience=patience)
     try:
         yield file.stream
         file.finish()
@@ -100,8 +294,8 @@ def whole_file(path: Path, overwrite: bool = True) -> Iterator[IO[bytes]]:
 
 
 def write_text(path: Path, text: str, overwrite: bool = True) -> None:
-    """Writes a text file (UTF-8, lines as they stand); see `WholeFile`."""
-    with whole_file(path, overwrite) as file:
+    """Writes a text file (UTF-8, lines as they stand), after others that write it; see `WholeFile`."""
+    with whole_file(path, overwrite, PATIENCE) as file:
         file.write(text.encode())
 
 
@@ -112,11 +306,15 @@ def refusals(path: str | Path, error: type[Exception]) -> Iterator[None]:
         yield
     except OSError as refused:
         raise error(f"{path}: cannot be written ({reason(refused)})") from None
+    except ValueError as refused:
+        if "null byte" not in str(refused):
+            raise
+        raise error(f"{str(path)!r}: cannot be written (its name has a zero byte)") from None
 
 
-def reason(error: OSError) -> str:
+def reason(error: OSError | ValueError) -> str:
     """Why the system refused, in a few words on one line."""
-    return error.strerror or (str(error).splitlines() or [type(error).__name__])[0]
+    return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Exception]) -> str:
@@ -129,7 +327,7 @@ def read_text(path: str | os.PathLike[str], kind: str, error: Callable[[str], Ex
     """
     try:
         return Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as refused:
+    except (OSError, ValueError) as refused:  # a name with a zero byte is a ValueError
+        if isinstance(refused, UnicodeDecodeError):
+            raise error(f"not {kind}: byte {refused.start} is not UTF-8") from None
         raise error(f"cannot be read: {reason(refused).lower()}") from None
-    except UnicodeDecodeError as wrong:
-        raise error(f"not {kind}: byte {wrong.start} is not UTF-8") from None

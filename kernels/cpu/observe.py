@@ -13,8 +13,20 @@ from ..physics.motion import load_moment, load_moment_at_speed
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums
-from ..sums import STRAND_EVERY, add_contact, add_displacement, add_energy, add_mount, add_sprocket, following
+from ..sums import (
+    STRAND_EVERY,
+    add_contact,
+    add_displacement,
+    add_energy,
+    add_friction,
+    add_mount,
+    add_sprocket,
+    add_touches,
+    following,
+)
+from .joints import joint_passes
 from .rollers import passes, rows
+from .statistics import statistics
 from .steps import moving
 from .tallies import tallies
 
@@ -58,6 +70,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     kinds = types(Real)
     vec2 = kinds.vec2
     tally = tallies(Real, capacity)
+    friction_power = joint_passes(Real, capacity).friction_power
+    look = statistics(Real, capacity).look
     follow = following(Real).follow
     load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
@@ -74,11 +88,12 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         state: kinds.State,
         drive: Drive,
         chain: kinds.Chain,
+        links: kinds.Links,
         w: wp.array[Real],
         at: Instant,
     ):
         """Energy of chain, contacts, free sprockets and mounts at an evaluated step [J]."""
-        total = tally.rollers_energy(w, drive.rollers, chain, Real(at.lag))
+        total = tally.rollers_energy(w, drive.rollers, chain, links, Real(at.lag))
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
@@ -123,16 +138,25 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     ):
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
-        chain_sums = tally.add_links(w, n, chain, sums.chain[variant], at.weight)
+        if at.step % STRAND_EVERY == 0 and at.step > drive.window_start:
+            look(ensemble, state, sums, variant, drive, w, at.step)
+        links = ensemble.links[variant]
+        chain_sums = tally.add_links(w, n, chain, links, sums.chain[variant], at.weight)
+        if ensemble.joints[variant].rubs != 0:
+            chain_sums.friction += at.weight * friction_power(w, n, chain, Real(at.lag))
         if at.step == drive.window_start:
-            chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, w, at))
+            chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, links, w, at))
         if at.step == drive.window_end:
-            chain_sums = add_energy(chain_sums, False, mechanical_energy(ensemble, state, drive, chain, w, at))
+            chain_sums = add_energy(chain_sums, False, mechanical_energy(ensemble, state, drive, chain, links, w, at))
         sums.chain[variant] = chain_sums
         for p in range(drive.sprockets + drive.guides):
             i = drive.first_sprocket + drive.first_guide + p
             of = state.totals[i]
             add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, at.weight)
+            missed = wp.where(at.step == drive.window_start, of.missing, of.missed)
+            add_touches(sums.contact, i, of.contacts, missed)
+            if of.friction != wp.float64(0.0):
+                add_friction(sums.contact, i, of.friction, at.weight)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, at)
         for s in range(drive.sprockets):

@@ -67,12 +67,14 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         variant = first + wp.tid()
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
+        joint = kinds.Joint()  # no friction while settling
+        links = ensemble.links[variant]
         s = settling[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
-            evaluate(ensemble, state, drive, chain, w, 0)
+            evaluate(ensemble, state, drive, chain, joint, links, w, 0)
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
                 s, restart = judged(s, kinetic_energy(w, n, chain.mass), residual(w, n, chain))

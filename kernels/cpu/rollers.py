@@ -11,7 +11,20 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import in_teeth, on_guide, reaction, respond, surface_velocity, tracked_seat
+from ..physics.contact import (
+    MISSED,
+    UNTOUCHED,
+    after_teeth,
+    dissipated,
+    in_teeth,
+    misses,
+    on_guide,
+    reaction,
+    respond,
+    rub,
+    surface_velocity,
+    tracked_seat,
+)
 from ..physics.link import link_force
 from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
@@ -38,6 +51,10 @@ class Rows:
     sprocket_force: int  # their magnitudes [N]
     guide_force: int
     length: int  # of the link after the roller [m]
+    turn: int  # of that link [rad/s]
+    moment: int  # of the joint on it [N m]
+    bend_x: int  # n / L of link i at i + 1 [1/m], then the force of its joints' couple on roller i [N]
+    bend_y: int
     x0: int  # rk4: the state at the step's start
     y0: int
     vx0: int
@@ -66,6 +83,8 @@ class Passes:
 
     fetch: wp.Function
     put_back: wp.Function
+    close: wp.Function
+    apart: wp.Function
     move: wp.Function
     link_pass: wp.Function
     sprocket_pass: wp.Function
@@ -148,8 +167,8 @@ def passes(Real: type, capacity: int) -> Passes:
             store_row(w, Y + i, load_row(w, Y + i) + dy)
 
     @wp.func
-    def link_pass(w: wp.array[Real], n: int, chain: kinds.Chain):
-        """Tension and force of every link, eq. (2), (3), link i's at i + 1; contact forces start at zero."""
+    def close(w: wp.array[Real], n: int):
+        """Makes roller 0 stand again as roller n."""
         store_row(w, X + n, load_row(w, X))
         store_row(w, Y + n, load_row(w, Y))
         store_row(w, VX + n, load_row(w, VX))
@@ -157,6 +176,11 @@ def passes(Real: type, capacity: int) -> Passes:
         if wp.static(compensated):
             store_row(w, X_LOW + n, load_row(w, X_LOW))
             store_row(w, Y_LOW + n, load_row(w, Y_LOW))
+
+    @wp.func
+    def link_pass(w: wp.array[Real], n: int, chain: kinds.Chain):
+        """Tension and force of every link, eq. (2), (3), link i's at i + 1; contact forces start at zero."""
+        close(w, n)
         i = int(0)
         while i < n:
             d = apart(w, i)
@@ -175,11 +199,12 @@ def passes(Real: type, capacity: int) -> Passes:
         store_row(w, LINK_Y, load_row(w, LINK_Y + n))
 
     @wp.func
-    def add_response(totals: Totals, size: wp.float64, dissipated: wp.float64, energy: wp.float64):
+    def add_response(totals: Totals, size: wp.float64, damped: wp.float64, rubbed: wp.float64, energy: wp.float64):
         """Adds one contact's answer to what its partner's contacts add up to."""
         totals.force += size
         totals.force_max = wp.max(totals.force_max, size)
-        totals.dissipated += dissipated
+        totals.dissipated += damped
+        totals.friction += rubbed
         totals.energy += energy
         return totals
 
@@ -191,6 +216,15 @@ def passes(Real: type, capacity: int) -> Passes:
         store_row(w, row + i, load_row(w, row + i) + size)
 
     @wp.func
+    def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
+        """Acceleration of roller i [m/s^2]: its two links, its contacts and gravity."""
+        force = vec2(
+            load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i),
+            load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i),
+        )
+        return roller_acceleration(force, inverse_mass, gravity)
+
+    @wp.func
     def sprocket_pass(
         w: wp.array[Real],
         n: int,
@@ -198,6 +232,8 @@ def passes(Real: type, capacity: int) -> Passes:
         body: Pose,
         seats: wp.array[wp.vec2d],
         memory: kinds.Memory,
+        sliding: kinds.Sliding,
+        chain: kinds.Chain,
     ):
         """Contacts of all rollers with one sprocket, eq. (5)-(17); returns their `Totals`."""
         totals = Totals()
@@ -217,16 +253,25 @@ def passes(Real: type, capacity: int) -> Passes:
                 seat = tracked_seat(p, memory.seat[at], body.cosine, body.sine, sprocket, seats)
                 penetration, normal, relative = in_teeth(p, v, omega, seat, sprocket)
                 memory.seat[at] = seat.number
-                kept = Real(0.0)
+                kept = after_teeth(before)
                 if penetration > Real(0.0):
-                    f, size, first, dissipated, energy = respond(penetration, normal, relative, before, sprocket.law)
+                    f, size, first, damper, energy = respond(penetration, normal, relative, before, sprocket.law)
                     kept = first
+                    drag = vec2(Real(0.0), Real(0.0))
+                    if sliding.rubs != 0:
+                        drag = rub(size, normal, relative, sliding)
+                    f = f + drag
                     add_force(w, i, SPROCKET_FORCE, f, size)
                     totals.moment += wp.float64(reaction(r, f))
                     push -= f
-                    totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
-                    if before == Real(0.0):
+                    a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+                    damped = wp.float64(dissipated(damper * normal, relative, a, memory.lag))
+                    rubbed = wp.float64(dissipated(drag, relative, a, memory.lag))
+                    totals = add_response(totals, wp.float64(size), damped, rubbed, wp.float64(energy))
+                    if before <= Real(0.0):
                         totals.impacts += 1
+                    if before == Real(UNTOUCHED):
+                        totals.contacts += 1
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)
             else:
@@ -238,7 +283,15 @@ def passes(Real: type, capacity: int) -> Passes:
         return totals
 
     @wp.func
-    def guide_pass(w: wp.array[Real], n: int, bar: kinds.Guide, body: Pose, memory: kinds.Memory):
+    def guide_pass(
+        w: wp.array[Real],
+        n: int,
+        bar: kinds.Guide,
+        body: Pose,
+        memory: kinds.Memory,
+        sliding: kinds.Sliding,
+        chain: kinds.Chain,
+    ):
         """Contacts of all rollers with one guide-bar on a body, eq. (21)-(23); returns their `Totals`."""
         totals = Totals()
         push = vec2(Real(0.0), Real(0.0))
@@ -255,15 +308,27 @@ def passes(Real: type, capacity: int) -> Passes:
                 arm = place(w, i) - body.center
                 surface = surface_velocity(body, arm)
                 penetration, normal, relative = on_guide(p, v, vec2(Real(surface[0]), Real(surface[1])), bar)
-                kept = Real(0.0)
-                if penetration > Real(0.0):
-                    f, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
+                kept = Real(UNTOUCHED)
+                if penetration > Real(0.0) and misses(penetration, before, bar):
+                    kept = Real(MISSED)
+                    totals.missing += 1
+                    if before == Real(UNTOUCHED):
+                        totals.missed += 1
+                elif penetration > Real(0.0):
+                    f, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
                     kept = first
+                    drag = vec2(Real(0.0), Real(0.0))
+                    if sliding.rubs != 0:
+                        drag = rub(size, normal, relative, sliding)
+                    f = f + drag
                     add_force(w, i, GUIDE_FORCE, f, size)
                     totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), f))
                     push -= f
-                    totals = add_response(totals, wp.float64(size), wp.float64(dissipated), wp.float64(energy))
-                    if before == Real(0.0):
+                    a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+                    damped = wp.float64(dissipated(damper * normal, relative, a, memory.lag))
+                    rubbed = wp.float64(dissipated(drag, relative, a, memory.lag))
+                    totals = add_response(totals, wp.float64(size), damped, rubbed, wp.float64(energy))
+                    if before == Real(UNTOUCHED):
                         totals.impacts += 1
                 if memory.stage == 0:
                     store_row(memory.impact_speed, at, kept)
@@ -273,15 +338,6 @@ def passes(Real: type, capacity: int) -> Passes:
             i = i + 1
         totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
         return totals
-
-    @wp.func
-    def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration of roller i [m/s^2]: its two links, its contacts and gravity."""
-        force = vec2(
-            load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i),
-            load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i),
-        )
-        return roller_acceleration(force, inverse_mass, gravity)
 
     @wp.func
     def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):
@@ -313,6 +369,8 @@ def passes(Real: type, capacity: int) -> Passes:
     return Passes(
         fetch=fetch,
         put_back=put_back,
+        close=close,
+        apart=apart,
         move=move,
         link_pass=link_pass,
         sprocket_pass=sprocket_pass,

@@ -31,7 +31,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
     do = stepping(Real, capacity)
     observe = observing(Real, capacity, frame)
     evaluate = evaluating(Real, capacity).evaluate
-    inside, centers_inside = part.inside, moving(Real).centers_inside
+    inside, bodies_sound = part.inside, moving(Real).bodies_sound
 
     @wp.kernel(enable_backward=False, module="unique")
     def advance(
@@ -47,6 +47,8 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         variant = first + wp.tid()
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
+        joint = ensemble.joints[variant]
+        links = ensemble.links[variant]
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
@@ -57,7 +59,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
             now = instant_of(drive, step)
             stage = int(0)
             while stage < 4:
-                evaluate(ensemble, state, drive, chain, w, stage)
+                evaluate(ensemble, state, drive, chain, joint, links, w, stage)
                 if stage == 0:
                     if step >= drive.window_start and step <= drive.window_end:
                         observe.measure(ensemble, state, sums, variant, drive, chain, w, now)
@@ -66,7 +68,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                             observe.sample(ensemble, state, drive, chain, w, frames, at, now)
                             at = at + wp.int64(observe.width(n, drive.sprockets))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
-                        if inside(w, n, drive.low, drive.high) == 0 or centers_inside(state, drive) == 0:
+                        if inside(w, n, drive.low, drive.high) == 0 or bodies_sound(state, drive) == 0:
                             progress.diverged = 1
                 if step == drive.steps or progress.diverged == 1:
                     stage = 4

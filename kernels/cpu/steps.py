@@ -6,11 +6,12 @@ from functools import cache
 import warp as wp
 
 from ..integrate import Rk4Stage
-from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body
+from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.contact import carried
 from ..physics.motion import load_moment, prescribed_at
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
+from .joints import joint_passes
 from .rollers import passes, rows
 
 
@@ -35,6 +36,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
     kinds = types(Real)
     part = passes(Real, capacity)
     link_pass, sprocket_pass, guide_pass = part.link_pass, part.sprocket_pass, part.guide_pass
+    joints = joint_passes(Real, capacity)
 
     @wp.func
     def evaluate(
@@ -42,12 +44,22 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         state: kinds.State,
         drive: Drive,
         chain: kinds.Chain,
+        joint: kinds.Joint,
+        links: kinds.Links,
         w: wp.array[Real],
         stage: int,
     ):
         """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`."""
         n = drive.rollers
-        link_pass(w, n, chain)
+        if links.uneven != 0:
+            joints.pull_uneven(w, n, chain, links)
+        elif joint.rubs != 0:
+            joints.pull_links(w, n, chain)
+        else:
+            link_pass(w, n, chain)
+        if joint.rubs != 0:
+            joints.rub_joints(w, n, joint)
+            joints.bend_links(w, n)
         for b in range(drive.bodies):
             state.wrenches[drive.first_body + b] = Wrench()
         partner = drive.first_sprocket + drive.first_guide
@@ -56,11 +68,14 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         memory.impact_speed = state.impact_speed
         memory.first = drive.first_contact
         memory.stage = stage
+        if drive.integrator == 0:
+            memory.lag = Real(wp.float64(0.5) * drive.step)
         for s in range(drive.sprockets):
             b = drive.first_body + s
             pose = pose_of(state.bodies[b])
             sprocket = ensemble.sprockets[drive.first_sprocket + s]
-            totals = sprocket_pass(w, n, sprocket, pose, ensemble.seats, memory)
+            sliding = ensemble.tooth_sliding[drive.first_sprocket + s]
+            totals = sprocket_pass(w, n, sprocket, pose, ensemble.seats, memory, sliding, chain)
             state.totals[partner] = totals
             state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
             partner += 1
@@ -71,7 +86,8 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
             if bar.body != GROUND:
                 pose = pose_of(state.bodies[drive.first_body + bar.body])
                 bar = carried(bar, pose)
-            totals = guide_pass(w, n, bar, pose, memory)
+            sliding = ensemble.guide_sliding[drive.first_guide + g]
+            totals = guide_pass(w, n, bar, pose, memory, sliding, chain)
             state.totals[partner] = totals
             if bar.body != GROUND:
                 b = drive.first_body + bar.body
@@ -89,7 +105,7 @@ class BodyFunctions:
     leapfrog_bodies: wp.Function
     rk4_bodies: wp.Function
     body_now: wp.Function
-    centers_inside: wp.Function
+    bodies_sound: wp.Function
 
 
 @cache
@@ -148,11 +164,12 @@ def moving(Real: type) -> BodyFunctions:
         return body_at(time, lag, state.bodies[b], rates, driven, motion, ensemble.mounts[b])
 
     @wp.func
-    def centers_inside(state: kinds.State, drive: Drive):
-        """1 while every body's center is finite and within the drive's box, else 0."""
+    def bodies_sound(state: kinds.State, drive: Drive):
+        """1 while every body turns soundly and its center is within the drive's box, else 0."""
         good = int(1)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            if not in_box(drive, state.bodies[b].center):
+            body = state.bodies[b]
+            if not (in_box(drive, body.center) and turns_soundly(body.angle, body.speed)):
                 good = int(0)
         return good
 
@@ -160,7 +177,7 @@ def moving(Real: type) -> BodyFunctions:
         leapfrog_bodies=leapfrog_bodies,
         rk4_bodies=rk4_bodies,
         body_now=body_now,
-        centers_inside=centers_inside,
+        bodies_sound=bodies_sound,
     )
 
 

@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from ..physics.link import link_chain
 from ..physics.roller import roller_energy
 from ..rows import accessors
 from ..structs import Strand, types
@@ -33,7 +34,20 @@ def tallies(Real: type, capacity: int) -> RollerSums:
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
 
     @wp.func
-    def add_links(w: wp.array[Real], n: int, chain: kinds.Chain, sums: ChainSums, weight: wp.float64):
+    def damper_power(w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links):
+        """Power of the dampers of links that differ [W]."""
+        power = Real(0.0)
+        i = int(0)
+        while i < n:
+            rate = load_row(w, RATE + i)
+            power += link_chain(i, chain, links).damping * (rate * rate)
+            i = i + 1
+        return power
+
+    @wp.func
+    def add_links(
+        w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links, sums: ChainSums, weight: wp.float64
+    ):
         """Tension of every link, and the power of the links' dampers."""
         seen = unseen()
         rates = Real(0.0)
@@ -45,7 +59,10 @@ def tallies(Real: type, capacity: int) -> RollerSums:
             i = i + 1
         sums = merge_tension(sums, seen)
         sums.samples = sums.samples + wp.int64(1)
-        sums.dissipated = sums.dissipated + weight * wp.float64(chain.damping * rates)
+        power = chain.damping * rates
+        if links.uneven != 0:
+            power = damper_power(w, n, chain, links)
+        sums.dissipated = sums.dissipated + weight * wp.float64(power)
         return sums
 
     @wp.func
@@ -76,7 +93,7 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         return sums
 
     @wp.func
-    def rollers_energy(w: wp.array[Real], n: int, chain: kinds.Chain, back: Real):
+    def rollers_energy(w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links, back: Real):
         """Kinetic, elastic and potential energy of rollers and links [J]; `back` is the time since the velocities'
         instant.
         """
@@ -86,7 +103,10 @@ def tallies(Real: type, capacity: int) -> RollerSums:
             a = acceleration(w, i, chain.inverse_mass, chain.gravity)
             position = vec2(load_row(w, X + i), load_row(w, Y + i))
             velocity = vec2(load_row(w, VX + i) + back * a[0], load_row(w, VY + i) + back * a[1])
-            held, weight = roller_energy(position, velocity, load_row(w, TENSION + i), load_row(w, RATE + i), chain)
+            mine = chain
+            if links.uneven != 0:
+                mine = link_chain(i, chain, links)
+            held, weight = roller_energy(position, velocity, load_row(w, TENSION + i), load_row(w, RATE + i), mine)
             total += held
             total -= weight
             i = i + 1

@@ -15,6 +15,7 @@ from ..sum_structs import Sums, Tallies
 from .block_bodies import block_bodies
 from .block_events import END
 from .block_forces import block_forces
+from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
 from .block_observe import block_observing
 from .block_partners import block_partners
@@ -37,7 +38,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
     sampling, partners = block_sampling(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
-    pull, acceleration, velocity = row.pull, row.acceleration, row.velocity
+    joints = block_joints(kind)
+    pull = joints.pull if kind.bending else row.pull
+    acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
     SPROCKETS, wrench_on = forces.SPROCKETS, forces.wrench_on
     observe_sprocket = block_observing(kind).observe_sprocket
@@ -175,7 +178,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         bodies.plan(ensemble, shared, mine.variant, i, now.step)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
-                now = sampling.on_event(ensemble, tallies, shared, mine, now)
+                now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(now)
             tension, rate = pull(shared, lengths, mine.rollers, i)
             now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
@@ -186,6 +189,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             barrier()
             if now.flags != 0:
                 sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now, since)
+            if wp.static(kind.bending and measuring) and now.measured != 0:
+                joints.add_friction(shared, mine, now)
             advance_sprocket(ensemble, state, tallies, shared, frames, mine, now, since)
             advance_rollers(state, shared, mine, now)
             now = next_stage(now)

@@ -6,7 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
-from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body
+from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
 from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
 from ..sum_structs import Sums
@@ -20,7 +20,7 @@ from .exchange import COURSE, lanes
 class BodyFunctions:
     """What is done about bodies, as functions of kernels."""
 
-    center_outside: wp.Function
+    body_gone: wp.Function
     set_heading: wp.Function
     start_body: wp.Function
     end_body: wp.Function
@@ -69,9 +69,12 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     share_geometry = block_forces(kind).share_geometry
 
     @wp.func
-    def center_outside(drive: Drive, shared: kinds.Shared, s: int):
-        """1 where the center of body s is not finite or has left the drive's box."""
-        return int(not in_box(drive, shared.poses[s].center))
+    def body_gone(drive: Drive, shared: kinds.Shared, s: int):
+        """1 where body s does not turn soundly, or its center has left the drive's box."""
+        gone = int(not turns_soundly(shared.poses[s].angle, shared.poses[s].speed))
+        if wp.static(moving):
+            gone = wp.max(gone, int(not in_box(drive, shared.poses[s].center)))
+        return gone
 
     @wp.func
     def set_heading(shared: kinds.Shared, s: int):
@@ -228,7 +231,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             return leapfrog(ensemble, shared, mine, now, wrench)
 
     return BodyFunctions(
-        center_outside=center_outside,
+        body_gone=body_gone,
         set_heading=set_heading,
         start_body=start_body,
         end_body=end_body,

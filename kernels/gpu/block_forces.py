@@ -8,12 +8,24 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import in_teeth, on_guide, reaction, respond, tracked_seat
+from ..physics.contact import (
+    MISSED,
+    UNTOUCHED,
+    after_teeth,
+    dissipated,
+    in_teeth,
+    misses,
+    on_guide,
+    reaction,
+    respond,
+    rub,
+    tracked_seat,
+)
 from ..rows import accessors
 from ..structs import Drive, Wrench, types
 from ..sum_structs import Tallies
-from ..sums import add_contact
-from .block_events import EXTRA
+from ..sums import add_contact, add_friction, add_touches
+from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .exchange import group, lanes, lowest_bit
@@ -36,11 +48,12 @@ class ForceFunctions:
 def block_forces(kind: BlockKind) -> ForceFunctions:
     """The functions that evaluate the contacts of one variant on a block."""
     Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
-    moving = kind.moving
+    moving, sliding, rk4 = kind.moving, kind.sliding, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
     row = block_rows(kind)
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
+    acceleration = row.acceleration
     X, Y, group_sum = row.X, row.Y, row.sharing.group_sum
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
@@ -82,24 +95,34 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             state.impact_speed[at] = Real(0.0)
 
     @wp.func
-    def keep(
-        state: kinds.State, tallies: Tallies, now: Now, at: int, before: Real, first: Real, size: Real, power: Real
-    ):
-        """Keeps what a closed contact whose memory is at `at` goes on with, and in the window adds it to its sums.
+    def keep(state: kinds.State, now: Now, at: int, before: Real, first: Real):
+        """Keeps what a closed contact whose memory is at `at` goes on with.
 
         v0 is kept at a step's start only (rk4 has three more stages).
         """
-        if before == Real(0.0) and now.stage == 0:
+        if before <= Real(0.0) and now.stage == 0:
             store_row(state.impact_speed, at, first)
-        if now.measured != 0:
-            begun = wp.where(before == Real(0.0), 1, 0)
-            add_contact(tallies.contact, at, size, size, power, begun, now.weight)
 
     @wp.func
-    def open(state: kinds.State, now: Now, at: int, before: Real):
-        """A contact that is open keeps nothing."""
-        if before != Real(0.0) and now.stage == 0:
-            store_row(state.impact_speed, at, Real(0.0))
+    def lag(mine: Mine):
+        """How far velocities are behind the forces [s]."""
+        if wp.static(rk4):
+            return Real(0.0)
+        else:
+            return Real(wp.float64(0.5) * mine.h)
+
+    @wp.func
+    def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
+        """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
+        add_contact(tallies.contact, at, size, size, damped, wp.where(before <= Real(0.0), 1, 0), now.weight)
+        if wp.static(sliding):
+            add_friction(tallies.contact, at, rubbed, now.weight)
+
+    @wp.func
+    def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
+        """What an open contact keeps."""
+        if before != kept and now.stage == 0:
+            store_row(state.impact_speed, at, kept)
 
     @wp.func
     def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
@@ -138,18 +161,28 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             v = vec2(v[0] - Real(pose.velocity[0]), v[1] - Real(pose.velocity[1]))
         penetration, normal, relative = in_teeth(p, v, Real(pose.speed), seat, teeth)
         if penetration > Real(0.0):
-            force, size, first, dissipated, energy = respond(penetration, normal, relative, before, teeth.law)
+            force, size, first, damper, energy = respond(penetration, normal, relative, before, teeth.law)
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first + j
                 state.extra[extra].energy = state.extra[extra].energy + energy
                 state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
-            keep(state, tallies, now, at, before, first, size, dissipated)
+            drag = vec2(Real(0.0), Real(0.0))
+            if wp.static(sliding):
+                drag = rub(size, normal, relative, shared.sliding[s])
+                force = force + drag
             set_force(shared, j, force_on(shared, j) + force)
+            keep(state, now, at, before, first)
+            if now.measured != 0:
+                a = acceleration(shared, j)
+                damped = dissipated(damper * normal, relative, a, lag(mine))
+                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
+                if before == Real(UNTOUCHED):
+                    add_touches(tallies.contact, at, 1, 0)
             if (now.summed >> s) & 1 != 0:
                 arm = vec2(Real(p[0]), Real(p[1]))
                 add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
         else:
-            open(state, now, at, before)
+            put(state, now, at, before, after_teeth(before))
 
     @wp.func
     def at_guide(state: kinds.State, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now, j: int, g: int):
@@ -160,16 +193,28 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         still = vec2(Real(0.0), Real(0.0))
         p = place(shared.rows, j, bar.start)
         penetration, normal, relative = on_guide(p, velocity(shared.rows, j), still, bar)
-        if penetration > Real(0.0):
-            force, size, first, dissipated, energy = respond(penetration, normal, relative, before, bar.law)
+        if penetration > Real(0.0) and misses(penetration, before, bar):
+            if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
+                add_touches(tallies.contact, at, 0, 1)
+            put(state, now, at, before, Real(MISSED))
+        elif penetration > Real(0.0):
+            force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
             if now.flags & EXTRA != 0:
                 extra = mine.first + j
                 state.extra[extra].energy = state.extra[extra].energy + energy
                 state.extra[extra].guide_force = state.extra[extra].guide_force + size
-            keep(state, tallies, now, at, before, first, size, dissipated)
+            drag = vec2(Real(0.0), Real(0.0))
+            if wp.static(sliding):
+                drag = rub(size, normal, relative, shared.sliding[wp.static(sprockets) + g])
+                force = force + drag
             set_force(shared, j, force_on(shared, j) + force)
+            keep(state, now, at, before, first)
+            if now.measured != 0:
+                a = acceleration(shared, j)
+                damped = dissipated(damper * normal, relative, a, lag(mine))
+                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
         else:
-            open(state, now, at, before)
+            put(state, now, at, before, Real(UNTOUCHED))
 
     @wp.func
     def slot(mask: int):
@@ -278,10 +323,18 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         band.near_square = sprocket.near_square
         band.far_square = sprocket.far_square
         shared.bands[s] = band
+        if wp.static(sliding):
+            shared.sliding[s] = ensemble.tooth_sliding[drive.first_sprocket + s]
         if s == 0:
             shared.chain[0] = ensemble.chains[variant]
+            if wp.static(kind.bending):
+                shared.joint[0] = ensemble.joints[variant]
+            if wp.static(kind.uneven):
+                shared.links[0] = ensemble.links[variant]
             for g in range(wp.static(guides)):
                 shared.bars[g] = ensemble.guides[drive.first_guide + g]
+                if wp.static(sliding):
+                    shared.sliding[wp.static(sprockets) + g] = ensemble.guide_sliding[drive.first_guide + g]
 
     return ForceFunctions(
         SPROCKETS=SPROCKETS,

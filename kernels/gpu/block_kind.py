@@ -20,6 +20,9 @@ class BlockKind:
         moving: sprockets' centers may move, or have balance wheels.
         measuring: metrics are taken.
         rk4: the classical Runge-Kutta scheme instead of leapfrog.
+        sliding: rollers rub on teeth or guide-bars.
+        bending: the joints rub.
+        uneven: links differ, or have play.
     """
 
     Real: type
@@ -30,6 +33,9 @@ class BlockKind:
     moving: bool = False
     measuring: bool = False
     rk4: bool = False
+    sliding: bool = False
+    bending: bool = False
+    uneven: bool = False
 
     @property
     def slots(self) -> int:

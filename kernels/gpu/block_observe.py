@@ -9,12 +9,14 @@ from functools import cache
 
 import warp as wp
 
+from ..batches import NOTES
 from ..physics.body import body_energy, held_by
+from ..physics.link import link_chain
 from ..physics.motion import load_moment_at_speed
 from ..physics.roller import roller_energy
 from ..rows import accessors
 from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
-from ..sum_structs import ContactSums, LinkTally, Sums, Tallies
+from ..sum_structs import ChainNote, ContactSums, LinkTally, Sums, Tallies
 from ..sums import (
     add_displacement,
     add_energy,
@@ -30,6 +32,7 @@ from ..sums import (
 from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
+from .exchange import SEEN
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class ObserveFunctions:
     reset_link: wp.Function
     add_link: wp.Function
     flush: wp.Function
+    category_of: wp.Function
     update_strand: wp.Function
     add_middle: wp.Function
     energy_of_roller: wp.Function
@@ -55,6 +59,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     LOWEST, HIGHEST, TENSION, SQUARE, RATE = (wp.constant(k * slots) for k in range(5))
+    FRICTION = wp.constant(SEEN * slots)
     follow = following(Real).follow
 
     @wp.func
@@ -65,6 +70,8 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         store_row(shared.seen, TENSION + j, Real(0.0))
         store_row(shared.seen, SQUARE + j, Real(0.0))
         store_row(shared.seen, RATE + j, Real(0.0))
+        if wp.static(kind.bending):
+            store_row(shared.seen, FRICTION + j, Real(0.0))
 
     @wp.func
     def add_link(shared: kinds.Shared, j: int, tension: Real, rate: Real, weight: Real):
@@ -90,6 +97,14 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return category
 
     @wp.func
+    def chain_of(ensemble: kinds.Ensemble, variant: int, j: int):
+        """The chain, with the stiffness and damping of its link j."""
+        if wp.static(kind.uneven):
+            return link_chain(j, ensemble.chains[variant], ensemble.links[variant])
+        else:
+            return ensemble.chains[variant]
+
+    @wp.func
     def flush(
         ensemble: kinds.Ensemble,
         tallies: Tallies,
@@ -111,8 +126,10 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         tally.samples = tally.samples + wp.int64(samples)
         tallies.link[at] = tally
         roller = tallies.roller[drive.first_roller + j]
-        power = wp.float64(ensemble.chains[variant].damping) * wp.float64(load_row(shared.seen, RATE + j))
+        power = wp.float64(chain_of(ensemble, variant, j).damping) * wp.float64(load_row(shared.seen, RATE + j))
         roller.dissipated = roller.dissipated + power
+        if wp.static(kind.bending):
+            roller.friction = roller.friction + wp.float64(load_row(shared.seen, FRICTION + j))
         tallies.roller[drive.first_roller + j] = roller
 
     @wp.func
@@ -139,7 +156,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     ):
         """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
         position = vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
-        held, weight = roller_energy(position, v, extra.tension, extra.rate, ensemble.chains[variant])
+        held, weight = roller_energy(position, v, extra.tension, extra.rate, chain_of(ensemble, variant, j))
         return held - weight + wp.float64(extra.energy)
 
     @wp.func
@@ -179,11 +196,22 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         reset_link=reset_link,
         add_link=add_link,
         flush=flush,
+        category_of=category_of,
         update_strand=update_strand,
         add_middle=add_middle,
         energy_of_roller=energy_of_roller,
         observe_sprocket=observe_sprocket,
     )
+
+
+@wp.func
+def whole_note(sums: Sums, drive: Drive, k: int, note: ChainNote):
+    """Note k of a chain from that of its links on no strand, counted one by one, and those of its strands."""
+    for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+        note.tension = note.tension + sums.strand_notes[s * NOTES + k].tension
+        note.samples = note.samples + sums.strand_notes[s * NOTES + k].links
+    note.samples = note.samples / wp.int64(drive.rollers)
+    return note
 
 
 @wp.kernel(enable_backward=False)
@@ -208,6 +236,8 @@ def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
             mine.links = mine.links + strand.samples
             sums.strand[drive.first_sprocket + c] = mine
     chain.samples = samples / wp.int64(n)
+    for k in range(variant * NOTES, (variant + 1) * NOTES):
+        sums.chain_notes[k] = whole_note(sums, drive, k - variant * NOTES, sums.chain_notes[k])
     for i in range(n):
         chain = merge_roller(chain, tallies.roller[drive.first_roller + i])
     for s in range(drive.sprockets):

@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.link import link_force
+from ..physics.link import link_chain, link_force, played_force
 from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
 from ..structs import types
@@ -24,7 +24,9 @@ class RowFunctions:
     Y_LOW: int
     place: wp.Function
     velocity: wp.Function
+    across: wp.Function
     link_of: wp.Function
+    before: wp.Function
     pull: wp.Function
     force_on: wp.Function
     set_force: wp.Function
@@ -69,9 +71,8 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         return vec2(load_row(rows, VX + j), load_row(rows, VY + j))
 
     @wp.func
-    def link_of(shared: kinds.Shared, j: int, n: int, length: Real):
-        """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it, eq. (2), (3)."""
-        chain = shared.chain[0]
+    def across(shared: kinds.Shared, j: int, n: int):
+        """From roller j to the next: vector [m], exact at float32 too, and relative velocity [m/s]."""
         rows = shared.rows
         next = wp.where(j + 1 < n, j + 1, 0)
         d = vec2(load_row(rows, X + next) - load_row(rows, X + j), load_row(rows, Y + next) - load_row(rows, Y + j))
@@ -81,8 +82,20 @@ def block_rows(kind: BlockKind) -> RowFunctions:
                 load_row(rows, Y_LOW + next) - load_row(rows, Y_LOW + j),
             )
         v = vec2(load_row(rows, VX + next) - load_row(rows, VX + j), load_row(rows, VY + next) - load_row(rows, VY + j))
-        tension, rate, u = link_force(d, v, length, chain.stiffness, chain.damping)
-        return tension, rate, tension * u
+        return d, v
+
+    @wp.func
+    def link_of(shared: kinds.Shared, j: int, n: int, length: Real):
+        """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it, eq. (2), (3)."""
+        chain = shared.chain[0]
+        d, v = across(shared, j, n)
+        if wp.static(kind.uneven):
+            links = shared.links[0]
+            tension, rate, u = played_force(d, v, length, links.play, link_chain(j, chain, links))
+            return tension, rate, tension * u
+        else:
+            tension, rate, u = link_force(d, v, length, chain.stiffness, chain.damping)
+            return tension, rate, tension * u
 
     @wp.func
     def before(j: int, n: int):
@@ -211,7 +224,9 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         Y_LOW=Y_LOW,
         place=place,
         velocity=velocity,
+        across=across,
         link_of=link_of,
+        before=before,
         pull=pull,
         force_on=force_on,
         set_force=set_force,

@@ -10,13 +10,14 @@ from ..frames import frame_writers
 from ..physics.body import in_box
 from ..rows import accessors
 from ..structs import BodyState, Drive, Wrench, types
-from ..sum_structs import Tallies
+from ..sum_structs import Sums, Tallies
 from ..sums import STRAND_EVERY, add_energy
 from .block_bodies import block_bodies
 from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
 from .block_kind import BlockKind, Mine, now_struct
 from .block_observe import block_observing
 from .block_rows import block_rows
+from .block_statistics import block_statistics
 from .exchange import any_thread
 
 
@@ -35,15 +36,16 @@ class SamplingFunctions:
 def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     """The functions that observe one variant on a block, when it is time to; `frame` as in `frames.frame_writers`."""
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
-    moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
+    measuring, rk4 = kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     of_each = wp.types.vector(per, Real)
     row, bodies, observe = block_rows(kind), block_bodies(kind), block_observing(kind)
+    statistics = block_statistics(kind)
     frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
     load_row, X, Y, vec2 = accessors(Real).load_row, row.X, row.Y, kinds.vec2
     barrier, place, link_of = row.sharing.barrier, row.place, row.link_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
-    center_outside, set_heading, plan = bodies.center_outside, bodies.set_heading, bodies.plan
+    body_gone, set_heading, plan = bodies.body_gone, bodies.set_heading, bodies.plan
 
     @wp.func
     def flush_links(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, samples: int):
@@ -54,14 +56,27 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             j = j + wp.static(threads)
 
     @wp.func
-    def update_strands(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now):
-        """Brings the strands up to date, if it is time to; returns the samples of each link since."""
+    def update_strands(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+    ):
+        """Takes statistics and brings the strands up to date, if it is time to; returns each link's samples since."""
         samples = now.samples
         if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
             if samples > 0:
                 flush_links(ensemble, tallies, shared, mine, samples)
                 samples = 0
+            begun = now.flags & START == 0
+            if begun:
+                statistics.look(ensemble, state, sums, shared, mine)
             barrier()
+            if begun:
+                statistics.note(ensemble, tallies, sums, shared, mine, now.step)
             if mine.sprocket >= 0:
                 observe.update_strand(shared, mine.rollers, mine.sprocket)
         if samples == 0:
@@ -80,13 +95,20 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             p = place(shared.rows, j, wp.vec2d(wp.float64(0.0), wp.float64(0.0)))
             gone = wp.max(gone, int(not in_box(drive, p)))
             j = j + wp.static(threads)
-        if wp.static(moving):
-            if mine.sprocket >= 0:
-                gone = wp.max(gone, center_outside(drive, shared, mine.sprocket))
+        if mine.sprocket >= 0:
+            gone = wp.max(gone, body_gone(drive, shared, mine.sprocket))
         return gone
 
     @wp.func
-    def on_event(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now):
+    def on_event(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+    ):
         """What is due at this step beside forces and motion; all threads together."""
         drive = ensemble.drives[mine.variant]
         now.flags = flags_of(drive, now.step)
@@ -96,7 +118,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             now.weight = Real(drive.step)
             if now.flags & ENDS != 0:
                 now.weight = Real(0.5) * now.weight
-            now.samples = update_strands(ensemble, tallies, shared, mine, now)
+            now.samples = update_strands(ensemble, state, sums, tallies, shared, mine, now)
         if now.flags & CHECK != 0:
             now.diverged = any_thread(gone_from(drive, shared, mine))
             if mine.sprocket >= 0:

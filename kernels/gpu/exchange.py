@@ -75,7 +75,10 @@ COURSE = 32
 
 
 def shared_rows(Real: type) -> int:
-    """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y."""
+    """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y.
+
+    Where joints rub there are two more (`block_joints`).
+    """
     return 8 if Real == wp.float32 else 6
 
 
@@ -130,7 +133,8 @@ def any_thread(flag: int) -> int:
 
 
 SEEN = 5
-"""Rows of what is seen of links between two updates of where the strands are (`block_observe`)."""
+"""Rows of what is seen of links between two updates of where the strands are (`block_observe`); the work of joint
+friction is one more."""
 
 
 @dataclass(frozen=True)
@@ -166,11 +170,13 @@ def room(kind: BlockKind) -> Room:
     kinds = types(kind.Real)
     size = wp.types.type_size_in_bytes(kind.Real)
     parts = (3 if kind.moving else 1) * kind.sprockets * kind.threads
-    rows = shared_rows(kind.Real) * kind.slots
-    seen = SEEN * kind.slots if kind.measuring else 1
+    rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
+    seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
     of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
     used = kind.sprockets * (16 * COURSE + sum(struct.numpy_dtype()["itemsize"] for struct in of_each))
+    if kind.sliding:
+        used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
     fits = []
@@ -252,8 +258,17 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("bars", max(guides, 1)))
     def bars(like: kinds.Shared) -> wp.array[kinds.Guide]: ...
 
+    @wp.func_native(_shared_snippet("sliding", sprockets + guides))
+    def sliding(like: kinds.Shared) -> wp.array[kinds.Sliding]: ...
+
     @wp.func_native(_shared_snippet("chain", 1))
     def chain(like: kinds.Shared) -> wp.array[kinds.Chain]: ...
+
+    @wp.func_native(_shared_snippet("joint", 1))
+    def joint(like: kinds.Shared) -> wp.array[kinds.Joint]: ...
+
+    @wp.func_native(_shared_snippet("links", 1))
+    def links(like: kinds.Shared) -> wp.array[kinds.Links]: ...
 
     @wp.func_native(_shared_snippet("parts", of.parts))
     def parts(like: kinds.Shared) -> wp.array[wp.float64]: ...
@@ -298,7 +313,13 @@ def exchange(kind: BlockKind) -> Exchange:
         shared.teeth = teeth(shared)
         shared.bands = bands(shared)
         shared.bars = bars(shared)
+        if wp.static(kind.sliding):
+            shared.sliding = sliding(shared)
         shared.chain = chain(shared)
+        if wp.static(kind.bending):
+            shared.joint = joint(shared)
+        if wp.static(kind.uneven):
+            shared.links = links(shared)
         if wp.static(of.shares_parts):
             shared.parts = parts(shared)
         else:

@@ -198,3 +198,9 @@ def held_by(
 def in_box(drive: Drive, p: wp.vec2d):
     """Whether `p` is finite and in the box that rollers and bodies' centers of a drive stay in."""
     return p[0] > drive.low[0] and p[0] < drive.high[0] and p[1] > drive.low[1] and p[1] < drive.high[1]
+
+
+@wp.func
+def turns_soundly(angle: wp.float64, speed: wp.float64):
+    """Whether a body's angle and angular velocity are finite."""
+    return wp.isfinite(angle) and wp.isfinite(speed)

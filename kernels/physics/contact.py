@@ -1,13 +1,22 @@
 r"""One roller against one sprocket or guide-bar: gap, relative velocity, response, and the memory that a contact keeps.
 
-A contact keeps the approach speed v0 of its first instant until it opens; v0 = 0 stands for "open". A roller keeps its
-seat while it is engaged, so that no angle is computed in the time loop. The relative velocity is that of the partner's
-material point against the roller, v = v_s + omega x r - v_i (eq. (10)-(14)); the force acts on the roller, its opposite
-on the partner's body at the same point, which conserves angular momentum (eq. (16) with the full cross product).
+A contact keeps the approach speed v0 of its first instant until it opens. What stands there of an open one is not
+positive: `UNTOUCHED`, or between a sprocket's teeth `TOUCHED` once the roller has touched them in its pass, or in a
+guide-bar `MISSED` if the roller did not come in through the face: it then feels no force until it has left. A roller
+keeps its seat while it is engaged, so that no angle is computed in the time loop. The relative velocity is that of the
+partner's material point against the roller, v = v_s + omega x r - v_i (eq. (10)-(14)); the force acts on the roller,
+its opposite on the partner's body at the same point, which conserves angular momentum (eq. (16) with the full cross
+product).
 
-    gap         where a roller is in a tooth gap or on a bar: penetration, normal, relative velocity
-    respond     what the contact answers: force vector, v0, dissipated power, energy
+    in_teeth, on_guide  where a roller is in a tooth gap or on a bar: penetration, normal, relative velocity
+    misses      whether it is in a bar without having come through its face
+    respond     what the contact answers: force vector, v0, what of it damps, energy
+    rub         the friction on the roller
+    dissipated  what damping and friction take
     reaction    the moment of the answer on the partner's body
+
+Friction acts at the roller's center like the contact force, against what the partner's material point there slides
+along the contact: so the reaction's moment and the power are exact, and no roller needs an angle.
 """
 
 from typing import Any
@@ -16,11 +25,16 @@ import warp as wp
 
 from ..rows import accessors
 from ..structs import Pose
+from .friction import friction
 from .guide import guide_gap
 from .impact import contact_force, elastic_force
 from .tooth import nearest_seat, seat_step, tooth_gap, wrapped_seat
 
 load_direction = accessors(wp.vec2d).load_row
+
+UNTOUCHED = wp.constant(0.0)
+TOUCHED = wp.constant(-1.0)
+MISSED = wp.constant(-1.0)
 
 
 @wp.func
@@ -32,21 +46,69 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         normal: unit vector towards the roller.
         relative: velocity of the partner's material point less the roller's [m/s], positive along the normal while the
             penetration grows.
-        impact_speed: v0 of this contact, 0 if it was open until now [m/s].
+        impact_speed: v0 of this contact, not positive if it was open until now [m/s].
         law: the contact's parameters (`structs.ContactLaw`).
 
     Returns:
-        Force on the roller (vector) and its magnitude [N], v0 [m/s], dissipated power [W], elastic energy [J].
+        Force on the roller (vector) and its magnitude [N], v0 [m/s], what of the magnitude damps [N], elastic energy
+        [J].
     """
     speed = wp.dot(relative, normal)
     first = impact_speed
-    if first == type(penetration)(0.0):
+    if first <= type(penetration)(0.0):
         first = wp.max(speed, law.speed_floor)
     elastic = elastic_force(penetration, law.stiffness, law.exponent)
     size = contact_force(elastic, speed, first, law)
-    dissipated = (size - elastic) * speed
     energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
-    return size * normal, size, first, dissipated, energy
+    return size * normal, size, first, size - elastic, energy
+
+
+@wp.func
+def after_teeth(impact_speed: Any):
+    """What an open contact with teeth keeps, from what it kept before."""
+    return wp.where(impact_speed == type(impact_speed)(UNTOUCHED), impact_speed, type(impact_speed)(TOUCHED))
+
+
+@wp.func
+def misses(penetration: Any, impact_speed: Any, bar: Any):
+    """Whether a roller, `penetration` > 0 deep in a guide-bar, feels nothing of it: it did not come through the face.
+
+    It is first seen too deep, since it came from behind, through a thin bar, or began the run in there; and it has not
+    left since (`impact_speed`).
+    """
+    first_seen = impact_speed == type(penetration)(UNTOUCHED)
+    return impact_speed < type(penetration)(UNTOUCHED) or (first_seen and penetration > bar.deepest_entry)
+
+
+@wp.func
+def rub(size: Any, normal: Any, relative: Any, sliding: Any):
+    """Friction on the roller (vector) [N] in a contact that presses with `size` >= 0.
+
+    Args:
+        size: the contact force's magnitude [N].
+        normal: unit vector towards the roller.
+        relative: velocity of the partner's material point less the roller's [m/s].
+        sliding: what rubs (`structs.Sliding`).
+    """
+    along = type(normal)(-normal[1], normal[0])
+    speed = wp.dot(relative, along)
+    drag = friction(size, wp.abs(speed), sliding.stop, sliding.law)
+    return wp.where(speed < type(size)(0.0), -drag, drag) * along
+
+
+@wp.func
+def dissipated(force: Any, relative: Any, acceleration: Any, lag: Any):
+    """Power [W] that dampers or friction take, at the mean of the speeds before and after the step.
+
+    With the speed before it alone, the energy balance would drift with the step.
+
+    Args:
+        force: of the damper or of friction on the roller [N].
+        relative: velocity of the partner's material point less the roller's, `lag` before the forces' instant [m/s].
+        acceleration: of the roller, with all that acts on it [m/s^2].
+        lag: half a step with leapfrog, 0 with rk4 [s].
+    """
+    return wp.dot(force, relative - lag * acceleration)
 
 
 @wp.func

@@ -1,12 +1,18 @@
 r"""Contact force laws: the force of a penalty contact from its penetration and approach speed.
 
-    hysteretic     F = K pen^n (1 + d v / v0)     (Pedersen et al. 2004, eq. (15), (18), (19))
+    hysteretic     F = K pen^n (1 + d min(v / v0, 1))     (Pedersen et al. 2004, eq. (15), (18), (19))
     Kelvin-Voigt   F = K pen^n + c v
 
-never adhesive (F >= 0); v0 is the approach speed at the contact's first instant, not below a floor. The elastic part
-K pen^n is the derivative of the contact's energy K pen^(n+1) / (n + 1); the rest of the force dissipates. What d or c
-is in terms of a restitution stands in the package's table of laws (`warpchain.drive.laws`), where Lankarani-Nikravesh,
-Flores and Hunt-Crossley differ in d only.
+never adhesive (F >= 0); v0 is the approach speed at the contact's first instant, not below a floor. A free impact only
+slows down and never passes v / v0 = 1; a roller that stays in its seat and is pressed in faster than it came would
+without the bound be damped by the speed of its entry. The elastic part K pen^n is the derivative of the contact's
+energy K pen^(n+1) / (n + 1); the rest of the force dissipates. What d or c is in terms of a restitution stands in the
+package's table of laws (`warpchain.drive.laws`), where Lankarani-Nikravesh, Flores and Hunt-Crossley differ in d only.
+
+Under a load N a seated roller's damper is d N / v0, whatever the speed: where it came slowly, that turns its speed
+around in each step, and the roller chatters between K pen (1 + d) and no force. So damping takes away no more than the
+whole approach speed in a step, m_e v / h. A free impact has d K pen / v0 <= d m_e omega, which is below that for any
+step worth taking: restitution stays.
 
 To add a law: write its function with the arguments of `hysteretic`, put it at the end of `FORCES`, and name it in the
 package's table.
@@ -30,7 +36,8 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
 @wp.func
 def hysteretic(elastic: Any, speed: Any, impact_speed: Any, damping: Any):
     """Force [N] after eq. (15), (18), (19); `damping` is the hysteresis factor d [-], `impact_speed` v0 [m/s]."""
-    return elastic * (type(elastic)(1.0) + damping * speed * reciprocal(impact_speed))
+    one = type(elastic)(1.0)
+    return elastic * (one + damping * wp.min(speed * reciprocal(impact_speed), one))
 
 
 @wp.func
@@ -57,4 +64,5 @@ def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
             force = wp.static(FORCES[form])(elastic, speed, impact_speed, law.damping)
-    return wp.max(force, type(elastic)(0.0))
+    most = law.most_damping * wp.abs(speed)
+    return wp.max(wp.clamp(force, elastic - most, elastic + most), type(elastic)(0.0))

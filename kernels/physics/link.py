@@ -4,7 +4,8 @@ With d = r_{i+1} - r_i, L = |d|, u = d / L and w = v_{i+1} - v_i (Pedersen et al
 
     T = k (L - p) + c L',    L' = w . u,    F = T u   on roller i, -F on roller i + 1.
 
-p is the link's own unloaded length: the pitch, or more where it is worn.
+p is the link's own unloaded length: the pitch, or more where it is worn. Outer and inner links alternate and may
+differ; with a play s the spring acts on what goes beyond it, k (L - p - s) above p + s, k (L - p + s) below p - s.
 """
 
 from typing import Any
@@ -30,3 +31,32 @@ def link_force(d: Any, w: Any, length: Any, stiffness: Any, damping: Any):
     rate = wp.dot(w, u)
     tension = stiffness * (root(square) - length) + damping * rate
     return tension, rate, u
+
+
+@wp.func
+def played_force(d: Any, w: Any, length: Any, play: Any, chain: Any):
+    """As `link_force`, of a link with play.
+
+    Args:
+        play: s [m].
+        chain: of this link (`link_chain`).
+    """
+    square = wp.dot(d, d)
+    u = d * inverse_root(square)
+    rate = wp.dot(w, u)
+    stretch = root(square) - length
+    tension = chain.stiffness * (stretch - wp.clamp(stretch, -play, play)) + chain.damping * rate
+    return tension, rate, u
+
+
+@wp.func
+def link_chain(i: int, chain: Any, links: Any):
+    """The chain (`structs.Chain`) with the stiffness and damping of its link i, an outer one where i is even.
+
+    Args:
+        links: where links differ (`structs.Links`).
+    """
+    outer = i % 2 == 0
+    chain.stiffness = wp.where(outer, links.outer_stiffness, chain.stiffness)
+    chain.damping = wp.where(outer, links.outer_damping, chain.damping)
+    return chain

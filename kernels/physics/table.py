@@ -25,6 +25,8 @@ def table_at(x: wp.float64, table: Tabulated, values: wp.array[wp.float64]):
         rounds = wp.floor(u / cells)
         u = u - rounds * cells
     within = wp.clamp(u, wp.float64(0.0), cells)
+    if not (within >= wp.float64(0.0)):  # no number: the variant is diverging
+        within = wp.float64(0.0)
     cell = wp.min(int(within), table.cells - 1)
     at = table.first + CELL_VALUES * cell
     w = within - wp.float64(cell)

@@ -41,9 +41,12 @@ def wrapped_seat(seat: int, teeth: int):
 def nearest_seat(r: Any, cosine: Any, sine: Any, teeth: int):
     """Seat nearest by angle to `r` (from the sprocket's center) on a sprocket turned by (cosine, sine).
 
-    Used once, as a roller comes near a sprocket; from then on `seat_step` follows it.
+    Used once, as a roller comes near a sprocket; from then on `seat_step` follows it. Where there is no angle, since
+    the variant is diverging, it is seat 0: whatever comes in, what goes out is a seat.
     """
     local = wp.atan2(float(r[1] * cosine - r[0] * sine), float(r[0] * cosine + r[1] * sine))
+    if not (wp.abs(local) < 4.0):
+        return int(0)
     return wrapped_seat(int(wp.rint(local * float(teeth) * 0.15915494309189535)), teeth)
 
 

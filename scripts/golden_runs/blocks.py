@@ -48,6 +48,8 @@ def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
         moving=bool(packed.mounts["active"].any()),
         measuring=measuring,
         rk4=bool(packed.drives["integrator"].any()),
+        bending=bool(packed.joints["rubs"].any()),
+        uneven=bool(packed.links["uneven"].any()),
     )
 
 

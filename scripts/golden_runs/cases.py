@@ -94,7 +94,12 @@ def mixed(_: Path) -> Run:
 
 def diverging(_: Path) -> Run:
     """A variant that an absurd load tears apart, beside one that is sound."""
-    mad = {"contact.sprocket.impact_speed_floor": 1e-9, f"{LOAD}.torque": 5e7, "run.duration": 0.02}
+    mad = {
+        "contact.sprocket.impact_speed_floor": 1e-9,
+        f"{LOAD}.torque": 5e7,
+        f"{LOAD}.viscous": 1e8,
+        "run.duration": 0.02,
+    }
     return run([pair(mad), pair({"run.duration": 0.02})])
 
 

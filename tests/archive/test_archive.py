@@ -189,12 +189,12 @@ def test_refusals_of_the_writer(run, tmp_path):
 
 
 def test_full_disk_is_one_line_and_leaves_nothing(run, tmp_path, monkeypatch):
-    from warpchain.archive import mcap_write as archive_file
+    from warpchain import files
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(archive_file.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", full)
     with pytest.raises(ArchiveError, match=r"a\.mcap: cannot be written \(No space left on device\)"):
         write_archive(run, tmp_path / "a.mcap")
     assert list(tmp_path.iterdir()) == []

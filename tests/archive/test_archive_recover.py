@@ -8,6 +8,8 @@ import sys
 
 import numpy as np
 import pytest
+from archives import assert_same
+from command import run as command
 from drives import two_sprockets
 from rerun_check import rerun_accepts
 from waiting import bytes_in, wait_for
@@ -131,8 +133,192 @@ def test_whatever_is_damaged_the_frames_are_right_or_one_line_tells(run, tmp_pat
     assert 20 < told < 240
 
 
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    """A run of two variants with equal numbers of frames, its archive's bytes, and where its data and summary end."""
+    first = two_sprockets(duration=0.001, settle="false")
+    second = first.with_values({"sprockets.driver.prescribed.speed": 12.0})
+    run = simulate([first, second], record=Record(rate=2e4))
+    path = write_archive(run, tmp_path_factory.mktemp("pair") / "a.mcap")
+    data = path.read_bytes()
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    start = int.from_bytes(data[-28:-20], "little")
+    return run, data, start, summary
+
+
+def check_recovered(path, run, result, cut):
+    """Every frame is its variant's own, and whatever is not there was told."""
+    back = read_archive(path)
+    counts = {variant: 0 for variant in run}
+    for variant in back:
+        try:
+            found = back[variant]
+        except ArchiveError as error:  # its drive is damaged
+            assert any(name in str(error) for name in result.left_out[0].split())
+            continue
+        kept = np.isin(run[variant].time, found.time)
+        counts[variant] = len(found.time)
+        assert kept.sum() == len(found.time)
+        for name, values in found.channels().items():
+            np.testing.assert_array_equal(values, getattr(run[variant], name)[kept], err_msg=name)
+    if result.complete and not cut and not result.lost:
+        assert counts == {variant: len(run[variant].time) for variant in run}
+        assert back.info.step == run.info.step
+        assert back.info.created == run.info.created
+
+
+@pytest.mark.parametrize("cut", [False, True], ids=["whole", "cut"])
+def test_one_flipped_bit_never_gives_a_variant_anothers_frames(pair, tmp_path, cut):
+    """Of every byte outside of chunks' data, one bit: in a whole file, and in one that lost its summary."""
+    run, data, start, summary = pair
+    if cut:
+        data = data[:start]
+    inside = np.zeros(len(data), dtype=bool)
+    for chunk in summary.chunk_indexes:
+        inside[chunk.chunk_start_offset + 60 : chunk.chunk_start_offset + chunk.chunk_length] = True
+    rng, refused, told = np.random.default_rng(8), 0, 0
+    for offset in rng.choice(np.flatnonzero(~inside), 120, replace=False):
+        damaged = bytearray(data)
+        damaged[offset] ^= 1 << rng.integers(8)
+        (tmp_path / "b.mcap").write_bytes(damaged)
+        try:
+            result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap", overwrite=True)
+        except ArchiveError:
+            refused += 1
+            continue
+        told += not result.complete
+        check_recovered(tmp_path / "c.mcap", run, result, cut)
+    assert told > 5
+    if not cut:
+        assert refused <= 10  # only its opening magic is beyond repair
+
+
+def flip(data, text, at, bit=1):
+    """Bytes in which one bit of a place in the first occurrence of a text is another."""
+    damaged = bytearray(data)
+    damaged[data.index(text) + at] ^= bit
+    return bytes(damaged)
+
+
+@pytest.mark.parametrize("digests", [True, False])
+def test_a_topic_that_names_another_variant_is_not_believed(pair, tmp_path, monkeypatch, digests):
+    """One bit of variant 1's state topic makes it variant 0's: its frames come back as its own, or are left out."""
+    run, data, start, _ = pair
+    if not digests:
+        data = old_archive(run, tmp_path, monkeypatch)
+        start = int.from_bytes(data[-28:-20], "little")
+    for whole in (True, False):
+        broken = flip(data if whole else data[:start], b"/variant/00001/state", len("/variant/0000"))
+        (tmp_path / "b.mcap").write_bytes(broken)
+        result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap", overwrite=True)
+        back = read_archive(tmp_path / "c.mcap")
+        assert list(back) == ([0, 1] if whole else [0])
+        assert result.complete == whole
+        for variant in back:
+            np.testing.assert_array_equal(back[variant].position, run[variant].position)
+        if not whole:
+            assert result.damaged == (1 if digests else 2)  # frames; without digests the outlines, too
+            assert result.left_out == ["a record"]
+
+
+def old_archive(run, folder, monkeypatch):
+    """Bytes of an archive as versions without digests wrote it."""
+    from warpchain.archive import mcap_write, schema
+
+    with monkeypatch.context() as patch:
+        patch.setattr(mcap_write, "of_channel", lambda *_: "")
+        patch.setattr(mcap_write, "of_metadata", lambda *_: "")
+        patch.setattr(schema, "with_head", lambda end, head: dict(end))
+        patch.setattr(mcap_write, "_bytes", undigested(mcap_write._bytes))
+        return write_archive(run, folder / "old.mcap").read_bytes()
+
+
+def undigested(plain):
+    def encode(record):
+        if hasattr(record, "metadata"):
+            record.metadata.pop("digest", None)
+        return plain(record)
+
+    return encode
+
+
+def test_archives_without_digests_are_read_and_recovered(pair, tmp_path, monkeypatch):
+    run, _, _, _ = pair
+    data = old_archive(run, tmp_path, monkeypatch)
+    assert b"digest" not in data
+    assert_same(run, read_archive(tmp_path / "old.mcap"))
+    start = int.from_bytes(data[-28:-20], "little")
+    for broken in (data, data[:start]):
+        (tmp_path / "b.mcap").write_bytes(broken)
+        result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap", overwrite=True)
+        assert result.complete
+        assert_same(run, read_archive(tmp_path / "c.mcap"))
+    assert b"digest" in (tmp_path / "c.mcap").read_bytes()
+
+
+def test_metadata_that_changed_are_told(pair, tmp_path):
+    """A step of 5e-06 that reads 4e-06, say: the reader refuses it, and recover takes the copy at the end."""
+    run, data, _, _ = pair
+    (tmp_path / "b.mcap").write_bytes(flip(data, b"5e-06", 0))
+    with pytest.raises(ArchiveError, match="metadata warpchain: their digest is wrong"):
+        read_archive(tmp_path / "b.mcap")
+    result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")
+    assert result.left_out == ["metadata warpchain"]
+    assert read_archive(tmp_path / "c.mcap").info.step == run.info.step == 5e-6
+
+
+def test_a_chunk_that_is_there_twice_counts_once(pair, tmp_path):
+    run, data, start, summary = pair
+    chunk = max(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
+    twice = data[chunk.chunk_start_offset :][: chunk.chunk_length]
+    (tmp_path / "b.mcap").write_bytes(data[: start - 13] + twice)
+    result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")
+    assert result.damaged == 1
+    assert_same_frames(run, read_archive(tmp_path / "c.mcap"))
+
+
+def assert_same_frames(run, back):
+    assert list(back) == list(run)
+    for variant in run:
+        np.testing.assert_array_equal(back[variant].time, run[variant].time)
+
+
+def test_frames_missing_between_others_are_told(run, whole, tmp_path):
+    """A chunk cut out of a file without a summary leaves nothing behind but the numbers of its frames."""
+    data, _ = whole
+    (tmp_path / "a.mcap").write_bytes(data)
+    chunks = [c for c in read_archive(tmp_path / "a.mcap").trajectories.files[0].chunks if len(c.channels) > 1]
+    start = int.from_bytes(data[-28:-20], "little")
+    one, next_one = chunks[2], chunks[3]
+    (tmp_path / "b.mcap").write_bytes(data[: one.offset] + data[next_one.offset : start - 13])
+    result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")
+    assert result.missing > 0
+    assert f"{result.missing} frames are missing between others" in str(result)
+    back = read_archive(tmp_path / "c.mcap")
+    assert len(back[0].time) + result.missing == len(run[0].time)
+    assert read_archive(tmp_path / "c.mcap").trajectories  # opens, with its gap
+
+
+def test_a_damaged_drive_costs_its_variant_alone(pair, tmp_path, capsys):
+    run, data, _, _ = pair
+    at = data.index(b"drives/00001.toml") + 200
+    damaged = bytearray(data)
+    damaged[at] ^= 4
+    (tmp_path / "b.mcap").write_bytes(damaged)
+    assert command(capsys, "recover", tmp_path / "b.mcap", "-o", tmp_path / "c.mcap")[0] == 1  # something is left out
+    back = read_archive(tmp_path / "c.mcap")
+    np.testing.assert_array_equal(back[0].position, run[0].position)
+    with pytest.raises(ArchiveError, match=r"lacks its attachment drives/00001\.toml"):
+        back[1]
+
+
 WRITE = """
 import sys
+from archives import assert_same
+from command import run as command
 from drives import two_sprockets
 from warpchain import Record, simulate
 from warpchain.archive import ArchiveOptions, write
@@ -151,7 +337,7 @@ def test_a_killed_process_leaves_what_it_had_written(tmp_path, options):
     wait_for(lambda: bytes_in(tmp_path) > 2_000_000)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    left = [file.name for file in tmp_path.iterdir()]
+    left = [file.name for file in tmp_path.iterdir() if not file.name.startswith(".")]
     assert "killed.mcap" not in left
     with pytest.raises(ArchiveError, match="warpchain recover"):
         read_archive(path)
@@ -193,6 +379,40 @@ def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, small_dis
     resource.setrlimit(resource.RLIMIT_FSIZE, (2 * soft, hard))  # the mended file needs a little room of its own
     (frames,) = frames_of(recover_archive(left, tmp_path / "fixed.mcap").path, run)
     assert 0 < frames < len(run[0].time)
+
+
+@pytest.mark.parametrize("moment", ["take", "finish"])
+def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, capsys, moment):
+    """It ends the run at once, while frames are taken or while the archive is ended, and costs no more than kill -9."""
+    from warpchain.archive.parts import Parts
+    from warpchain.engine.recorder import Recorder
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**14)
+    monkeypatch.setattr("warpchain.engine.simulation.LAUNCH_WORK", 60 * 101)
+    if moment == "finish":
+        monkeypatch.setattr(Parts, "finish", interrupted)
+    else:
+        plain, left = Recorder.take, [3]
+
+        def take(*words):
+            left[0] -= 1
+            plain(*words)
+            if not left[0]:
+                words[0]._archive._send_all()
+                wait_for(lambda: bytes_in(tmp_path) > 30_000)
+                interrupted()
+
+        monkeypatch.setattr(Recorder, "take", take)
+    told = pytest.warns(UserWarning, match=r"a\.mcap: was not finished; what was written until then is in .*recover")
+    with told, pytest.raises(KeyboardInterrupt):
+        simulate(run.drives[0], record=Record(rate=1e5), archive=tmp_path / "a.mcap")
+    (left_file,) = tmp_path.iterdir()
+    assert left_file.suffix == ".partial"
+    (frames,) = frames_of(recover_archive(tmp_path / "a.mcap", tmp_path / "fixed.mcap").path, run)
+    assert frames == len(run[0].time) if moment == "finish" else frames > 0
 
 
 def test_folder_that_refuses(run, tmp_path, monkeypatch):

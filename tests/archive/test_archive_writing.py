@@ -1,6 +1,9 @@
 """How archives are written: threads, splits, precision of the values."""
 
+import os
+import signal
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +13,9 @@ from rerun_check import rerun_accepts
 from waiting import wait_for
 
 from warpchain import ArchiveOptions, Record, cli, read_archive, simulate, write_archive
+from warpchain.archive import ArchiveWriter
 from warpchain.archive.pipeline import Pipeline
+from warpchain.archive.recover import recover_archive
 from warpchain.errors import ArchiveError, SimulationError
 
 
@@ -150,6 +155,75 @@ def test_overwriting_a_set_leaves_nothing_of_it(run, tmp_path):
     write_archive(run, path, overwrite=True)
     assert list(tmp_path.iterdir()) == [path]
     assert_same(run, read_archive(path))
+
+
+def dying(path, run, options, operation):
+    """Overwrites an archive in a process that is killed at its n-th change of the folder; whether it was."""
+    child = os.fork()
+    if not child:
+        left = [operation]
+        for name in ("replace", "link", "unlink"):
+            plain = getattr(os, name)
+
+            def call(*words, plain=plain, **more):
+                left[0] -= 1
+                if left[0] < 0:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                plain(*words, **more)
+
+            setattr(os, name, call)
+        try:
+            write_archive(run, path, overwrite=True, options=options)
+        finally:
+            os._exit(0)
+    return os.waitpid(child, 0)[1] == signal.SIGKILL
+
+
+@pytest.mark.parametrize("before", [None, 1, 3])
+@pytest.mark.parametrize("after", [None, 1, 3])
+def test_an_archive_being_replaced_is_the_old_one_or_the_new_one(run, tmp_path, before, after):
+    """Killed at any step of overwriting, in any form: the name stands for one of them, whole, and can be rewritten."""
+    old = replace(run, info=replace(run.info, created="before"))
+    for operation in range(99):
+        path = tmp_path / str(operation) / "set.mcap"
+        path.parent.mkdir()
+        write_archive(old, path, options=ArchiveOptions(split_variants=before))
+        killed = dying(path, run, ArchiveOptions(split_variants=after), operation)
+        back = read_archive(path)
+        assert_same(run, back)
+        assert back.info.created == ("before" if operation == 0 else back.info.created)
+        if not killed:
+            break
+        write_archive(run, path, overwrite=True, options=ArchiveOptions(split_variants=after))
+        assert read_archive(path).info.created == run.info.created
+        assert len([file for file in path.parent.iterdir() if file.suffix == ".mcap"]) == len(read_archive(path).files)
+    assert operation >= {None: 1, 1: 4, 3: 2}[after]  # a step for each file at least
+    assert read_archive(path).info.created == run.info.created
+    assert len(list(path.parent.iterdir())) == len(read_archive(path).files)
+
+
+def test_a_set_that_failed_leaves_the_old_one_alone(run, tmp_path, small_chunks):
+    path = write_archive(run, tmp_path / "set.mcap", options=ArchiveOptions(split_size=200_000))
+    there = sorted(file.name for file in tmp_path.iterdir())
+    options = ArchiveOptions(split_size=200_000)
+    with ArchiveWriter(path, run.drives, list(run), run.info, options, overwrite=True) as writer:
+        for variant in run:
+            writer.append(variant, run[variant])
+    assert sorted(file.name for file in tmp_path.iterdir()) == there
+    assert_same(run, read_archive(path))
+
+
+def test_what_a_killed_set_left_is_recovered_beside_the_old_one(run, tmp_path):
+    """Both can be named: the archive's name is the old set until the new one is whole."""
+    path = write_archive(run, tmp_path / "set.mcap", options=ArchiveOptions(split_variants=1))
+    assert dying(path, run, ArchiveOptions(split_variants=1), 2)
+    assert_same(run, read_archive(path))
+    with pytest.raises(ArchiveError, match=r"several runs were cut; name one of .*set\.part0000-2\.mcap"):
+        recover_archive(path, tmp_path / "fixed.mcap")
+    result = recover_archive(tmp_path / "set.part0000-2.mcap", tmp_path / "fixed.mcap")
+    assert sorted(result.frames) == [0, 1, 3, 4]
+    recover_archive(tmp_path / "set.part0000.mcap", path, overwrite=True)
+    assert read_archive(path).info.ended == "recovered"
 
 
 def test_float32_values_and_exact_positions(run, tmp_path):

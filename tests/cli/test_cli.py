@@ -43,13 +43,15 @@ def test_check_as_json_in_si(capsys):
 
 
 def test_derived_tensions_balance_the_loads():
-    drive = load_drive(drive_path("marine"))
-    values = derive(drive)
-    slack, same, tight = (strand["working_tension"] for strand in values["strands"])
-    load = 9000.0 + 50.0 * 9.53
-    assert tight - same == pytest.approx(load / drive.pitch_radius(2))
-    assert slack == pytest.approx(same)
-    assert slack == pytest.approx(drive.chain.mass / drive.chain.pitch * values["chain_speed"] ** 2)
+    """Without weight; z links a turn: the lever is z p / (2 pi), links strained 1e-4. Four states within a tooth pitch
+    average the polygon's ripple, (pi / z)^2 / 2 = 1.5e-3."""
+    drive = load_drive(drive_path("marine")).with_values({"run.gravity": (0.0, 0.0)})
+    slack, same, tight = derive(drive)["strands"]
+    load = 2.0 * np.pi * (9000.0 + 50.0 * 9.53) / (57 * 0.1143)
+    assert tight["working_tension"] - same["working_tension"] == pytest.approx(load, rel=2e-3)
+    assert slack["working_tension"] == pytest.approx(same["working_tension"], rel=2e-3)
+    centrifugal = 6.95 * 0.1143 * (9.53 * 57 / (2.0 * np.pi)) ** 2
+    assert slack["centrifugal_tension"] == pytest.approx(centrifugal)
 
 
 def test_strand_frequency_is_the_closed_form():
@@ -151,10 +153,23 @@ def test_run_export_round_trip(capsys, tmp_path):
 
 def test_a_run_that_diverges_is_status_1(capsys, tmp_path):
     words = ["run", "marine", "-o", tmp_path / "mad.mcap", "--quiet", "--duration", "0.05", "--step", "5.9e-5"]
-    mad = ["--set", "contact.sprocket.impact_speed_floor=1e-9", "--set", "sprockets.camshaft.load.torque=1e9"]
+    mad = ["--set", "contact.sprocket.impact_speed_floor=1e-9", "--set", "sprockets.camshaft.load.viscous=1e9"]
     status, out, _ = run(capsys, *words, *mad)
     assert status == 1
     assert any("diverged at" in line for line in out)
+
+
+def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
+    words = ["run", "marine", "-o", tmp_path / "a.mcap", "--quiet", "--duration", "0.004", "--set", "run.settle=false"]
+    status, out, err = run(capsys, *words)
+    assert status == 0 and "status: ok" in out and err == []
+    status, out, err = run(capsys, *words, "--overwrite", "--limit", "energy_residual=0", "--limit", "slips=inf")
+    assert status == 0
+    assert sum(line.startswith("status: suspect: energy residual") for line in out) == 1
+    assert len(err) == 1 and err[0].startswith("warpchain: warning: suspect: energy residual")
+    status, _, err = run(capsys, *words, "--overwrite", "--limit", "energy=0")
+    assert status == 2 and "limits: energy = 0: unknown key; allowed are energy_residual, " in err[0]
+    assert run(capsys, *words, "--overwrite", "--limit", "energy")[0] == 2
 
 
 def test_ctrl_c_ends_cleanly_and_keeps_the_archive(tmp_path):

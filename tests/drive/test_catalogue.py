@@ -45,6 +45,21 @@ def test_series_a_has_the_strength_of_asme_b29_1():
             assert chain.breaking_load == pytest.approx(load, rel=4e-3), size
 
 
+def test_pins_of_series_a_are_those_of_asme_b29_1():
+    """Inches of ANSI 40, 50, 60, 80, ..., 240; ISO 606 gives the largest, by at most 0.03 mm more."""
+    inches = (0.156, 0.200, 0.234, 0.312, 0.375, 0.437, 0.500, 0.562, 0.687, 0.781, 0.937)
+    pins = [chain.pin_diameter for size, chain in CHAINS.items() if size.endswith("A")]
+    assert pins == pytest.approx([25.4e-3 * inch for inch in inches], abs=0.03e-3)
+
+
+def test_a_size_gives_the_pin_radius(values):
+    drive = Drive(**sized(values)).with_values({"chain.joint": {"friction": 0.1}})
+    assert drive.chain.pin_radius == pytest.approx(22.24e-3, abs=1e-12)
+    assert drive.with_values({"chain.size": "64B", "chain.stiffness": "estimate"}).chain.pin_radius == 19.7e-3
+    assert drive.with_values({"chain.joint.pin_radius": 0.02}).chain.pin_radius == 0.02
+    assert "joints: friction 0.1, pins of 22.24 mm radius" in report(derive(drive))
+
+
 @pytest.mark.parametrize("series", ["A", "B"])
 def test_sizes_grow_alike(series):
     """Everything grows with the pitch; rollers fit between pitch and half of it; masses follow width and height."""
@@ -52,11 +67,13 @@ def test_sizes_grow_alike(series):
     for small, large in pairwise(chains):
         assert small.pitch < large.pitch
         assert small.roller_diameter < large.roller_diameter
+        assert small.pin_diameter < large.pin_diameter
         assert small.mass_per_length < large.mass_per_length
         assert small.breaking_load < large.breaking_load
     for chain in chains:
         assert 0.5 < chain.roller_diameter / chain.pitch < 0.7
         assert 0.35 < chain.inner_width / chain.pitch < 0.73
+        assert 0.28 < chain.pin_diameter / chain.pitch < 0.4
         # a chain of one shape weighs and carries with the square of its size
         assert 2800 < chain.mass_per_length / chain.pitch**2 < 5200
         assert 6e7 < chain.breaking_load / chain.pitch**2 < 1.2e8
@@ -110,5 +127,5 @@ def test_chains_command_lists_every_size(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[1 : 1 + len(CHAINS)]] == list(CHAINS)
     row = next(line for line in lines if line.startswith("16B")).split()
-    assert [float(row[i]) for i in (1, 2, 3, 5, 7)] == [25.4, 15.88, 17.02, 2.71, 60.0]
-    assert math.isclose(float(row[9]), CHAINS["16B"].estimated_stiffness, rel_tol=1e-2)
+    assert [float(row[i]) for i in (1, 2, 3, 4, 6, 8)] == [25.4, 15.88, 17.02, 8.28, 2.71, 60.0]
+    assert math.isclose(float(row[10]), CHAINS["16B"].estimated_stiffness, rel_tol=1e-2)

@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
+from warpchain.assembly.timestep import step_limit
 from warpchain.drive import Material, loads_drive
+from warpchain.drive.rubbing import Rubbing, guide_rubbing, tooth_rubbing
 from warpchain.drive.stiffness import compliance, hertz_stiffness, rebound_ratio
 from warpchain.errors import DriveError
 
@@ -70,6 +72,24 @@ def test_steel_seat_of_a_72b_roller():
     assert drive().sprocket_stiffness(0) == pytest.approx(1.62e9, rel=0.003)
     direct = hertz_stiffness(10e3, 0.063, 0.0362, 0.0366, compliance(STEEL, STEEL))
     assert drive().sprocket_stiffness(1) == pytest.approx(direct, rel=1e-12)
+
+
+def test_bush_and_tooth_in_series():
+    # 1/K = 1/K_tooth + 1/K_bush, given or from materials; the step's limit follows, 2 / sqrt((4 k + K) / m)
+    tooth = drive().sprocket_stiffness(0)
+    both = drive(**{"contact.sprocket.bush_stiffness": 8e8})
+    series = 1.0 / (1.0 / tooth + 1.0 / 8e8)
+    assert both.sprocket_stiffness(0) == pytest.approx(series, rel=1e-15)
+    assert step_limit(both) == pytest.approx(2.0 / math.sqrt((4 * 1.5e9 + series) / 6.95), rel=1e-12)
+    assert drive(**{"contact.sprocket.bush_stiffness": 1e30}).sprocket_stiffness(0) == pytest.approx(tooth, rel=1e-12)
+
+
+def test_what_rubs_is_what_is_given():
+    given = {"contact.sprocket.friction": 0.06, "contact.guide.friction": 0.1}
+    given |= {"guides.bar.contact": {"friction": 0.2, "static_friction": 0.3, "stribeck_speed": 0.05}}
+    assert tooth_rubbing(drive(**given)) == Rubbing(0.06, 0.06, 1.0)
+    assert guide_rubbing(drive(**given), 0) == Rubbing(0.2, 0.3, 0.05)
+    assert not tooth_rubbing(drive()).rubs and not guide_rubbing(drive(), 0).rubs
 
 
 def test_flat_rubber():

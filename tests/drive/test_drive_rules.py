@@ -7,6 +7,7 @@ import pytest
 from drives import MARINE, NOT_NEGATIVE, POSITIVE, errors_of, marine_values, put
 
 from warpchain.drive import (
+    Chain,
     Drive,
     Sprocket,
     SprocketContact,
@@ -162,6 +163,19 @@ RULES = [
     ),
     ("contact/guide/roller/youngs_modulus", 0, f"contact.guide.roller.youngs_modulus = 0: {POSITIVE}"),
     ("contact/guide/roller", 3, "contact.guide.roller = 3: must be a table"),
+    ("contact/sprocket/friction", -0.1, f"contact.sprocket.friction = -0.1: {NOT_NEGATIVE}"),
+    ("contact/guide/rolling", 1, "contact.guide.rolling = 1: must be true or false"),
+    ("contact/sprocket/bush_stiffness", 0, f"contact.sprocket.bush_stiffness = 0: {POSITIVE}"),
+    (
+        "contact/sprocket/static_friction",
+        0.1,
+        "contact.sprocket.stribeck_speed: missing; static_friction and stribeck_speed are given together",
+    ),
+    (
+        "contact/guide/stribeck_speed",
+        0.1,
+        "contact.guide.static_friction: missing; static_friction and stribeck_speed are given together",
+    ),
     ("contact/guide/reference_load", 1e9, "contact.guide.reference_load = 1000000000.0: must be below 7.75806e+06 N"),
     (
         "guides/0/contact/width",
@@ -214,6 +228,29 @@ def test_stiffness_instead_of_materials(values):
     del values["contact"]["guide"]["stiffness"]
     text = "missing; must be a positive number, or give width, reference_load, roller, partner instead"
     assert errors_of(values) == (f"contact.guide.stiffness: {text}",)
+
+
+def test_friction_at_rest_is_no_less_than_in_motion(values):
+    values["contact"]["sprocket"] |= {"friction": 0.2, "static_friction": 0.1, "stribeck_speed": 0.1}
+    assert list(errors_of(values)) == ["contact.sprocket.static_friction = 0.1: must be at least friction, 0.2"]
+
+
+def test_rolling_needs_friction_and_the_joints(values):
+    values["contact"]["guide"] |= {"rolling": True}
+    found = errors_of(values)
+    assert "contact.guide.friction: missing; must be a number of at least 0; needed with rolling" in found
+    values["contact"]["guide"] |= {"friction": 0.2}
+    if "joint" not in Chain.model_fields:
+        assert list(errors_of(values)) == [
+            "contact.guide.rolling = true: must be false without chain.joint, whose friction rolling rollers pass on"
+        ]
+
+
+def test_a_bush_in_series_is_linear(values):
+    values["contact"]["sprocket"] |= {"bush_stiffness": 8e8, "exponent": 1.5}
+    assert list(errors_of(values)) == [
+        "contact.sprocket.exponent = 1.5: must be 1 with bush_stiffness, which is linear"
+    ]
 
 
 def test_kelvin_voigt_is_linear(values):

@@ -124,7 +124,7 @@ def test_channels_and_variants_that_are_not_wanted_are_left_out():
 
 @pytest.mark.usefixtures("device")
 def test_divergence_stops_one_variant_and_leaves_the_others():
-    mad = short(contact=2e8, floor=1e-9, duration=0.02, torque=5e7)
+    mad = short(contact=2e8, floor=1e-9, duration=0.02, torque=5e7, viscous=1e8)
     run = simulate([mad, short()])
     first, second = run.metrics.to_pylist()
     assert first["diverged"] and 0.0 < first["diverged_time"] < 0.02

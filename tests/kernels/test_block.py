@@ -10,7 +10,7 @@ from drives import two_sprockets
 from warpchain import load_drive
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
-from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
@@ -21,6 +21,7 @@ from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.relaxation import Settling
+from warpchain.kernels.tension_bins import BINS
 from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.schedule import Schedule
 
@@ -113,6 +114,9 @@ def kind_of(packed, shape):
         moving=bool(packed.mounts["active"].any()),
         measuring=True,
         rk4=bool(packed.drives["integrator"].any()),
+        bending=bool(packed.joints["rubs"].any()),
+        sliding=bool(packed.slides.any()),
+        uneven=bool(packed.links["uneven"].any()),
     )
 
 
@@ -123,6 +127,49 @@ def rk4():
 
 def rk4_on_guide_bar():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in marine()]
+
+
+BENDING = {"chain.joint": {"friction": 0.1, "pin_radius": 0.02}}
+STRIBECK = {"chain.joint": {"friction": 0.08, "static_friction": 0.12, "stribeck_speed": 0.02, "pin_radius": 0.02}}
+
+
+def bending():
+    first, second = marine()
+    return [first.with_values(BENDING), second.with_values(STRIBECK)]
+
+
+def bending_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in bending()]
+
+
+RUBS = {"contact.sprocket.friction": 0.1, "contact.guide.friction": 0.2}
+RUBS |= {"contact.sprocket.static_friction": 0.15, "contact.sprocket.stribeck_speed": 0.1}
+"""Friction at teeth and guide-bars."""
+
+
+def rubbing():
+    """On a bar that rollers of its ends are pressed on and others have missed, and one that all have; tight chains."""
+    drives = []
+    for drive, deep in zip(marine(), (0.02, 0.05), strict=True):
+        bar = {f"guides.0.{end}.0": getattr(drive.guides[0], end)[0] + deep for end in ("start", "end")}
+        tight = {"chain.elongation": -2e-4, "sprockets.crankshaft.prescribed.ramp_time": 0.0}
+        drives.append(drive.with_values(RUBS | bar | tight))
+    return drives
+
+
+def uneven():
+    first, second = marine()
+    outer = {"elongation": 1e-3, "stiffness": 1.2e9, "damping": 2e4}
+    return [first.with_values(BENDING | {"chain.play": 2e-5}), second.with_values({"chain.outer": outer})]
+
+
+def rubbing_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in rubbing()]
+
+
+def rubbing_on_moving_sprockets():
+    teeth = {key: value for key, value in RUBS.items() if "sprocket" in key} | {"chain.elongation": -2e-4}
+    return [drive.with_values(teeth) for drive in moving_sprockets()]
 
 
 def run_blocks(packed, shape, blocks, order, frames):
@@ -142,7 +189,22 @@ def run_blocks(packed, shape, blocks, order, frames):
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 @pytest.mark.parametrize("many", [False, True], ids=["few", "many"])
 @pytest.mark.parametrize(
-    "drives", [marine, equal_sprockets, moving_sprockets, long_chains, unusual_contacts, rk4, rk4_on_guide_bar]
+    "drives",
+    [
+        marine,
+        equal_sprockets,
+        moving_sprockets,
+        long_chains,
+        unusual_contacts,
+        rk4,
+        rk4_on_guide_bar,
+        rubbing,
+        rubbing_rk4,
+        bending,
+        bending_rk4,
+        rubbing_on_moving_sprockets,
+        uneven,
+    ],
 )
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     variants = drives()
@@ -170,12 +232,20 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
         close(state.bodies.numpy()[name], serial.state.bodies.numpy()[name])
     # forces are differences of positions times stiffness: relative to the largest there is
     close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
-    for name in ("chain", "strand", "sprocket", "mount", "contact"):
-        mine, theirs_ = getattr(sums, name).numpy(), serial.sums()[name]
+    summed = serial.sums()
+    assert packed.slides.all() == (summed["contact"]["friction"] > 0.0).any()
+    for name in ("chain", "strand", "sprocket", "mount", "contact", "slip", *NOTES):
+        mine, theirs_ = getattr(sums, name).numpy(), summed[name]
         for field in mine.dtype.names:
             scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
             loose = 1e-9 if precision == "float64" else 1e-2
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
+    # 12 looks at each link (steps 112 to 288); round-off may take a tension over the edge of its bin to the next
+    mine, theirs_ = (each.reshape(-1, BINS) for each in (sums.tension_counts.numpy(), summed["tension_counts"]))
+    assert mine.sum() == theirs_.sum() == 12 * sum(drive.chain.links for drive in variants)
+    np.testing.assert_array_equal(mine.sum(axis=1), theirs_.sum(axis=1))
+    moved = np.abs(np.cumsum(mine - theirs_, axis=1)).sum()
+    assert moved <= (2 if precision == "float64" else 0.05 * mine.sum()), moved
 
 
 def test_rows_beyond_shared_memory(fibers):
@@ -240,6 +310,10 @@ FORMS = {
     "moving": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True), 4, FRAME),
     "few": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
     "rk4": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True, rk4=True), 4, FRAME),
+    "bending": lambda real: block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True, bending=True), 8, FRAME),
+    "rubbing": lambda real: block_kernel(
+        BlockKind(real, 32, 4, 2, 1, moving=True, measuring=True, sliding=True), 12, FRAME
+    ),
     "relax": lambda real: block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
 }
 ARCHITECTURES = {75: ("many", "moving"), 80: ("many", "moving"), 90: tuple(FORMS)}

@@ -130,8 +130,9 @@ def test_springs_carry_what_lies_on_the_bar(integrator):
     np.testing.assert_allclose(y, ROLLER_RADIUS + sinks[1] - MASS * WEIGHT / CONTACT, rtol=1e-9)
 
 
+@pytest.mark.parametrize("mu", [0.0, 0.3])
 @pytest.mark.parametrize("integrator", ["leapfrog", "rk4"])
-def test_chain_and_body_keep_their_momentum(integrator):
+def test_chain_and_body_keep_their_momentum(integrator, mu):
     # the chain strikes a bar that is free to move and to turn, off its center. Leapfrog keeps both momenta to rounding.
     # rk4 misses the angular one only as contact normals turn, Omega h = 1.3e-5 a step, and of that the fourth order of
     # a contact's h omega = 0.13: 4e-9
@@ -139,6 +140,7 @@ def test_chain_and_body_keep_their_momentum(integrator):
     options = {"center": (0.15, 0.02), "above": 1e-4, "velocity": (0.3, -0.5), "integrator": integrator}
     start = free(straight(steps=0, **options), inertia)
     packed = free(straight(steps=400, **options), inertia)
+    raw.put_friction(packed.guide_sliding[0], mu, 0.1 * MASS, 5e-5)
     (engine, _), (before, _) = raw.run(packed), raw.run(start)
     (moved, turned), (first, first_turned) = momentum(engine, inertia), momentum(before, inertia)
     body = engine.state.bodies.numpy()[0]

@@ -16,7 +16,7 @@ def base():
 
 
 def test_a_sprocket_of_other_inertia_keeps_its_name(base):
-    """The turning mode's frequency falls with the root of the inertia, but for the chain, 1.5 of 40 kg m^2: 2 %; strands keep theirs."""
+    """The turning mode's frequency falls with the root of the inertia, but for the chain's, 1.5 of 40 kg m^2: 2 %."""
     wanted = base_modes(base, 6)
     turning = next(name for name in wanted.names if name.startswith("driven "))
     light = mode_metrics(wanted, base)

@@ -16,7 +16,9 @@ STRUCTS = {
     "sprocket": sum_structs.SprocketSums,
     "mount": sum_structs.MountSums,
     "contact": sum_structs.ContactSums,
+    "slip": sum_structs.SlipSums,
 }
+BATCHED = {name: STRUCTS[name] for name in ("chain", "strand", "sprocket", "mount")}
 SHAKEN = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-4, "frequency": 40.0}
 
 
@@ -39,6 +41,13 @@ def sums_of(drive: Drive, variant: int) -> dict[str, np.ndarray]:
             rows[field] = random.integers(0, 3, rows[field].shape) * random.uniform(0.5, 2.0, rows[field].shape)
         made[name] = rows
     made["chain"] = made["chain"][0]
+    made["tension"] = random.integers(0, 5, (sprockets + 1, 6))
+    made["edges"] = np.sort(random.normal(size=7))
+    made["durations"] = random.uniform(0.5, 2.0, 4)
+    for name, struct in BATCHED.items():
+        shape = (4,) if name == "chain" else (sprockets, 4)
+        rows = np.zeros(shape, struct.numpy_dtype())
+        made[f"{name}_batches"] = {f: random.uniform(0.5, 2.0, rows[f].shape) for f in rows.dtype.names}
     return made
 
 
@@ -54,7 +63,14 @@ def table_of(chosen: list[int]) -> pa.Table:
 
     def stacked(numbers: np.ndarray) -> dict[str, np.ndarray]:
         each = [sums_of(mine[n], chosen[n]) for n in numbers]
-        return {name: np.stack([sums[name] for sums in each]) for name in STRUCTS}
+        names = (*STRUCTS, "tension", "edges", "durations")
+        stacked = {name: np.stack([sums[name] for sums in each]) for name in names}
+        batches = {}
+        for name in BATCHED:
+            mine_ = [sums[f"{name}_batches"] for sums in each]
+            batches[name] = {field: np.stack([rows[field] for rows in mine_]) for field in mine_[0]}
+        tension = stacked.pop("tension"), stacked.pop("edges")
+        return {**stacked, "batches": (batches, stacked.pop("durations")), "tension": tension}
 
     return metrics_table(ended, stacked)
 

@@ -1,5 +1,6 @@
 """Running a study: rows and their reasons, metrics equal to `simulate`, recording, commands, one line a mistake."""
 
+import math
 import os
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from pyarrow import parquet
 from study_helpers import tiny_drive, write_study
 
-from warpchain import Record, read_archive, simulate
+from warpchain import Limits, Record, read_archive, simulate
 from warpchain.drive import load_drive
 from warpchain.engine import simulation
 from warpchain.errors import SimulationError, StudyError, WarpchainError
@@ -27,6 +28,7 @@ from warpchain.study.run.prepare import prepare, shard_size
 from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
 from warpchain.study.spec import Study
 
+ANY_ENERGY = Limits(energy_residual=math.inf)
 ROWS = """
 [study]
 drive = "tiny.toml"
@@ -48,6 +50,8 @@ path = "sprockets.s1.load.torque"
 unit = "N m"
 [[constraints]]
 require = "teeth != 13"
+[limits]
+energy_residual = inf
 [run]
 duration = 0.0005
 shard = 3
@@ -84,7 +88,7 @@ def test_every_row_ends_with_a_status_and_a_reason(tmp_path):
     source = write_study(tmp_path, text=ROWS)
     (tmp_path / "rows.csv").write_text(TABLE)
     outcome = run_study(source, tmp_path / "out")
-    assert outcome.counts == {"ok": 3, "diverged": 1, "infeasible": 5}
+    assert outcome.counts == {"ok": 3, "suspect": 0, "diverged": 1, "infeasible": 5}
     rows = table_of(tmp_path / "out").to_pylist()
     assert [row["variant"] for row in rows] == list(range(9))
     assert [row["status"] for row in rows] == ["ok", *4 * ["infeasible"], "diverged", "ok", "ok", "infeasible"]
@@ -117,8 +121,8 @@ def test_metrics_are_those_of_simulate_bitwise_also_with_other_teeth_and_links(t
                 "sprockets.s1.load.torque": row["torque"],
             }
         )
-        alone = simulate(changed, duration=0.0005, record=Record("none")).metrics.to_pylist()[0]
-        names = [name for name in alone if name not in ("variant", "diverged") and alone[name] is not None]
+        alone = simulate(changed, duration=0.0005, record=Record("none"), limits=ANY_ENERGY).metrics.to_pylist()[0]
+        names = [name for name in alone if name not in ("variant", "diverged", "reason") and alone[name] is not None]
         assert len(names) > 30
         for name in names:
             assert row[name] == alone[name], (number, name)
@@ -146,7 +150,7 @@ def test_recorded_variants_are_archived_as_simulate_gives_them(tmp_path, memory,
         values = {"sprockets.s1.load.torque": rows[v]["torque"], "chain.links": rows[v]["links"]}
         drive = tiny_drive().with_values(values)
         wanted = Record(rate=20000.0, channels=("position", "tension"))
-        alone = simulate(drive, duration=0.0005, step=1e-5, record=wanted)[0]
+        alone = simulate(drive, duration=0.0005, step=1e-5, record=wanted, limits=ANY_ENERGY)[0]
         assert kept.velocity is None and len(kept.time) == 11
         assert np.array_equal(kept.tension, alone.tension) and np.array_equal(kept.position, alone.position)
 
@@ -236,9 +240,9 @@ def test_a_study_without_a_feasible_row_ends_with_its_reasons(tmp_path, capsys):
     source = write_study(tmp_path, RECORD)
     source.write_text(source.read_text().replace("levels = [44, 45]", "range = [44.5, 45.5]\npoints = 2"))
     assert run(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet") == (
-        0,
+        1,
         [
-            "6 of 6 shards are done; variants: 0 ok, 0 diverged, 12 infeasible",
+            "6 of 6 shards are done; variants: 0 ok, 0 suspect, 0 diverged, 12 infeasible",
             "  12 like this: chain.links = 44.5: must be an integer of at least 3",
             f"table: {tmp_path / 'out' / 'results.parquet'}",
         ],
@@ -294,7 +298,7 @@ def test_a_folder_belongs_to_one_study(tmp_path):
 
 def test_metric_names_are_those_of_simulate():
     run = simulate(tiny_drive(), duration=0.001, step=1e-5, record=Record("none"))
-    others = ("variant", "diverged", "diverged_time", "window_start", "window_end")
+    others = ("variant", "status", "reason", "diverged", "diverged_time", "window_start", "window_end")
     assert metric_names(tiny_drive()) == [name for name in run.metrics.column_names if name not in others]
 
 
@@ -343,7 +347,7 @@ def test_commands_of_a_job_array(tmp_path, capsys):
     run_study(source, whole)
     assert run(capsys, "study", "run", source, "-o", out, "--shard", "1/3", "--quiet", "--workers", "1") == (
         0,
-        ["2 of 6 shards are done; variants: 4 ok, 0 diverged, 0 infeasible"],
+        ["2 of 6 shards are done; variants: 4 ok, 0 suspect, 0 diverged, 0 infeasible"],
         [],
     )
     status, _, err = run(capsys, "study", "merge", out)
@@ -362,7 +366,7 @@ def test_status_tells_rate_and_time_left(tmp_path, capsys):
     for number, shard in enumerate((0, 3, 6, 9)):  # 4 of 12 variants, one in 1000 s
         os.utime(out / "shards" / f"{shard:05d}.parquet", (1000.0 * number, 1000.0 * number))
     assert run(capsys, "study", "status", out)[1] == [
-        "4 of 12 shards are done; variants: 4 ok, 0 diverged, 0 infeasible",
+        "4 of 12 shards are done; variants: 4 ok, 0 suspect, 0 diverged, 0 infeasible",
         "8 variants are left; at the latest 0.001 variants/s they take 2:13:20",
     ]
 

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drives import two_sprockets
 from PIL import Image
+from waiting import wait_for
 
 from warpchain import load_drive, simulate, write_archive
 from warpchain.drive.examples import drive_path
@@ -114,3 +116,17 @@ def test_the_web_viewer_shows_the_chain_and_listens_on_this_machine_alone(run, t
         assert server.wait(20) == 0
     assert not listening(page) and not listening(data)
     assert_chain(tmp_path / "a.png", run[0])
+
+
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_the_web_viewer_ends_with_the_process_that_serves_it(tmp_path, end):
+    """Whatever ends it: a service manager, a closed terminal, a kill."""
+    run = simulate(two_sprockets(duration=0.001, settle="false"))
+    command = [sys.executable, "-m", "warpchain", "view", str(write_archive(run, tmp_path / "a.mcap")), "--web"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        url = server.stdout.readline().strip()
+        page, data = int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
+        assert listening(page) and listening(data)
+        server.send_signal(end)
+        assert server.wait(20) == -end
+    wait_for(lambda: not listening(page) and not listening(data), 20.0)

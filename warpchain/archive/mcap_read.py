@@ -18,14 +18,17 @@ from typing import Any, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Footer, Metadata, MetadataIndex
+from mcap.records import Attachment, Channel, Chunk, Footer, Metadata, MetadataIndex, Schema
 
+from warpchain.archive.digest import DIGEST, checked
 from warpchain.archive.mcap_write import MAGIC
 from warpchain.errors import ArchiveError
 from warpchain.files import reason
 
 RECORD = struct.Struct("<BQ")
 """A record's opcode and length, before its content."""
+MOST_CHUNK = 2**28
+"""Bytes of a chunk's records at most, uncompressed: warpchain writes about 1 MiB, others a few."""
 FOOTER = RECORD.size + 20
 """Bytes of the footer's record."""
 
@@ -92,23 +95,28 @@ def attachment_of(data: Any) -> Attachment:
 
 
 def decompressed(chunk: Chunk) -> Any:
-    """A chunk's records, checked against their size and CRC; uncompressed ones are not copied."""
+    """A chunk's records, checked against their size and CRC; uncompressed ones are not copied.
+
+    Nothing larger than the chunk says, and nothing larger than `MOST_CHUNK`, is ever made.
+    """
     import lz4.frame
     import zstandard
 
     compression, data, size, crc = chunk.compression, chunk.data, chunk.uncompressed_size, chunk.uncompressed_crc
+    if size > MOST_CHUNK:
+        raise ValueError(f"a chunk says that it holds {size} bytes; allowed are {MOST_CHUNK}")
     try:
         if compression == "zstd":
             if zstandard.frame_content_size(data) not in (-1, size):
                 raise ValueError("a chunk's size is wrong")
             out: Any = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
         elif compression == "lz4":
-            out = lz4.frame.decompress(data)
+            out = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
         elif compression == "":
             out = data
         else:
             raise ValueError(f"compression {compression!r} is unknown")
-    except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
         raise ValueError(f"a chunk cannot be decompressed: {error}") from None
     if len(out) != size or (crc and zlib.crc32(out) != crc):
         raise ValueError("a chunk's checksum (CRC) is wrong")
@@ -122,7 +130,7 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise ArchiveError(f"{path}: cannot be read ({reason(error)})") from None
-    except (ValueError, IndexError, struct.error, MemoryError) as error:
+    except (ValueError, IndexError, OverflowError, struct.error, MemoryError) as error:
         raise ArchiveError(f"{path}: is damaged ({error}); see warpchain recover") from None
 
 
@@ -131,6 +139,8 @@ class McapIndex:
 
     Attributes:
         channels: topics by number.
+        schemas: what describes their messages, by number.
+        protected: whether the summary has a checksum, which was right.
         chunks: where chunks lie, in the file's order.
         attachments: offset and length of each attachment's record, by name.
         metadata: the same of metadata records.
@@ -142,6 +152,7 @@ class McapIndex:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, Schema] = {}
         self.chunks: list[ChunkEntry] = []
         self.attachments: dict[str, tuple[int, int]] = {}
         self.metadata: dict[str, tuple[int, int]] = {}
@@ -149,7 +160,7 @@ class McapIndex:
             self._file = os.open(path, os.O_RDONLY)
             weakref.finalize(self, os.close, self._file)
             self._map: mmap.mmap | None = None
-            size = os.fstat(self._file).st_size
+            size = self._size = os.fstat(self._file).st_size
             if self._read(0, len(MAGIC)) != MAGIC:
                 raise ArchiveError(f"{path}: is not an MCAP file")
             tail = FOOTER + len(MAGIC)
@@ -165,9 +176,17 @@ class McapIndex:
             summary = self._read(start, size - tail - start)
             if crc and crc != zlib.crc32(summary + end[: FOOTER - 4]):
                 raise ValueError("its summary's checksum (CRC) is wrong")
+            self.protected = crc != 0
             self._parse(summary)
 
+    @property
+    def sealed(self) -> bool:
+        """Whether the archive has digests."""
+        return any(DIGEST in channel.metadata for channel in self.channels.values())
+
     def _read(self, offset: int, length: int) -> bytes:
+        if offset + length > max(self._size, FOOTER + len(MAGIC)):
+            raise ValueError(f"nothing at byte {offset}")
         data = os.pread(self._file, length, offset)
         while len(data) < length:
             more = os.pread(self._file, length - len(data), offset + len(data))
@@ -193,6 +212,9 @@ class McapIndex:
             elif opcode == Opcode.CHANNEL:
                 channel = Channel.read(Content(summary[begin:end]))
                 self.channels[channel.id] = channel
+            elif opcode == Opcode.SCHEMA:
+                schema = Schema.read(Content(summary[begin:end]))
+                self.schemas[schema.id] = schema
             elif opcode == Opcode.METADATA_INDEX:
                 place = MetadataIndex.read(Content(summary[begin:end]))
                 self.metadata[place.name] = place.offset, place.length
@@ -211,14 +233,20 @@ class McapIndex:
         if name not in self.attachments:
             raise ArchiveError(f"{self.path}: lacks its attachment {name}")
         with reading(self.path):
-            return bytes(attachment_of(self._record(Opcode.ATTACHMENT, *self.attachments[name])).data)
+            record = attachment_of(self._record(Opcode.ATTACHMENT, *self.attachments[name]))
+            if record.name != name:
+                raise ValueError(f"attachment {name} is named {record.name!r}")
+            return bytes(record.data)
 
     def values(self, name: str) -> dict[str, str] | None:
         """A metadata record's values, or None."""
         if name not in self.metadata:
             return None
         with reading(self.path):
-            return Metadata.read(Content(self._record(Opcode.METADATA, *self.metadata[name]))).metadata
+            record = Metadata.read(Content(self._record(Opcode.METADATA, *self.metadata[name])))
+            if record.name != name:
+                raise ValueError(f"metadata {name} are named {record.name!r}")
+            return checked(name, record.metadata, self.sealed)
 
     def chunk(self, entry: ChunkEntry) -> Any:
         """A chunk's records; those of an uncompressed chunk are a view of the file."""

@@ -5,8 +5,6 @@ The records' bytes come from the mcap package; chunks come compressed, so that c
 
 from __future__ import annotations
 
-import os
-import secrets
 import struct
 import zlib
 from collections.abc import Callable, Mapping
@@ -19,6 +17,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from warpchain.archive.digest import DIGEST, of_channel, of_metadata, plain
 from warpchain.errors import ArchiveError
 from warpchain.files import WholeFile, refusals
 
@@ -75,19 +74,6 @@ def taken(path: Path) -> ArchiveError:
     return ArchiveError(f"{path}: exists already; give another name, or --overwrite (overwrite=True)")
 
 
-def partial_file(path: Path, overwrite: bool) -> WholeFile:
-    """A file under the temporary name `NAME.PID.partial`, by which a user finds what a killed process left.
-
-    Where an earlier process of that PID left one, more digits follow, so that it stays.
-    """
-    number = f"{os.getpid()}"
-    while True:
-        try:
-            return WholeFile(path, overwrite, path.with_name(f"{path.name}.{number}.partial"))
-        except FileExistsError:
-            number = f"{os.getpid()}{secrets.randbelow(10**6):06d}"
-
-
 class McapFile:
     """Writes one MCAP file under a temporary name, which `finish` turns into its own.
 
@@ -95,12 +81,14 @@ class McapFile:
         path: the file's name when whole.
         library: name of the writing program, for the header.
         overwrite: replace a file of that name.
+        claimed: the caller holds the lock of the archive's name.
 
     Raises:
-        ArchiveError: here and in every method, a folder or disk that refuses; in `finish`, a file of that name.
+        ArchiveError: here and in every method, another writer, a folder or disk that refuses; in `finish`, a file of
+            that name.
     """
 
-    def __init__(self, path: Path, library: str, overwrite: bool = True) -> None:
+    def __init__(self, path: Path, library: str, overwrite: bool = True, claimed: bool = False) -> None:
         self.path = path
         self._at = 0
         self._schemas: dict[int, Any] = {}
@@ -110,7 +98,7 @@ class McapFile:
         self._metadata: list[Any] = []
         self._counts: dict[int, int] = {}
         with refusals(path, ArchiveError):
-            self._file = partial_file(path, overwrite)
+            self._file = WholeFile(path, overwrite, hidden=False, patience=None if claimed else 0.0)
         self._put(MAGIC)
         self._record(kinds.Header(profile="", library=library))
 
@@ -157,10 +145,11 @@ class McapFile:
         return number in self._schemas
 
     def channel(self, number: int, schema: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> None:
-        """Opens a topic."""
+        """Opens a topic, whose schema was written; its metadata get a digest."""
         record = kinds.Channel(
-            id=number, schema_id=schema, topic=topic, message_encoding=encoding, metadata=dict(metadata)
+            id=number, schema_id=schema, topic=topic, message_encoding=encoding, metadata=plain(metadata)
         )
+        record.metadata[DIGEST] = of_channel(record, self._schemas[schema])
         self._channels[number] = record
         self._counts[number] = 0
         self._record(record)
@@ -186,8 +175,9 @@ class McapFile:
         )
 
     def metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Appends a metadata record."""
-        offset, length = self._record(kinds.Metadata(name=name, metadata=dict(values)))
+        """Appends a metadata record, with its digest."""
+        sealed = plain(values) | {DIGEST: of_metadata(name, values)}
+        offset, length = self._record(kinds.Metadata(name=name, metadata=sealed))
         self._metadata.append(kinds.MetadataIndex(offset=offset, length=length, name=name))
 
     def chunk(self, chunk: Chunk) -> None:

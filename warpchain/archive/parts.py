@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import platform
-import re
 import uuid
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
@@ -13,58 +13,22 @@ from typing import TYPE_CHECKING
 
 from warpchain.archive import schema
 from warpchain.archive.layout import Form
-from warpchain.archive.mcap_write import McapFile, taken
+from warpchain.archive.mcap_write import McapFile
 from warpchain.archive.options import ArchiveOptions
+from warpchain.archive.target import Target
 from warpchain.drive import Drive, dumps_drive
 from warpchain.errors import ArchiveError
-from warpchain.files import refusals
 from warpchain.results.run import RunInfo
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-PART = re.compile(r"(.*)\.part(\d{4,})")
-"""Stem of a part's name: the archive's stem and the part's number."""
-
-
-def part_path(path: Path, number: int) -> Path:
-    """Name of a part: `run.mcap`, 3 -> `run.part0003.mcap`."""
-    return path.with_name(f"{path.stem}.part{number:04d}{path.suffix}")
-
-
-def part_files(path: Path) -> list[Path]:
-    """Files of the set that `path` names, in order; empty if there are none."""
-    if not path.parent.is_dir():
-        return []
-    found = {}
-    for file in path.parent.iterdir():
-        named = PART.fullmatch(file.stem)
-        if named and named[1] == path.stem and file.suffix == path.suffix:
-            found[int(named[2])] = file
-    return [found[number] for number in sorted(found)]
-
-
-def cut_files(path: Path) -> list[Path]:
-    """Unfinished files that a killed run left of the archive that `path` names."""
-    if not path.parent.is_dir():
-        return []
-    left = re.compile(rf"{re.escape(path.stem)}(\.part\d+)?{re.escape(path.suffix)}\.\d+\.partial")
-    return sorted(file for file in path.parent.iterdir() if left.fullmatch(file.name))
-
-
-def archive_files(path: Path) -> list[Path]:
-    """Files of the archive that `path` names: the file itself, or the set that it names or is a part of."""
-    named = PART.fullmatch(path.stem)
-    if named and path.is_file():
-        return part_files(path.with_name(named[1] + path.suffix))
-    return [path] if path.is_file() else part_files(path) or [path]
-
 
 class Part:
     """One file of an archive, being written."""
 
-    def __init__(self, file: McapFile, drives: bool) -> None:
-        self.file, self._drives = file, drives
+    def __init__(self, file: McapFile, head: Mapping[str, str], drives: bool) -> None:
+        self.file, self.head, self._drives = file, head, drives
         self._variants: set[int] = set()
 
     def open_variant(self, variant: int, place: int, form: Form, drive: Drive, facts: Mapping[str, str]) -> None:
@@ -125,10 +89,10 @@ class Parts:
         overwrite: bool,
         salvage: bool,
     ) -> None:
-        self.path, self.overwrite, self._salvage = path, overwrite, salvage
+        self._salvage = salvage
         self._options, self._info = options, replace(info, seed=info.seed if options.seed is None else options.seed)
         self._per_part = options.split_variants or schema.MOST_VARIANTS
-        self._split = options.split_size is not None or options.split_variants is not None
+        split = options.split_size is not None or options.split_variants is not None
         if len(recorded) > schema.MOST_VARIANTS and options.split_variants is None:
             raise ArchiveError(
                 f"{path}: {len(recorded)} recorded variants do not fit one file, which holds {schema.MOST_VARIANTS}; "
@@ -144,8 +108,7 @@ class Parts:
         }
         self._parts: list[Part] = []
         self._by_group: dict[int, Part] = {}
-        self._keep = False
-        self._check_free()
+        self._target = Target(path, overwrite, split)
         try:
             first = self._open()
             for variant, drive in enumerate(drives):
@@ -156,22 +119,13 @@ class Parts:
             self.close()
             raise
 
-    def _check_free(self) -> None:
-        if self.path.is_dir():
-            raise ArchiveError(f"{self.path}: is a folder; give a file name such as {self.path / 'run.mcap'}")
-        mine = [part.file.path for part in self._parts if part.file.finished]
-        there = [self.path] if self.path.exists() else part_files(self.path)
-        others = [file for file in there if file not in mine]
-        if others and not self.overwrite:
-            raise taken(others[0])
-
     def _open(self) -> Part:
         """Begins the next file."""
         number = len(self._parts)
-        path = part_path(self.path, number) if self._split else self.path
-        part = Part(McapFile(path, f"warpchain {self._info.version}", self.overwrite), drives=number == 0)
+        head = self._head | {"part": str(number)} | _made(self._info)
+        part = Part(self._target.file(number, f"warpchain {self._info.version}"), head, drives=number == 0)
         self._parts.append(part)
-        part.file.metadata(schema.RUN_METADATA, self._head | {"part": str(number)} | _made(self._info))
+        part.file.metadata(schema.RUN_METADATA, part.head)
         return part
 
     def place(self, position: int) -> int:
@@ -193,13 +147,12 @@ class Parts:
         return self._by_group[group]
 
     def _finish_part(self, part: Part, end: Mapping[str, str]) -> None:
-        part.file.metadata(schema.END_METADATA, end)
+        part.file.metadata(schema.END_METADATA, schema.with_head(end, part.head))
         part.file.finish()
 
     def finish(self, metrics: pa.Table, info: RunInfo) -> None:
         """Ends all files; the last one holds the metrics and tells how the run ended."""
-        self._check_free()
-        stale = [file for file in [self.path, *part_files(self.path)] if file.is_file()]
+        self._target.check_free()
         last = self._parts[-1]
         for part in self._parts[:-1]:
             if not part.file.finished:
@@ -207,25 +160,39 @@ class Parts:
         last.file.attachment(schema.METRICS_ATTACHMENT, media_type(schema.METRICS_ATTACHMENT), _arrow_bytes(metrics))
         end = {"ended": info.ended, "wall_time": repr(float(info.wall_time)), "parts": str(len(self._parts))}
         self._finish_part(last, end)
-        with refusals(self.path, ArchiveError):
-            for file in stale:
-                if file not in [part.file.path for part in self._parts]:
-                    file.unlink()
+        self._target.replace([part.file.path for part in self._parts])
+        self._target.release()
+
+    def _left(self) -> list[McapFile]:
+        """Unfinished files that are worth keeping."""
+        return [part.file for part in self._parts if self._salvage and part.file.chunks and not part.file.finished]
 
     def refusal(self, error: ArchiveError) -> ArchiveError:
         """The error to raise when the disk refuses: with `salvage` it names the files that hold what was written."""
-        left = [part.file for part in self._parts if part.file.chunks and not part.file.finished]
-        if not self._salvage or not left:
-            return error
-        self._keep = True
-        names = ", ".join(str(file.partial) for file in left)
-        return ArchiveError(f"{error}; what was written until then is in {names}: see warpchain recover")
+        left = self._left()
+        return ArchiveError(f"{error}; {_hint(left)}") if left else error
 
-    def close(self) -> None:
-        """Ends unfinished files: drops them, but for those that `refusal` named."""
+    def close(self, told: bool = False) -> None:
+        """Ends unfinished files: drops them, or with `salvage` keeps those that hold frames.
+
+        Args:
+            told: `refusal` has named them already; else a warning does.
+        """
+        left = self._left()
         for part in self._parts:
             if not part.file.finished:
-                part.file.close(keep=self._keep and part.file.chunks > 0)
+                part.file.close(keep=part.file in left)
+        if not self._parts or not self._parts[-1].file.finished:
+            if not self._salvage:
+                self._target.discard(part.file.path for part in self._parts if part.file.finished)
+            if left and not told:
+                warnings.warn(f"{self._target.path}: was not finished; {_hint(left)}", stacklevel=2)
+        self._target.release()
+
+
+def _hint(left: Sequence[McapFile]) -> str:
+    """Where to find what was written of an archive that was not finished."""
+    return f"what was written until then is in {', '.join(str(file.partial) for file in left)}: see warpchain recover"
 
 
 def media_type(name: str) -> str:

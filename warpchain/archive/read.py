@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 from warpchain.archive import schema
 from warpchain.archive.mcap_read import McapIndex
-from warpchain.archive.parts import archive_files, cut_files
+from warpchain.archive.names import archive_files, cut_files
 from warpchain.archive.tracks import LazyDrives, Tracks
 from warpchain.errors import ArchiveError
+from warpchain.files import is_being_written
 from warpchain.results.channels import NAMES
 from warpchain.results.run import Run, RunInfo, Trajectory, check_names
 
@@ -125,9 +126,11 @@ def read_archive(path: str | Path) -> Archive:
     head, end, last = heads[0], ends[-1] or {}, files[-1]
     try:
         info, variants = _info(head, end), int(head["variants"])
+        if variants < 1:
+            raise ValueError(f"variants = {variants}")
     except (KeyError, ValueError) as error:
         raise ArchiveError(f"{files[0].path}: is damaged (metadata: {error}); see warpchain recover") from None
-    drives = LazyDrives(files[0], variants)
+    drives = LazyDrives(files, variants, gaps=info.ended == RECOVERED)
     metrics = _metrics(last, variants, info.ended)
     return Archive(drives, metrics, Tracks(files, drives, gaps=info.ended == RECOVERED), info)
 
@@ -149,7 +152,11 @@ def _info(head: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
 def _missing(path: Path) -> None:
     """Tells that there is no such archive, and whether a killed run left one."""
     left = cut_files(path)
-    hint = f"; a run that was cut left {left[0]}: see warpchain recover" if left else ""
+    hint = ""
+    if left:
+        hint = f"; a run that was cut left {left[0]}: see warpchain recover"
+        if is_being_written(left[-1]):
+            hint = f"; a run is writing it, to {left[-1]}"
     raise ArchiveError(f"{path}: cannot be read (No such file or directory){hint}")
 
 
@@ -189,6 +196,11 @@ def _metrics(file: McapIndex, variants: int, ended: str) -> pa.Table:
         return pa.table({"variant": pa.array(range(variants), pa.int64())})
     data = file.attachment(schema.METRICS_ATTACHMENT)
     try:
-        return pa.ipc.open_file(pa.BufferReader(data)).read_all()
-    except pa.ArrowInvalid as error:
-        raise ArchiveError(f"{file.path}: its metrics are damaged ({error})") from None
+        table = pa.ipc.open_file(pa.BufferReader(data)).read_all()
+        table.validate(full=True)
+        if table.num_rows != variants or "variant" not in table.column_names:
+            raise ValueError(f"{table.num_rows} rows for {variants} variants")
+    except (pa.ArrowException, OSError, ValueError, TypeError, MemoryError) as error:
+        line = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ArchiveError(f"{file.path}: its metrics are damaged ({line}); see warpchain recover") from None
+    return table

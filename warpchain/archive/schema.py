@@ -5,6 +5,10 @@
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Mapping
+
 import numpy as np
 
 from warpchain.archive.proto import message_type, schema_bytes
@@ -16,7 +20,7 @@ FORMAT_VERSION = "2"
 RUN_METADATA = "warpchain"
 """Metadata record at the file's start: format_version, version, device, precision, created, variants, recorded."""
 END_METADATA = "warpchain.end"
-"""Metadata record at the file's end: ended, wall_time."""
+"""Metadata record at the file's end: ended, wall_time, run."""
 METRICS_ATTACHMENT = "metrics.arrow"
 """Attachment: the metrics table as an Arrow IPC file."""
 
@@ -54,6 +58,16 @@ MOST_VARIANTS = 65535 // len(TOPICS)
 """Recorded variants in one file at most: MCAP numbers its channels with 16 bits."""
 
 
+def with_head(end: Mapping[str, str], head: Mapping[str, str]) -> dict[str, str]:
+    """The metadata record at the file's end, with a copy of the one at its start."""
+    return {**end, "run": json.dumps(dict(head))}
+
+
+def head_of(end: Mapping[str, str]) -> dict[str, str]:
+    """The copy of the start's metadata in those of the end, empty in archives of earlier versions."""
+    return {str(name): str(value) for name, value in json.loads(end.get("run", "{}")).items()}
+
+
 def topic_path(variant: int, topic: str) -> str:
     """Full name of a variant's topic."""
     return f"/variant/{variant:05d}/{topic}"
@@ -62,7 +76,7 @@ def topic_path(variant: int, topic: str) -> str:
 def variant_of(path: str) -> tuple[int, str] | None:
     """Variant and topic of a full name, or None for a foreign one."""
     words = path.split("/")
-    if len(words) == 4 and words[1] == "variant" and words[2].isdecimal() and words[3] in TOPICS:
+    if len(words) == 4 and words[1] == "variant" and words[3] in TOPICS and re.fullmatch(r"[0-9]{5,9}", words[2]):
         return int(words[2]), words[3]
     return None
 

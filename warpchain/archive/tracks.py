@@ -21,17 +21,21 @@ from warpchain.results.run import Trajectory
 
 READ = ("rollers", "state", "positions")
 """Topics that hold all there is to read; the others repeat it for viewers."""
+PRECISIONS = ("float64", "float32")
 
 
 class LazyDrives(Sequence[Drive]):
-    """All drives of a run, each read from its attachment when it is asked for."""
+    """All drives of a run, each read from its attachment when it is asked for.
 
-    def __init__(self, file: McapIndex, count: int) -> None:
-        self._file, self._count = file, count
+    A later file of a set holds its own variants' again. With `gaps` a drive may be missing, until it is asked for.
+    """
+
+    def __init__(self, files: Sequence[McapIndex], count: int, gaps: bool = False) -> None:
+        self._files, self._count = files, count
         self._held: dict[int, Drive] = {}
-        for variant in range(count):
-            if schema.drive_attachment(variant) not in self._file.attachments:
-                raise ArchiveError(f"{self._file.path}: lacks its attachment {schema.drive_attachment(variant)}")
+        for variant in range(0 if gaps else count):
+            if schema.drive_attachment(variant) not in files[0].attachments:
+                raise ArchiveError(f"{files[0].path}: lacks its attachment {schema.drive_attachment(variant)}")
 
     def __len__(self) -> int:
         return self._count
@@ -48,11 +52,12 @@ class LazyDrives(Sequence[Drive]):
             raise IndexError(f"drive {index} of {self._count}")
         if variant not in self._held:
             name = schema.drive_attachment(variant)
+            file = next((file for file in self._files if name in file.attachments), self._files[0])
             try:
-                text = self._file.attachment(name).decode()
-                self._held[variant] = loads_drive(text, f"{self._file.path}: {name}")
+                text = file.attachment(name).decode()
+                self._held[variant] = loads_drive(text, f"{file.path}: {name}")
             except (DriveError, UnicodeDecodeError) as error:
-                raise ArchiveError(f"{self._file.path}: a drive of it cannot be read ({error})") from None
+                raise ArchiveError(f"{file.path}: a drive of it cannot be read ({error})") from None
         return self._held[variant]
 
     def __eq__(self, other: object) -> bool:
@@ -97,6 +102,8 @@ class Tracks(Mapping[int, Trajectory]):
                     numbers.setdefault(named[0], {})[named[1]] = channel.id
             here = {}
             for variant, topics in numbers.items():
+                if variant >= len(self._drives):
+                    raise ArchiveError(f"{file.path}: has frames of variant {variant} of {len(self._drives)}")
                 if "rollers" in topics and "state" in topics:
                     place = Place(file, file.channels[topics["rollers"]], topics)
                     here[topics["rollers"]] = here[topics["state"]] = place
@@ -131,6 +138,9 @@ class Tracks(Mapping[int, Trajectory]):
             channels, precision, values = facts["channels"].split(), facts["precision"], facts["values"]
         except KeyError as missing:
             raise ArchiveError(f"{place.file.path}: {place.rollers.topic} lacks its metadata {missing}") from None
+        known = set(channels) <= set(NAMES) and len(set(channels)) == len(channels)
+        if not known or precision not in PRECISIONS or values not in PRECISIONS:
+            raise ArchiveError(f"{place.file.path}: {place.rollers.topic} has wrong metadata; see warpchain recover")
         sprockets, exact = tuple(sprocket.name for sprocket in drive.sprockets), "positions" in place.numbers
         return frame_layout(Form(drive.chain.links, sprockets, tuple(channels), precision, values, exact, variant))
 

@@ -73,7 +73,8 @@ class ArchiveWriter:
         info: how the run is made; `finish` tells how it ended.
         options: compression, split, threads; None takes the defaults.
         overwrite: replace an archive of that name.
-        salvage: on a disk that refuses, keep what was written until then and name it in the error.
+        salvage: of an archive that is not finished, keep what was written until then, and name it in the error that a
+            refusing disk raises, else in a warning.
 
     Raises:
         ArchiveError: an existing file, a folder that cannot be written, a full disk, too many variants for one file.
@@ -93,7 +94,7 @@ class ArchiveWriter:
         self._position = {variant: k for k, variant in enumerate(recorded)}
         self._tracks: dict[int, _Track] = {}
         self._waiting = 0
-        self._ended = False
+        self._ended = self._told = False
         self._parts = Parts(Path(path), drives, recorded, info, self.options, overwrite, salvage)
         threads = self.options.encoders or min(4, os.cpu_count() or 1)
         self._pipeline: Pipeline[_Job, tuple[_Job, list[Chunk]]] = Pipeline(self._encode, self._store, threads, ROOM)
@@ -111,6 +112,7 @@ class ArchiveWriter:
         try:
             self._append(variant, chunk)
         except ArchiveError as error:
+            self._told = True
             raise self._parts.refusal(error) from None
 
     def _append(self, variant: int, chunk: Trajectory) -> None:
@@ -200,15 +202,16 @@ class ArchiveWriter:
             self._pipeline.close()
             self._parts.finish(metrics, info)
         except ArchiveError as error:
+            self._told = True
             raise self._parts.refusal(error) from None
         self._ended = True
 
     def abort(self) -> None:
-        """Drops what was written, unless a refusing disk made it worth keeping."""
+        """Ends an archive that is not finished: what was written is kept with `salvage`, else dropped."""
         if not self._ended:
             self._ended = True
             self._pipeline.close(drop=True)
-            self._parts.close()
+            self._parts.close(self._told)
 
     def __enter__(self) -> Self:
         return self

@@ -87,7 +87,7 @@ def assemble(drive: Drive) -> Assembly:
     angle, first_seat = _sprocket_angles(drive, seating)
     speed = _sprocket_speeds(drive, path)
 
-    count, lengths = drive.chain.links, drive.chain.link_lengths
+    count, lengths = drive.chain.links, drive.chain.pulled_lengths
     position, velocity = np.empty((count, 2)), np.empty((count, 2))
     seat_sprocket, seat_index = (
         np.full(count, -1, dtype=np.int32),

@@ -170,7 +170,7 @@ def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float 
         raise DriveError(f"one of strain, preload and sag must be given, not {' and '.join(given) or 'none'}")
     if strand is not None and sag is None:
         raise DriveError("strand: only together with sag")
-    tension = drive.chain.stiffness * drive.chain.pitch
+    tension = drive.chain.mean_stiffness * drive.chain.pitch
     if strain is not None:
         if not abs(strain) <= MAX_STRAIN:
             raise DriveError(f"strain = {strain:g}: must be within {MAX_STRAIN:g}")
@@ -211,7 +211,7 @@ def _coefficients(drive: Drive, chord: NDArray[np.float64]) -> tuple[float, floa
     square = float(chord @ chord)
     weight = drive.chain.mass / drive.chain.pitch * _across(drive, chord)
     given_way = 2.0 * (drive.contact.sprocket.clearance or 0.0) / math.sqrt(square)
-    return weight * square / (8.0 * drive.chain.stiffness * drive.chain.pitch), 8.0 / (3.0 * square), given_way
+    return weight * square / (8.0 * drive.chain.mean_stiffness * drive.chain.pitch), 8.0 / (3.0 * square), given_way
 
 
 def _sag_strain(drive: Drive, chord: NDArray[np.float64], sag: float) -> float:

@@ -111,7 +111,7 @@ def chain_path(drive: Drive) -> ChainPath:
     _check_clear(drive, center, radius, start, direction, length)
 
     wrapped = float(np.sum(wrap * teeth)) / (2.0 * math.pi)
-    pitch = float(drive.chain.link_lengths.mean())
+    pitch = float(drive.chain.pulled_lengths.mean())
     return ChainPath(
         pitch=pitch,
         radius=radius,

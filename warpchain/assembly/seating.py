@@ -86,7 +86,7 @@ class _Loop:
         self.step = [sprocket.sign * angle for sprocket, angle in zip(drive.sprockets, self.pitch_angle, strict=True)]
         self.radius = [float(radius) for radius in path.radius]
         self.pitch = path.pitch
-        self.reach = np.concatenate([[0.0], np.cumsum(np.tile(drive.chain.link_lengths, 2))])
+        self.reach = np.concatenate([[0.0], np.cumsum(np.tile(drive.chain.pulled_lengths, 2))])
 
     def count(self, drive: Drive, path: ChainPath) -> Seating:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""

@@ -5,28 +5,27 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from warpchain.assembly.assembly import assemble
+import numpy as np
+
+from warpchain.assembly import statics
+from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.frequencies import moving_frequency, strand_frequency
+from warpchain.assembly.layout import findings
+from warpchain.assembly.statics import Steady
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
+from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
 from warpchain.drive.stiffness import contact_rebound
 
-
-def strand_frequency(drive: Drive, links: int, tension: float) -> float:
-    """First transverse frequency of a strand of `links` links between fixed ends [Hz], 0 without tension.
-
-    f_1 = (1/pi) sqrt(T / (m p)) sin(pi / (2 (M + 1))) with its M = links - 1 rollers.
-    """
-    if tension <= 0.0 or links < 2:
-        return 0.0
-    rate = math.sqrt(tension / (drive.chain.mass * drive.chain.pitch))
-    return rate / math.pi * math.sin(math.pi / (2.0 * links))
+__all__ = ["derive", "report", "strand_frequency", "working_tensions"]
 
 
 def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[float]:
-    """Tension of each strand that steady loads and centrifugal force imply [N]; vibration and impacts come on top.
+    """A quick estimate (microseconds) of each strand's working tension [N], from loads and centrifugal force alone.
 
+    It knows no mounts, seats, guide-bars or weight; `warpchain.assembly.statics.running` does.
     Strand k leaves sprocket k. Past a driven sprocket the tension rises by load / pitch radius; the chain's length
     keeps the mean elongation of the strands that of the preload, unless that would make the slackest one push.
     Centrifugal force adds (m / p) v^2 throughout.
@@ -49,20 +48,41 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     return [tension + offset + drive.chain.mass / drive.chain.pitch * chain_speed**2 for tension in rise]
 
 
+def _links_and_joints(drive: Drive) -> dict[str, Any]:
+    """What is set of joints, outer links and play; nothing of what is not."""
+    chain = drive.chain
+    found: dict[str, Any] = {}
+    if chain.joint is not None:
+        found["joint"] = chain.joint.model_dump() | {"pin_radius": chain.pin_radius}
+    if chain.outer is not None:
+        elongation = chain.outer_pitch / chain.pitch - 1.0
+        found["outer"] = {
+            "elongation": elongation,
+            "stiffness": chain.outer_stiffness,
+            "damping": chain.outer_damping,
+        }
+    if chain.link_play > 0.0:
+        found["play"] = chain.link_play
+    return found
+
+
 def derive(drive: Drive) -> dict[str, Any]:
     """All derived quantities by name, in SI units; lists follow the drive's sprockets, strands and guide-bars.
+
+    Tensions are those of `warpchain.assembly.statics`, `tensions_estimated` None. Where it finds no steady state,
+    `tensions_estimated` says why, and they are the preload and `working_tensions`. docs/check.md tells the keys.
 
     Raises:
         DriveError: a chain that does not fit, or a step beyond its limit.
     """
     assembly = assemble(drive)
     path, count = assembly.path, len(drive.sprockets)
-    preload = max(0.0, drive.chain.stiffness * path.pitch * assembly.strain)
+    preload = max(0.0, drive.chain.mean_stiffness * path.pitch * assembly.strain)
     driver = drive.sprockets[drive.driver]
     assert driver.prescribed is not None
     speed = driver.prescribed.top_speed
-    links = [int(n) for n in assembly.strand_links]
-    tensions = working_tensions(drive, preload, links)
+    standing, running = statics.standing(drive, assembly), statics.running(drive, assembly)
+    strands = _strands(drive, assembly, preload, standing, running)
     return {
         "links": drive.chain.links,
         "pitch": drive.chain.pitch,
@@ -72,10 +92,13 @@ def derive(drive: Drive) -> dict[str, Any]:
         "breaking_load": drive.chain.breaking_load,
         "stiffness": drive.chain.stiffness,
         "stiffness_is_estimate": drive.chain.stiffness_is_estimate,
+        **_links_and_joints(drive),
         "chain_speed": speed * drive.pitch_radius(drive.driver),
+        "mean_chain_speed": drive.chain.pitch * speed * driver.teeth / math.tau,
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
+        "layout": list(findings(drive, path)),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -90,25 +113,19 @@ def derive(drive: Drive) -> dict[str, Any]:
             }
             for s in range(count)
         ],
-        "strands": [
-            {
-                "name": name,
-                "length": float(path.strand_length[k]),
-                "links": links[k],
-                "preload_frequency": strand_frequency(drive, links[k], preload),
-                "working_tension": tensions[k],
-                "working_frequency": strand_frequency(drive, links[k], tensions[k]),
-            }
-            for k, name in enumerate(drive.strand_names)
-        ],
+        "standing_preload": float(np.average([k["standing_tension"] for k in strands], weights=assembly.strand_links)),
+        "strands": strands,
+        "tensions_estimated": standing.failure or running.failure,
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
+        "friction": tooth_rubbing(drive).dynamic,
         "guides": [
             {
                 "name": guide.name,
                 "contact_stiffness": drive.guide_stiffness(g),
                 "law": drive.guide_contact(g).law,
                 "rebound": contact_rebound(drive.guide_contact(g)),
+                "friction": guide_rubbing(drive, g).dynamic,
             }
             for g, guide in enumerate(drive.guides)
         ],
@@ -118,6 +135,7 @@ def derive(drive: Drive) -> dict[str, Any]:
                 "kind": sprocket.mount.kind,
                 "mass": moving_mass(sprocket),
                 "frequencies": list(own_frequencies(sprocket)),
+                "working_travel": None if running.failure else (running.center[s] - sprocket.center).tolist(),
                 "wheel_force": wheel_force(sprocket, speed * drive.pitch_radius(drive.driver) / drive.pitch_radius(s)),
             }
             for s, sprocket in enumerate(drive.sprockets)
@@ -128,6 +146,34 @@ def derive(drive: Drive) -> dict[str, Any]:
         "step_limit": step_limit(drive),
         "automatic_step": automatic_step(drive),
     }
+
+
+def _strands(
+    drive: Drive, assembly: Assembly, preload: float, standing: Steady, running: Steady
+) -> list[dict[str, Any]]:
+    """What is known of each strand; where no steady state was found, preload and `working_tensions`."""
+    links = [int(n) for n in assembly.strand_links]
+    still, working = standing.tension, running.tension
+    if standing.failure:
+        still = np.full(len(links), preload)
+    if running.failure:
+        working = np.array(working_tensions(drive, preload, links))
+    speed = math.sqrt(running.centrifugal * drive.chain.pitch / drive.chain.mass)
+    lengths = [float(length) for length in assembly.path.strand_length]
+    return [
+        {
+            "name": name,
+            "length": lengths[k],
+            "links": links[k],
+            "standing_tension": float(still[k]),
+            "standing_frequency": strand_frequency(drive, links[k], float(still[k])),
+            "working_tension": float(working[k]),
+            "centrifugal_tension": running.centrifugal,
+            "working_frequency": moving_frequency(drive, lengths[k], float(working[k]), speed),
+            "working_displacement": None if running.failure else float(running.displacement[k]),
+        }
+        for k, name in enumerate(drive.strand_names)
+    ]
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
@@ -155,6 +201,23 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
     return lines
 
 
+def _joint_lines(values: dict[str, Any]) -> list[str]:
+    """What is set of joints, outer links and play."""
+    lines = []
+    if "joint" in values:
+        joint = values["joint"]
+        at_rest = "" if joint["static_friction"] is None else f", {joint['static_friction']:g} at rest"
+        pin = f"pins of {1e3 * joint['pin_radius']:.4g} mm radius, factor {joint['factor']:.4g}"
+        lines.append(f"joints: friction {joint['friction']:g}{at_rest}, {pin}")
+    if "outer" in values:
+        outer = values["outer"]
+        stretched = f"{100.0 * outer['elongation']:.3g} % longer than the pitch"
+        lines.append(f"outer links: {stretched}, {outer['stiffness']:.4g} N/m, {outer['damping']:.4g} N s/m")
+    if "play" in values:
+        lines.append(f"play: {1e3 * values['play']:.4g} mm a link")
+    return lines
+
+
 def _sprocket_lines(values: dict[str, Any]) -> list[str]:
     table = _table(
         ("sprocket", "teeth", "pitch radius", "tip radius", "wrap", "seat angle", "contact stiffness"),
@@ -171,50 +234,70 @@ def _sprocket_lines(values: dict[str, Any]) -> list[str]:
             for s in values["sprockets"]
         ],
     )
-    teeth = f"teeth: {values['law']}, a free roller rebounds with {values['rebound']:.3f} of its speed"
+    rubs = f", friction {values['friction']:g}" if values["friction"] else ""
+    teeth = f"teeth: {values['law']}, a free roller rebounds with {values['rebound']:.3f} of its speed{rubs}"
     return ["", *table, "", teeth]
 
 
 def _strand_lines(values: dict[str, Any]) -> list[str]:
     table = _table(
-        ("strand", "length", "links", "at preload", "working tension", "at work"),
+        ("strand", "length", "links", "standing", "", "at work", "of it m v^2/p", "", "off its line"),
         [
             (
                 k["name"],
                 f"{k['length']:.4f} m",
                 str(k["links"]),
-                f"{k['preload_frequency']:.3g} Hz",
+                f"{k['standing_tension']:.4g} N",
+                f"{k['standing_frequency']:.3g} Hz",
                 f"{k['working_tension']:.4g} N",
+                f"{k['centrifugal_tension']:.4g} N",
                 f"{k['working_frequency']:.3g} Hz",
+                "-" if k["working_displacement"] is None else f"{1e3 * k['working_displacement']:+.3g} mm",
             )
             for k in values["strands"]
         ],
     )
-    title = "first transverse frequency of each strand, at the preload and at the tension that steady loads imply:"
-    return ["", title, *table]
+    title = [
+        "mean tension and first transverse frequency of each strand: standing, seated and unloaded; at work, all",
+        "loads on and the chain moving, no vibration, no friction; off its line: mid-strand, to the left of travel:",
+    ]
+    if values["tensions_estimated"]:
+        title.append(f"ESTIMATES, without seats, mounts and weight: {values['tensions_estimated']}")
+    return ["", *title, *table]
+
+
+def _millimeters(place: list[float]) -> list[float]:
+    """In mm, to the micrometer: no minus zero."""
+    return [round(1e3 * value, 3) + 0.0 for value in place]
 
 
 def _guide_lines(values: dict[str, Any]) -> list[str]:
     if not values["guides"]:
         return []
-    table = _table(
-        ("guide-bar", "contact stiffness", "law", "rebound"),
-        [(g["name"], f"{g['contact_stiffness']:.4g} N/m^n", g["law"], f"{g['rebound']:.3f}") for g in values["guides"]],
-    )
-    return ["", *table]
+    head: tuple[str, ...] = ("guide-bar", "contact stiffness", "law", "rebound")
+    rows: list[tuple[str, ...]] = [
+        (g["name"], f"{g['contact_stiffness']:.4g} N/m^n", g["law"], f"{g['rebound']:.3f}") for g in values["guides"]
+    ]
+    if any(g["friction"] for g in values["guides"]):
+        head = (*head, "friction")
+        rows = [(*row, f"{g['friction']:g}") for row, g in zip(rows, values["guides"], strict=True)]
+    return ["", *_table(head, rows)]
 
 
 def _mount_lines(values: dict[str, Any]) -> list[str]:
     if not values["mounts"]:
         return []
     table = _table(
-        ("sprocket", "mount", "moving mass", "own frequency", "wheel's centrifugal force"),
+        ("sprocket", "mount", "moving mass", "own frequency", "at work, x and y", "wheel's centrifugal force"),
         [
             (
                 m["name"],
                 m["kind"],
                 f"{m['mass']:.4g} kg" if m["mass"] else "-",
                 ", ".join(f"{f:.4g} Hz" for f in m["frequencies"]) or "-",
+                "-"
+                if m["working_travel"] is None
+                else "{:+.3g}, {:+.3g} mm".format(*_millimeters(m["working_travel"])),
                 f"{m['wheel_force']:.4g} N" if m["wheel_force"] else "-",
             )
             for m in values["mounts"]
@@ -231,7 +314,10 @@ def report(values: dict[str, Any]) -> str:
         f"chain: {values['links']} links of {1e3 * values['pitch']:g} mm{worn}, "
         f"{values['roller_mass']:.4g} kg a roller, {values['chain_speed']:.4g} m/s",
         *_size_lines(values),
-        f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N",
+        *_joint_lines(values),
+        f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N at assembly, "
+        f"{values['standing_preload']:.4g} N once seated",
+        *(f"LAYOUT: {finding}" for finding in values["layout"]),
         *_sprocket_lines(values),
         *_strand_lines(values),
         *_guide_lines(values),

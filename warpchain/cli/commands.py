@@ -9,7 +9,7 @@ from typing import Any
 from warpchain.errors import WarpchainError
 
 DONE, UNFINISHED, WRONG = 0, 1, 2
-"""Exit statuses: done; a variant diverged or the run was interrupted; a mistake of the user's."""
+"""Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's."""
 
 
 def _value(word: str) -> Any:
@@ -18,7 +18,7 @@ def _value(word: str) -> Any:
 
     try:
         table = tomllib.loads(f"value = {word}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # also a number of thousands of digits
         return word
     return table["value"] if len(table) == 1 else word
 
@@ -99,6 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
         archive=arguments.output,
         archive_options=options,
         overwrite=arguments.overwrite,
+        limits=_limits(arguments.limit),
     )
     row = run.metrics.to_pylist()[0]
     for line in _summary(drive, row, run.info.wall_time):
@@ -107,6 +108,19 @@ def run(arguments: argparse.Namespace) -> int:
     if run.info.ended != "complete":
         print(f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)")
     return UNFINISHED if row["diverged"] or run.info.ended != "complete" else DONE
+
+
+def _limits(words: list[str]) -> Any:
+    """The limits that a run is judged by, of words KEY=VALUE."""
+    from warpchain.results.judgement import Limits
+
+    changes = {}
+    for word in words:
+        key, mark, value = word.partition("=")
+        if not mark or not key.strip():
+            raise WarpchainError(f"--limit {word}: must be KEY=VALUE, such as energy_residual=0.02")
+        changes[key.strip()] = _value(value.strip())
+    return Limits(**changes)
 
 
 def start_warp() -> None:
@@ -131,9 +145,7 @@ def start_warp() -> None:
 def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     """What a run came to, in a few lines."""
     if row["diverged"]:
-        return [
-            f"diverged at {row['diverged_time']:.4g} s: take a smaller step (run.step) or a higher impact_speed_floor"
-        ]
+        return [row["reason"]]
     if row.get("tension_mean") is None:
         return [f"{seconds:.1f} s; the window for metrics was not reached"]
     lines = [
@@ -152,9 +164,11 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
                 f"{row[f'{name}.mount_force_mean']:.0f} N"
             )
     residual = row["energy_residual_relative"]
-    lines.append(f"energy: in {row['input_work']:.5g} J, out {row['output_work']:.5g} J, residual {residual:+.1e}")
-    if row.get("settle_residual") is not None and row["settle_residual"] > 1e-3:
-        lines.append(f"settling stopped at a residual of {row['settle_residual']:.2g} of the largest link force")
+    works = f"in {row['input_work']:.5g} J, out {row['output_work']:.5g} J"
+    efficiency = "" if row.get("efficiency") is None else f", efficiency {row['efficiency']:.4f}"
+    rubbing = "" if row.get("joints.friction") is None else f", joint friction {row['joints.friction']:.4g} J"
+    lines.append(f"energy: {works}{efficiency}{rubbing}, residual {residual:+.1e}")
+    lines.append(f"status: {row['status']}" + (f": {row['reason']}" if row["reason"] else ""))
     return lines
 
 
@@ -197,8 +211,9 @@ def export(arguments: argparse.Namespace) -> int:
 def recover(arguments: argparse.Namespace) -> int:
     from warpchain.archive.recover import recover_archive
 
-    print(recover_archive(arguments.archive, arguments.output, arguments.overwrite))
-    return DONE
+    recovered = recover_archive(arguments.archive, arguments.output, arguments.overwrite)
+    print(recovered)
+    return DONE if recovered.complete else UNFINISHED
 
 
 def study(arguments: argparse.Namespace) -> int:

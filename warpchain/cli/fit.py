@@ -97,7 +97,7 @@ def _state(drive: Drive) -> list[str]:
     """Strain, preload and sags of the drive as it now stands."""
     assembly = assemble(drive)
     state = "taut" if assembly.strain >= 0.0 else "slack"
-    preload = max(0.0, drive.chain.stiffness * drive.chain.pitch * assembly.strain)
+    preload = max(0.0, drive.chain.mean_stiffness * drive.chain.pitch * assembly.strain)
     sags = ", ".join(
         f"{name} {1e3 * strand_sag(drive, assembly, k):.3g} mm" for k, name in enumerate(drive.strand_names)
     )

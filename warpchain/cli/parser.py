@@ -1,12 +1,15 @@
 """The command line: `warpchain check | chains | fit | modes | run | view | plot | export | recover | study`.
 
-Exit status 0: done. 1: a variant diverged, or the run was interrupted. 2: a mistake of the user's or a refusal of the
-machine's, said in one line each.
+Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
+user's or a refusal of the machine's, said in one line each.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import faulthandler
+import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -19,6 +22,7 @@ from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.study import add_commands
 from warpchain.cli.study_report import add_report_commands
 from warpchain.errors import WarpchainError
+from warpchain.files import reason
 
 EPILOG = """examples:
   warpchain check marine
@@ -129,6 +133,13 @@ def _run(commands: Any) -> None:
     )
     parser.add_argument("--split-size", type=mebibytes, metavar="MIB", help="begin another file at this size")
     parser.add_argument("--overwrite", action="store_true", help="replace an archive of that name")
+    parser.add_argument(
+        "--limit",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change what the run is judged by, such as energy_residual=0.02 (docs/judged-runs.md)",
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
@@ -229,6 +240,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns the exit status."""
     top = parser()
     arguments = top.parse_args(argv)
+    warnings.showwarning = _warning
+    with contextlib.suppress(AttributeError, ValueError, OSError):  # a standard error that is no file
+        faulthandler.enable()
+    try:
+        status = _run_command(top, arguments)
+        sys.stdout.flush()
+        return status
+    except WarpchainError as error:
+        for line in str(error).splitlines():
+            _say(f"error: {line}")
+        return WRONG
+    except BrokenPipeError:
+        _give_up_output()
+        return UNFINISHED
+    except OSError as error:
+        _give_up_output()
+        _say(f"error: {f'{error.filename}: ' if error.filename else ''}{reason(error)}")
+        return WRONG
+    except MemoryError:
+        _say("error: this machine has too little memory for it")
+        return WRONG
+    except KeyboardInterrupt:
+        _say("interrupted")
+        return UNFINISHED
+
+
+def _run_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:
     if arguments.version:
         from importlib.metadata import version
 
@@ -237,24 +275,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.command is None:
         top.print_help()
         return WRONG
-    warnings.showwarning = _warning
-    try:
-        return int(arguments.run(arguments))
-    except WarpchainError as error:
-        for line in str(error).splitlines():
-            print(f"warpchain: error: {line}", file=sys.stderr)
-        return WRONG
-    except BrokenPipeError:
-        sys.stderr.close()
-        return UNFINISHED
-    except KeyboardInterrupt:
-        print("warpchain: interrupted", file=sys.stderr)
-        return UNFINISHED
+    return int(arguments.run(arguments))
+
+
+def _say(line: str) -> None:
+    """Prints a line on standard error, where that can be."""
+    with contextlib.suppress(OSError):
+        print(f"warpchain: {line}", file=sys.stderr)
+
+
+def _give_up_output() -> None:
+    """Lets what could not be printed go nowhere, or Python would try once more at its end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 def _warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """A warning as one line."""
-    print(f"warpchain: warning: {message}", file=sys.stderr)
+    _say(f"warning: {message}")
 
 
 if __name__ == "__main__":

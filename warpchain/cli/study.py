@@ -63,7 +63,8 @@ def _run(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("warpchain: interrupted; the shards that are done are kept: run again to go on", file=sys.stderr)
         return UNFINISHED
-    return _tell(outcome)
+    told = _tell(outcome)
+    return told if outcome.left or outcome.counts["ok"] else UNFINISHED
 
 
 @contextmanager

@@ -15,9 +15,11 @@ from warpchain.drive.part import (
     Part,
     Positive,
     Problem,
+    Switch,
     Value,
     allowed,
     get,
+    numbers,
 )
 
 MATERIALS = ("width", "reference_load", "roller", "partner")
@@ -83,12 +85,26 @@ def stiffness_given(node: Any) -> Iterator[Problem]:
     yield from _not_both(node)
 
 
+def friction_rules(node: Any) -> Iterator[Problem]:
+    """The rules of the coefficients of friction, taken together."""
+    dynamic, resting, speed = (get(node, key) for key in ("friction", "static_friction", "stribeck_speed"))
+    if resting is not None and numbers(resting) and resting < (dynamic if numbers(dynamic) else 0.0):
+        yield Problem(("static_friction",), resting, f"must be at least friction, {dynamic:g}")
+    for key, given, other in (("static_friction", resting, speed), ("stribeck_speed", speed, resting)):
+        if given is None and other is not None:
+            text = "missing; static_friction and stribeck_speed are given together"
+            yield Problem((key,), None, text, BARE)
+
+
 def contact_rules(node: Any) -> Iterator[Problem]:
     """The rules of a contact's values, taken together."""
     yield from stiffness_given(node)
     law, exponent = get(node, "law"), get(node, "exponent")
     if isinstance(law, str) and law in LAWS and LAWS[law].viscous and exponent not in (None, 1.0):
         yield Problem(("exponent",), exponent, f'must be 1 with law = "{law}", which is linear')
+    yield from friction_rules(node)
+    if get(node, "rolling") is True and get(node, "friction") is None:
+        yield Problem(("friction",), None, f"missing; {allowed(ImpactLaw, 'friction')}; needed with rolling", BARE)
 
 
 class ImpactLaw(Part):
@@ -107,6 +123,9 @@ class ImpactLaw(Part):
         width: length of the line contact [m], > 0.
         reference_load: load at which K is taken from the load-penetration curve [N], > 0.
         roller, partner: materials of the chain roller and of what it touches.
+        friction: coefficient mu_d of dry friction [-], >= 0; None is none.
+        static_friction: mu_s at rest [-], at least mu_d, which it is if not given.
+        stribeck_speed: v_s [m/s], > 0: mu = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2); with mu_s.
     """
 
     law: LawName = "lankarani-nikravesh"
@@ -119,6 +138,9 @@ class ImpactLaw(Part):
     reference_load: Positive | None = None
     roller: Body | None = None
     partner: Body | None = None
+    friction: NonNegative | None = None
+    static_friction: NonNegative | None = None
+    stribeck_speed: Positive | None = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = _STIFFNESS_OR_MATERIALS
 
@@ -128,7 +150,13 @@ class ImpactLaw(Part):
 
 
 class GuideContact(ImpactLaw):
-    """Contact of rollers with guide-bars, whose face is flat."""
+    """Contact of rollers with guide-bars, whose face is flat.
+
+    Attributes:
+        rolling: rollers roll on the bar: friction is at most what the bush transmits to the roller.
+    """
+
+    rolling: Switch | None = None
 
 
 class SprocketContact(ImpactLaw):
@@ -139,16 +167,21 @@ class SprocketContact(ImpactLaw):
         gap: "minimum" or "maximum" gap, with profile "iso606" only.
         seat_angle: angle of the seat arc [degrees], above 0 and below 180; None is 140 - 90/z, less for few teeth.
         clearance: radius of the seat less radius of the roller [m], >= 0; needed with profile "circular".
+        bush_stiffness: of bush and pin, in series with the tooth [N/m], > 0; with exponent 1 only. None is rigid.
     """
 
     profile: Annotated[Literal["circular", "iso606"], Value('must be "circular" or "iso606"')] = "circular"
     gap: Annotated[Literal["minimum", "maximum"], Value('must be "minimum" or "maximum"')] | None = None
     seat_angle: SeatAngle | None = None
     clearance: NonNegative | None = None
+    bush_stiffness: Positive | None = None
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from contact_rules(node)
+        exponent = get(node, "exponent")
+        if get(node, "bush_stiffness") is not None and exponent not in (None, 1.0):
+            yield Problem(("exponent",), exponent, "must be 1 with bush_stiffness, which is linear")
         if get(node, "profile") == "iso606":
             if get(node, "gap") is None:
                 yield Problem(("gap",), None, f"missing; {allowed(cls, 'gap')}", BARE)
@@ -163,7 +196,7 @@ class SprocketContact(ImpactLaw):
 
 
 class GuideOverrides(Part):
-    """What one guide-bar's contact has different from `[contact.guide]`; the keys are those of `ImpactLaw`."""
+    """What one guide-bar's contact has different from `[contact.guide]`; the keys are those of `GuideContact`."""
 
     law: LawName | None = None
     restitution: Restitution | None = None
@@ -175,6 +208,10 @@ class GuideOverrides(Part):
     reference_load: Positive | None = None
     roller: Body | None = None
     partner: Body | None = None
+    friction: NonNegative | None = None
+    static_friction: NonNegative | None = None
+    stribeck_speed: Positive | None = None
+    rolling: Switch | None = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = _STIFFNESS_OR_MATERIALS
 

@@ -31,7 +31,7 @@ from warpchain.drive.part import (
 )
 from warpchain.drive.parts import Chain, Guide, RunSettings, Sprocket
 from warpchain.drive.paths import changed, lookup, settable
-from warpchain.drive.rules import guide_rules, shaft_rules, size_rules, sprocket_rules
+from warpchain.drive.rules import guide_rules, rolling_rules, shaft_rules, size_rules, sprocket_rules
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.table import with_files
 from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
@@ -137,6 +137,14 @@ class Drive(Part):
         """Radius at which the teeth of sprocket s end [m]."""
         return self.tooth(s).tip_radius
 
+    def engagement(self, s: int) -> float:
+        """How far from the pitch circle of sprocket s rollers are looked after [m]: half a pitch, or up to the tips.
+
+        The maximum gap of ISO 606 has teeth that reach 0.625 pitches beyond it.
+        """
+        reach = self.tip_radius(s) + self.chain.roller_radius - self.pitch_radius(s)
+        return max(0.5 * self.chain.pitch, reach)
+
     def catching(self) -> tuple[int, ...]:
         """Sprockets whose straight flanks are too steep to let a strand's rollers go (see `warpchain.drive.teeth`)."""
         if self.contact.sprocket.profile != "circular":
@@ -153,13 +161,15 @@ class Drive(Part):
     def sprocket_stiffness(self, s: int) -> float:
         """Generalized stiffness of the contact of rollers with sprocket s [N/m^n], given or from materials (eq. (20)).
 
-        The roller, of radius R1, lies in a seat of radius R2; both count as convex, as in the paper.
+        The roller, of radius R1, lies in a seat of radius R2; both count as convex, as in the paper. Bush and pin, if
+        their stiffness is given, stand in series with that.
 
         Raises:
             DriveError: if the reference load is beyond the formula's validity; the message names the key.
         """
         law, radius = self.contact.sprocket, self.chain.roller_radius
-        return contact_stiffness(law, radius, self.tooth(s).seat_radius, "contact.sprocket")
+        tooth = contact_stiffness(law, radius, self.tooth(s).seat_radius, "contact.sprocket")
+        return tooth if law.bush_stiffness is None else 1.0 / (1.0 / tooth + 1.0 / law.bush_stiffness)
 
     def guide_stiffness(self, g: int) -> float:
         """Generalized stiffness of the contact of rollers with guide-bar g [N/m^n], given or from materials (eq. (20)).
@@ -181,6 +191,7 @@ class Drive(Part):
         yield from sprocket_rules(node)
         yield from shaft_rules(node)
         yield from guide_rules(node)
+        yield from rolling_rules(node)
         yield from size_rules(node)
 
     @model_validator(mode="wrap")

@@ -78,6 +78,57 @@ class WornLink(Part):
     elongation: Elongation
 
 
+class Joint(Part):
+    """The joints of a chain: pins that turn in bushes and rub (`kernels.physics.joint`).
+
+    Attributes:
+        friction: mu_d [-], of pin and bush.
+        pin_radius: r_p [m]; None is half of the size's d2.
+        factor: kappa [-], by how the pressure is spread: 1 line contact, 4/pi worn in, pi/2 new.
+        static_friction: mu_s [-], at rest; None is mu_d.
+        stribeck_speed: v_s [m/s], over which mu falls from mu_s to mu_d; needed with static_friction.
+    """
+
+    friction: NonNegative
+    pin_radius: Positive | None = None
+    factor: Positive = 4.0 / math.pi
+    static_friction: NonNegative | None = None
+    stribeck_speed: Positive | None = None
+
+    @property
+    def static_coefficient(self) -> float:
+        """mu_s [-]."""
+        return self.friction if self.static_friction is None else self.static_friction
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there is any friction."""
+        return self.friction > 0.0 or self.static_coefficient > 0.0
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        dynamic, static = get(node, "friction"), get(node, "static_friction")
+        if numbers(dynamic, static) and static < dynamic:
+            yield Problem(("static_friction",), static, f"must be at least friction, {dynamic:g}")
+        if static is not None and get(node, "stribeck_speed") is None:
+            text = f"missing; {allowed(cls, 'stribeck_speed')}; needed with static_friction"
+            yield Problem(("stribeck_speed",), None, text, BARE)
+
+
+class OuterLinks(Part):
+    """What outer links have of their own; what is left out is as in inner ones.
+
+    Attributes:
+        elongation: by wear [-], relative to the pitch.
+        stiffness: of one link [N/m].
+        damping: of one link [N s/m].
+    """
+
+    elongation: Elongation | None = None
+    stiffness: Positive | None = None
+    damping: NonNegative | None = None
+
+
 class Chain(Part):
     """The chain: links between rollers that are point masses (eq. (1)-(3)), equal but for wear.
 
@@ -93,6 +144,9 @@ class Chain(Part):
         roller_radius: [m], below half the pitch.
         elongation: of every link by wear [-], relative to the pitch.
         worn_links: links with an elongation of their own.
+        joint: what rubs in its joints; None is no friction.
+        outer: what the outer links, those of even index, have of their own; the rest are then inner links.
+        play: s [m], how far a link can be drawn out, and pushed in, before its spring acts; None is none.
     """
 
     size: Size | None = None
@@ -106,6 +160,9 @@ class Chain(Part):
     roller_radius: Positive
     elongation: Elongation = 0.0
     worn_links: Annotated[tuple[WornLink, ...], Allowed("must be a list of tables { link, elongation }")] = ()
+    joint: Annotated[Joint | None, Allowed("must be a table { friction, pin_radius }")] = None
+    outer: Annotated[OuterLinks | None, Allowed("must be a table { elongation, stiffness, damping }")] = None
+    play: NonNegative | None = None
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "size": ("pitch", "roller_radius", "roller_mass", "mass_per_length", "stiffness"),
@@ -132,19 +189,73 @@ class Chain(Part):
         return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * self.mass)
 
     @property
+    def link_play(self) -> float:
+        """Play of a link [m]."""
+        return self.play or 0.0
+
+    @property
+    def outer_pitch(self) -> float:
+        """Unloaded length of an outer link that has no elongation of its own [m]."""
+        own = None if self.outer is None else self.outer.elongation
+        return self.pitch * (1.0 + (self.elongation if own is None else own))
+
+    @property
+    def outer_stiffness(self) -> float:
+        """Stiffness of an outer link [N/m]."""
+        return self.stiffness if self.outer is None or self.outer.stiffness is None else self.outer.stiffness
+
+    @property
+    def outer_damping(self) -> float:
+        """Damping of an outer link [N s/m]; a damping ratio is that of the inner ones."""
+        return self.link_damping if self.outer is None or self.outer.damping is None else self.outer.damping
+
+    @property
+    def mean_stiffness(self) -> float:
+        """Stiffness of like links [N/m] that would make as stiff a chain: an outer and an inner one in series."""
+        if self.outer_stiffness == self.stiffness:
+            return self.stiffness
+        return 2.0 / (1.0 / self.stiffness + 1.0 / self.outer_stiffness)
+
+    @property
+    def uneven(self) -> bool:
+        """Whether links differ in more than their length, or have play."""
+        alike = self.outer_stiffness == self.stiffness and self.outer_damping == self.link_damping
+        return not alike or self.link_play > 0.0
+
+    @property
     def worn_pitch(self) -> float:
-        """Unloaded length of a link that has no elongation of its own [m]."""
-        return self.pitch * (1.0 + self.elongation)
+        """Mean length at which a pulled link that has no elongation of its own begins to carry tension [m]."""
+        inner = self.pitch * (1.0 + self.elongation)
+        return (inner if self.outer_pitch == inner else 0.5 * (inner + self.outer_pitch)) + self.link_play
 
     @property
     def link_lengths(self) -> NDArray[np.float64]:
         """(N,) unloaded lengths of the links [m]."""
         import numpy as np
 
-        lengths = np.full(self.links, self.worn_pitch)
+        lengths = np.full(self.links, self.pitch * (1.0 + self.elongation))
+        if self.outer is not None:
+            lengths[::2] = self.outer_pitch
         for worn in self.worn_links:
             lengths[worn.link] = self.pitch * (1.0 + worn.elongation)
         return lengths
+
+    @property
+    def pulled_lengths(self) -> NDArray[np.float64]:
+        """(N,) lengths at which pulled links begin to carry tension [m]: unloaded, and drawn out by the play."""
+        return self.link_lengths + self.link_play
+
+    @property
+    def rubs(self) -> bool:
+        """Whether there is friction in its joints."""
+        return self.joint is not None and self.joint.rubs
+
+    @property
+    def pin_radius(self) -> float | None:
+        """Radius of the pins [m]: the joint's own, or else the size's; None where neither is given."""
+        if self.joint is not None and self.joint.pin_radius is not None:
+            return self.joint.pin_radius
+        return None if self.size is None else CHAINS[self.size].pin_radius
 
     @property
     def breaking_load(self) -> float | None:
@@ -180,6 +291,15 @@ class Chain(Part):
         if get(node, "size") is None or get(node, "roller_mass") is not None:
             yield from exactly_one(node, "roller_mass", "mass_per_length")
         yield from at_most(node, "links", MOST)
+        if get(node, "outer") is not None and numbers(links := get(node, "links")) and links % 2:
+            yield Problem(("links",), links, "must be even where outer links differ")
+        play = get(node, "play")
+        if numbers(play, pitch) and play > 0.1 * pitch > 0:
+            yield Problem(("play",), play, f"must be at most a tenth of the pitch, {pitch / 10:g}")
+        joint = get(node, "joint")
+        if joint is not None and get(joint, "pin_radius") is None and get(node, "size") is None:
+            text = "missing; must be a positive number; needed without a size"
+            yield Problem(("joint", "pin_radius"), None, text, BARE)
         links, seen = get(node, "links"), set()
         for i, worn in enumerate(elements(node, "worn_links")):
             link = get(worn, "link")

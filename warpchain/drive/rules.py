@@ -16,6 +16,9 @@ from warpchain.drive.parts import Chain
 from warpchain.drive.stiffness import largest_load
 from warpchain.drive.teeth import iso606_tooth
 
+FARTHEST = 1e4
+"""No drive reaches farther [m]; numbers beyond come from a mistake, and would take hours of links to count."""
+
 
 def sprocket_rules(drive: Any) -> Iterator[Problem]:
     sprockets = elements(drive, "sprockets")
@@ -31,6 +34,11 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
                 yield Problem((kind, i, "name"), name, "must be unique among sprockets and guides")
             elif isinstance(name, str):
                 seen.add(name)
+            for key in ("center", "start", "end"):
+                point = get(part, key)
+                along = [x for x in point if isinstance(x, (int, float))] if isinstance(point, (list, tuple)) else []
+                if any(abs(x) > FARTHEST for x in along):
+                    yield Problem((kind, i, key), list(point), f"must be within {FARTHEST:g} m of the origin")
 
 
 def shaft_rules(drive: Any) -> Iterator[Problem]:
@@ -61,6 +69,18 @@ def guide_rules(drive: Any) -> Iterator[Problem]:
             for problem in contact_rules(merged(common, own)):
                 if problem not in before:
                     yield problem.under("guides", i, "contact")
+
+
+def rolling_rules(drive: Any) -> Iterator[Problem]:
+    """What rolls on a guide-bar passes on the friction of its bush, which the chain must have."""
+    if get(drive, "chain") is None or get(get(drive, "chain"), "joint") is not None:
+        return
+    text = "must be false without chain.joint, whose friction rolling rollers pass on"
+    places: list[tuple[tuple[str | int, ...], Any]] = [(("contact", "guide"), get(get(drive, "contact"), "guide"))]
+    places += [(("guides", i, "contact"), get(guide, "contact")) for i, guide in enumerate(elements(drive, "guides"))]
+    for keys, contact in places:
+        if get(contact, "rolling") is True:
+            yield Problem((*keys, "rolling"), True, text)
 
 
 def size_rules(drive: Any) -> Iterator[Problem]:

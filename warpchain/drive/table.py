@@ -187,7 +187,7 @@ def read_csv(path: Path) -> dict[str, list[float]]:
     """
     lines = read_text(path, "CSV", DriveError).splitlines()
     rows = [
-        (number, [cell.strip() for cell in next(csv.reader([line]))])
+        (number, _cells(line, number))
         for number, line in enumerate(lines, 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
@@ -212,6 +212,13 @@ def read_csv(path: Path) -> dict[str, list[float]]:
     if len(rows) < 3:
         raise DriveError(f"has {len(rows) - 1} rows of numbers; must have at least 2")
     return columns
+
+
+def _cells(line: str, row: int) -> list[str]:
+    try:
+        return [cell.strip() for cell in next(csv.reader([line]))]
+    except csv.Error as error:  # a cell of more than 131,072 characters, say
+        raise DriveError(f"row {row}: is not CSV ({error})") from None
 
 
 def _number(cell: str, row: int) -> float:

@@ -9,9 +9,10 @@ import warp as wp
 
 from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.packed import Packed
-from warpchain.kernels import structs, sum_structs
+from warpchain.kernels import batches, structs, sum_structs
 from warpchain.kernels.gpu.block_rk4 import STAGE_ROWS
 from warpchain.kernels.sums import unseen
+from warpchain.kernels.tension_bins import BINS
 
 SPARE_LENGTHS = 4096
 """Lengths after the last: the block kernels' threads that have no roller read them."""
@@ -30,6 +31,10 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("mounts", packed.mounts, structs.Mount),
         ("guides", packed.guides, kinds.Guide),
         ("seats", packed.seats, wp.vec2d),
+        ("tooth_sliding", packed.tooth_sliding, kinds.Sliding),
+        ("guide_sliding", packed.guide_sliding, kinds.Sliding),
+        ("joints", packed.joints, kinds.Joint),
+        ("links", packed.links, kinds.Links),
     ):
         setattr(ensemble, name, wp.array(values, dtype=dtype, device=device, copy=True))
     ensemble.curves.harmonics = wp.array(packed.harmonics, dtype=wp.vec3d, device=device, copy=True)
@@ -67,19 +72,28 @@ def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None
     return state
 
 
-SUMS = ("chain", "strand", "sprocket", "mount", "contact")
+NOTES = ("chain_notes", "strand_notes", "sprocket_notes", "mount_notes")
+SUMS = ("chain", "strand", "sprocket", "mount", "contact", "slip", "tension_counts", *NOTES)
 """The fields of `kernels.sum_structs.Sums`."""
 
 
 def empty_sums(packed: Packed, device: str) -> sum_structs.Sums:
     """Sums to which nothing has been added: minima at +infinity, maxima at -infinity."""
     sums = sum_structs.Sums()
+    notes = int(batches.NOTES)
+    histograms = int(packed.drives["sprockets"].sum()) + packed.variants
+    sums.tension_counts = wp.zeros(histograms * int(BINS), dtype=wp.int32, device=device)
     for name, struct, count in (
         ("chain", sum_structs.ChainSums, packed.variants),
         ("strand", sum_structs.StrandSums, len(packed.sprockets)),
         ("sprocket", sum_structs.SprocketSums, len(packed.sprockets)),
         ("mount", sum_structs.MountSums, len(packed.sprockets)),
         ("contact", sum_structs.ContactSums, len(packed.sprockets) + len(packed.guides)),
+        ("slip", sum_structs.SlipSums, len(packed.sprockets)),
+        ("chain_notes", sum_structs.ChainNote, packed.variants * notes),
+        ("strand_notes", sum_structs.StrandNote, len(packed.sprockets) * notes),
+        ("sprocket_notes", sum_structs.SprocketSums, len(packed.sprockets) * notes),
+        ("mount_notes", sum_structs.MountSums, len(packed.sprockets) * notes),
     ):
         values = np.zeros(count, dtype=struct.numpy_dtype())
         for field in values.dtype.names or ():

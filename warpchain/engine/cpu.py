@@ -91,6 +91,10 @@ class CpuEngine:
         """Copy of the rollers' rows, as in `Packed.rollers`."""
         return np.array(self.state.rollers.numpy(), copy=True)
 
+    def bodies(self) -> NDArray[Any]:
+        """Copy of the bodies' states, as in `Packed.bodies`."""
+        return np.array(self.state.bodies.numpy(), copy=True)
+
     def progress(self) -> NDArray[Any]:
         """(variants,) copy of `structs.Progress`: the next step of each variant, and whether it diverged."""
         return np.array(self.state.progress.numpy(), copy=True)

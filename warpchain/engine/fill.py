@@ -19,10 +19,12 @@ from warpchain.drive.mounts import (
     initial_center,
     initial_velocity,
     moving_mass,
+    on_springs,
     unit,
     wheel_inertia,
     wheel_mass,
 )
+from warpchain.drive.rubbing import Rubbing
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.table import Table
 from warpchain.kernels.physics.impact import FORCES
@@ -33,6 +35,13 @@ INTEGRATORS = {"leapfrog": 0, "rk4": 1}
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
 ESCAPE_PITCHES = 10.0
 """A roller this many pitches outside the drive's bounding box has left it (the variant diverged)."""
+
+
+SLIDING_STOP = 0.5
+"""beta: the part of a sliding speed that friction stops in a step at most."""
+
+DEEPEST_ENTRY = 0.5
+"""A roller first seen deeper in a guide-bar than this part of its radius has not come through the face."""
 
 
 class RowList:
@@ -56,12 +65,13 @@ class RowList:
         return np.concatenate(self.blocks) if self.length else np.zeros((1, self.width))
 
 
-def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float) -> None:
+def fill_law(row: Any, contact: ImpactLaw, stiffness: float, mass: float, heft: float) -> None:
     row["form"] = FORMS[LAWS[contact.law].force]
     row["stiffness"] = stiffness
     row["exponent"] = contact.exponent
     row["damping"] = contact_damping(contact, stiffness, mass)
     row["speed_floor"] = contact.impact_speed_floor
+    row["most_damping"] = heft  # `pack` divides it by the step
 
 
 def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
@@ -69,21 +79,21 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     if teeth not in seats.known:
         angle = 2.0 * np.pi * np.arange(teeth) / teeth
         seats.known[teeth], _ = seats.add(np.stack([np.cos(angle), np.sin(angle)], axis=1))
-    radius, half_pitch = drive.pitch_radius(s), 0.5 * drive.chain.pitch
+    radius, band = drive.pitch_radius(s), drive.engagement(s)
     tooth = drive.tooth(s)
     half_seat, roller_radius = 0.5 * tooth.seat_angle, drive.chain.roller_radius
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
-    row["near_square"] = (radius - half_pitch) ** 2
-    row["far_square"] = (radius + half_pitch) ** 2
+    row["near_square"] = max(radius - band, 0.0) ** 2
+    row["far_square"] = (radius + band) ** 2
     row["half_pitch_tangent"] = np.tan(np.pi / teeth)
     row["clearance"] = tooth.seat_radius - roller_radius
     row["cos_half_seat"] = np.cos(half_seat)
     row["sin_half_seat"] = np.sin(half_seat)
     row["flank_curvature"] = 1.0 / (tooth.flank_radius + roller_radius)
     row["tip_reach"] = tooth.tip_radius + roller_radius
-    fill_law(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass)
+    fill_law(row["law"], drive.contact.sprocket, drive.sprocket_stiffness(s), drive.chain.mass, tooth_heft(drive, s))
 
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
@@ -130,7 +140,43 @@ def fill_guide(row: Any, drive: Drive, g: int) -> None:
     row["length"] = length
     row["end_radius"] = guide.end_radius
     row["roller_radius"] = drive.chain.roller_radius
-    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass)
+    row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
+    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass, drive.chain.mass)
+
+
+def fill_sliding(row: Any, rubbing: Rubbing, heft: float) -> None:
+    """Fills a `kernels.structs.Sliding`, its `stop` for a step of 1 s; it stays zero without friction.
+
+    `heft` is what friction has to stop, m_e [kg]: the roller's mass, less where a light partner gives way
+    (`tooth_heft`).
+    """
+    if not rubbing.rubs:
+        return
+    row["rubs"] = 1
+    row["stop"] = SLIDING_STOP * heft
+    row["law"]["mu_dynamic"], row["law"]["mu_static"] = rubbing.dynamic, rubbing.static
+    row["law"]["stribeck_speed"] = rubbing.stribeck_speed
+
+
+def tooth_heft(drive: Drive, s: int) -> float:
+    """m_e [kg] of a roller that slides on sprocket s, so little that all its teeth at once reverse no sliding.
+
+    Forces f_i = stop v_i of z contacts change their sliding speeds v by (1/m + G) f, G the mobility of the sprocket's
+    points: no eigenvalue of G is above its trace, z times the mobility of a point, 1/M + (r + b/M)^2 / J for a
+    sprocket that turns and whose center moves (b of its balance wheel, J about their common center of mass), r as far
+    as rollers are looked after. With 1/m_e = 1/m + z times that, and stop = beta m_e / h, beta = 1/2, each mode of
+    sliding loses at most half its speed in a step.
+    """
+    sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
+    wheel = sprocket.balance_wheel
+    moment = wheel_mass(sprocket) * wheel.radius if wheel is not None else 0.0
+    inertia = (sprocket.inertia or 0.0) + wheel_inertia(sprocket)
+    if on_springs(sprocket):
+        mobility, offset = 1.0 / moving_mass(sprocket), moment / moving_mass(sprocket)
+        inertia -= moment * offset
+    if sprocket.prescribed is None:
+        mobility += (drive.pitch_radius(s) + drive.engagement(s) + offset) ** 2 / inertia
+    return 1.0 / (1.0 / drive.chain.mass + sprocket.teeth * mobility)
 
 
 def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
@@ -202,3 +248,29 @@ def fill_chain(row: Any, drive: Drive) -> None:
     row["mass"] = drive.chain.mass
     row["inverse_mass"] = 1.0 / drive.chain.mass
     row["gravity"] = drive.run.gravity
+
+
+JOINT_STOP = 0.375
+"""Part of a link's turning that joint friction may stop in a step, so that all joints at once still decay."""
+
+
+def fill_joint(row: Any, drive: Drive) -> None:
+    """Fills the chain's `kernels.structs.Joint`, its `stop` for a step of 1 s; it stays zero without friction."""
+    chain = drive.chain
+    if chain.joint is None or not chain.rubs:
+        return
+    pin_radius = chain.pin_radius
+    assert pin_radius is not None  # the chain's own rule
+    row["rubs"] = 1
+    row["pin_radius"], row["arm"] = pin_radius, chain.joint.factor * pin_radius
+    row["stop"] = JOINT_STOP * chain.mass * chain.pitch**2 / (6.0 * pin_radius)
+    row["law"]["mu_dynamic"], row["law"]["mu_static"] = chain.joint.friction, chain.joint.static_coefficient
+    row["law"]["stribeck_speed"] = chain.joint.stribeck_speed or 1.0
+
+
+def fill_links(row: Any, drive: Drive) -> None:
+    """Fills the chain's `kernels.structs.Links`; it stays zero where links are all the same spring."""
+    chain = drive.chain
+    if chain.uneven:
+        row["uneven"], row["play"] = 1, chain.link_play
+        row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping

@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.arrays import SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.arrays import NOTES, SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import MANY, THREADS, BlockShape, block_shape, room_for
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
@@ -122,6 +122,9 @@ class Bucket:
     guides: int
     moving: bool
     rk4: bool
+    sliding: bool
+    bending: bool
+    uneven: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
 
@@ -149,6 +152,9 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         moving=steps and bucket.moving,
         measuring=name == "measure",
         rk4=steps and bucket.rk4,
+        sliding=steps and bucket.sliding,
+        bending=steps and bucket.bending,
+        uneven=bucket.uneven,
     )
 
 
@@ -195,16 +201,19 @@ class GpuEngine:
         drives = self.packed.drives
         moving = np.add.reduceat(self.packed.mounts["active"], drives["first_body"]) > 0
         slots = room_for(drives["rollers"])
-        keys = np.column_stack([slots, drives["sprockets"], drives["guides"], moving, drives["integrator"]])
+        partners = [slots, drives["sprockets"], drives["guides"]]
+        rubs = [self.packed.slides, self.packed.joints["rubs"]]
+        keys = np.column_stack([*partners, moving, drives["integrator"], *rubs, self.packed.links["uneven"]])
         processors = int(wp.get_device(self.device).sm_count)
         buckets = []
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, moves, rk4 = key
+            slots, sprockets, guides, *kinds = key
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            buckets.append(Bucket(shape, sprockets, guides, bool(moves), bool(rk4), order, array))
+            moves, rk4, slides, bends, uneven = map(bool, kinds)
+            buckets.append(Bucket(shape, sprockets, guides, moves, rk4, slides, bends, uneven, order, array))
         return buckets
 
     def _kernel(self, name: str, bucket: Bucket) -> Any:
@@ -311,6 +320,10 @@ class GpuEngine:
         """Copy of the rollers' rows, as in `Packed.rollers`."""
         return self._read(self.state.rollers)
 
+    def bodies(self) -> NDArray[Any]:
+        """Copy of the bodies' states, as in `Packed.bodies`."""
+        return self._read(self.state.bodies)
+
     def progress(self) -> NDArray[Any]:
         """(variants,) `structs.Progress` after the last launch."""
         return self._progress
@@ -319,7 +332,7 @@ class GpuEngine:
         """The window's sums, by name as in `kernels.sum_structs.Sums`."""
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device)
-            for name in ("strand", "sprocket", "mount"):
+            for name in ("strand", "sprocket", "mount", "slip", "tension_counts", *NOTES):
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
             wp.launch(
                 collect, dim=self.packed.variants, inputs=[self.ensemble.drives, self.tallies, sums], device=self.device

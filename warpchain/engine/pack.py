@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly, assemble
 from warpchain.assembly.tables import TableList
 from warpchain.drive import Drive
+from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
 from warpchain.engine.alike import alike
 from warpchain.engine.fill import (
     RowList,
@@ -19,12 +20,17 @@ from warpchain.engine.fill import (
     fill_chain,
     fill_drive,
     fill_guide,
+    fill_joint,
+    fill_links,
     fill_motion,
     fill_mount,
+    fill_sliding,
     fill_sprocket,
     fill_strand,
+    tooth_heft,
 )
 from warpchain.engine.packed import KINDS, Packed, numbered, state_rows
+from warpchain.engine.tension_scale import tension_scale
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
@@ -35,7 +41,8 @@ def _layout(drive: Drive) -> tuple[Any, ...]:
     """All of a drive that its initial state hangs on: drives alike in this are assembled once."""
     chain = drive.chain
     sprockets = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
-    lengths = (chain.pitch, chain.links, chain.elongation, chain.worn_links, chain.roller_radius)
+    wear = (chain.elongation, chain.worn_links, chain.outer, chain.play)
+    lengths = (chain.pitch, chain.links, *wear, chain.roller_radius)
     return (*lengths, sprockets, drive.contact.sprocket, drive.run.gravity)
 
 
@@ -72,6 +79,13 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
                     fill_motion(packed.motions[begin + s], drive, s, angle, harmonics, tables)
     for name in ("step", "steps", "window_start", "window_end", "sample_every"):
         packed.drives[name] = [getattr(schedule, name) for _, schedule in zip(drives, schedules, strict=True)]
+    sprockets, guides = packed.tooth_sliding, packed.guide_sliding
+    for laws, sliding, counts in ((packed.sprockets, sprockets, "sprockets"), (packed.guides, guides, "guides")):
+        steps = np.repeat(packed.drives["step"], packed.drives[counts])
+        sliding["stop"][: len(steps)] /= steps
+        laws["law"]["most_damping"][: len(steps)] /= steps
+    packed.joints["stop"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
+    packed.drives["tension_scale"] = [tension_scale(*of) for of in zip(drives, packed.assemblies, strict=True)]
     packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
     return packed
 
@@ -91,10 +105,13 @@ def _pack_each(
     for v, (drive, assembly) in enumerate(zip(drives, assemblies, strict=True)):
         row = packed.drives[v]
         fill_chain(packed.chains[v], drive)
+        fill_joint(packed.joints[v], drive)
+        fill_links(packed.links[v], drive)
         packed.rows(v)[:] = state_rows(assembly.position, assembly.velocity, "float64")
         for s, sprocket in enumerate(drive.sprockets):
             mine, body = row["first_sprocket"] + s, row["first_body"] + s
             fill_sprocket(packed.sprockets[mine], drive, s, seats)
+            fill_sliding(packed.tooth_sliding[mine], tooth_rubbing(drive), tooth_heft(drive, s))
             fill_strand(packed.strands[mine], assembly, s, drive.chain.links)
             fill_motion(packed.motions[body], drive, s, float(assembly.sprocket_angle[s]), harmonics, tables)
             fill_mount(packed.mounts[body], sprocket, drive.run.gravity)
@@ -103,6 +120,7 @@ def _pack_each(
             packed.seat[row["first_contact"] + s * drive.chain.links + held] = assembly.seat_index[held]
         for g in range(len(drive.guides)):
             fill_guide(packed.guides[row["first_guide"] + g], drive, g)
+            fill_sliding(packed.guide_sliding[row["first_guide"] + g], guide_rubbing(drive, g), drive.chain.mass)
     return packed
 
 
@@ -118,11 +136,15 @@ def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:
         precision="float64",
         drives=drives,
         chains=np.zeros(len(drives), dtype=kinds.Chain.numpy_dtype()),
+        joints=np.zeros(len(drives), dtype=kinds.Joint.numpy_dtype()),
+        links=np.zeros(len(drives), dtype=kinds.Links.numpy_dtype()),
         lengths=np.zeros(count["roller"]),
         sprockets=zeros(kinds.Sprocket, "sprocket"),
         motions=zeros(structs.Motion, "body"),
         mounts=zeros(structs.Mount, "body"),
         guides=zeros(kinds.Guide, "guide"),
+        tooth_sliding=zeros(kinds.Sliding, "sprocket"),
+        guide_sliding=zeros(kinds.Sliding, "guide"),
         harmonics=np.zeros(0),
         tables=np.zeros(0),
         seats=np.zeros(0),

@@ -69,6 +69,8 @@ FIELDS = {
     "mounts": ("body", 1),
     "bodies": ("body", 1),
     "guides": ("guide", 1),
+    "tooth_sliding": ("sprocket", 1),
+    "guide_sliding": ("guide", 1),
     "seat": ("contact", 1),
 }
 """What each array of an ensemble counts by, and how many values each has; a new array of parts needs a row here."""
@@ -109,11 +111,15 @@ class Packed:
     precision: str
     drives: NDArray[Any]
     chains: NDArray[Any]
+    joints: NDArray[Any]
+    links: NDArray[Any]
     lengths: NDArray[np.floating]
     sprockets: NDArray[Any]
     motions: NDArray[Any]
     mounts: NDArray[Any]
     guides: NDArray[Any]
+    tooth_sliding: NDArray[Any]
+    guide_sliding: NDArray[Any]
     harmonics: NDArray[np.float64]
     tables: NDArray[np.float64]
     seats: NDArray[np.floating]
@@ -132,6 +138,15 @@ class Packed:
     def variants(self) -> int:
         """Number of variants."""
         return len(self.assemblies)
+
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """(variants,) whether rollers rub on teeth or guide-bars."""
+        found = np.zeros(self.variants, dtype=bool)
+        for sliding, counts in ((self.tooth_sliding, "sprockets"), (self.guide_sliding, "guides")):
+            owner = np.repeat(np.arange(self.variants), self.drives[counts])
+            found[owner[sliding["rubs"][: len(owner)] != 0]] = True
+        return found
 
     def first_value(self, v: int) -> int:
         """Where variant v's rows begin in `rollers`."""
@@ -168,7 +183,12 @@ class Packed:
         arrays: dict[str, Any] = {
             name: _rows(getattr(self, name), places[kind], width) for name, (kind, width) in FIELDS.items()
         }
-        return replace(self, drives=numbered(drives), chains=self.chains[chosen], assemblies=assemblies, **arrays)
+        each: dict[str, Any] = {
+            "chains": self.chains[chosen],
+            "joints": self.joints[chosen],
+            "links": self.links[chosen],
+        }
+        return replace(self, drives=numbered(drives), assemblies=assemblies, **each, **arrays)
 
     def at_precision(self, precision: str) -> Packed:
         """This ensemble, which is in float64, at another precision; what positions lose goes to their low parts.
@@ -184,9 +204,13 @@ class Packed:
             self,
             precision=precision,
             chains=self.chains.astype(kinds.Chain.numpy_dtype()),
+            joints=self.joints.astype(kinds.Joint.numpy_dtype()),
+            links=self.links.astype(kinds.Links.numpy_dtype()),
             lengths=self.lengths.astype(precision),
             sprockets=self.sprockets.astype(kinds.Sprocket.numpy_dtype()),
             guides=self.guides.astype(kinds.Guide.numpy_dtype()),
+            tooth_sliding=self.tooth_sliding.astype(kinds.Sliding.numpy_dtype()),
+            guide_sliding=self.guide_sliding.astype(kinds.Sliding.numpy_dtype()),
             rollers=rollers,
         )
         for v in range(self.variants):

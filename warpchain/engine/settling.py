@@ -35,18 +35,26 @@ SETTLE_STEP = 0.7
 
 
 def elastic(packed: Packed) -> Packed:
-    """The ensemble at rest, sprockets held, contacts without dissipation, links damped for settling."""
+    """The ensemble at rest, sprockets held, contacts without dissipation or friction, links damped for settling.
+
+    Rollers that assembly has put into guide-bars are pushed out through the face, however deep they are.
+    """
     still = replace(
         packed,
         chains=packed.chains.copy(),
+        links=packed.links.copy(),
         sprockets=packed.sprockets.copy(),
         guides=packed.guides.copy(),
+        tooth_sliding=np.zeros_like(packed.tooth_sliding),
+        guide_sliding=np.zeros_like(packed.guide_sliding),
         bodies=packed.bodies.copy(),
         rollers=packed.rollers.copy(),
     )
     still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
+    still.links["outer_damping"] = SETTLE_DAMPING * np.sqrt(still.links["outer_stiffness"] * still.chains["mass"])
     still.sprockets["law"]["damping"] = 0.0
     still.guides["law"]["damping"] = 0.0
+    still.guides["deepest_entry"] = np.inf
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
     for v in range(packed.variants):
         still.rows(v)[2:4] = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import os
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import replace
@@ -18,7 +19,8 @@ from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.engine.progress import Report, Stop, interruptible, reporter
 from warpchain.engine.recorder import Recorder, Recording
-from warpchain.errors import DriveError, SimulationError
+from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
+from warpchain.results.judgement import Limits, told
 from warpchain.results.metrics import Ended, metrics_table
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.version import installed
@@ -53,6 +55,7 @@ def simulate(
     archive_options: ArchiveOptions | None = None,
     overwrite: bool = False,
     workers: int | None = None,
+    limits: Limits | None = None,
 ) -> Run:
     """Simulates drives, all at once, and returns their metrics and the recorded trajectories.
 
@@ -74,6 +77,7 @@ def simulate(
         archive_options: how the archive is written; None takes the defaults.
         overwrite: replace an archive of that name.
         workers: number of CPU threads; None takes all cores.
+        limits: what a variant may come to and still be "ok" (column `status` of the metrics); None takes the defaults.
 
     Returns:
         The run. If the user interrupts (Ctrl-C), what was computed until then, with `run.info.ended` "interrupted".
@@ -81,8 +85,13 @@ def simulate(
     Raises:
         DriveError: a chain that does not fit, or a step beyond its limit; the message names the variant.
         SimulationError: an unknown device or precision, a bad window, or trajectories that exceed the memory budget.
+
+    Warns:
+        LayoutWarning: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
+        SuspectWarning: variants that are not "ok": which, why, and what to change.
     """
     from warpchain.engine.devices import chosen_devices, engine_on, frame_bytes, launch_steps
+    from warpchain.engine.ends import engaged, layout_line, layouts_of, net_force
     from warpchain.engine.pack import pack
     from warpchain.engine.packed import real_of
 
@@ -94,6 +103,8 @@ def simulate(
     cores = workers or available_cores()
     packed = pack(chosen, schedules)
     real_of(precision)  # an unknown precision ends here
+    layouts = layouts_of(chosen, packed.assemblies)
+    _warn(LayoutWarning, layout_line(layouts))
     devices = chosen_devices(device, packed)[: len(chosen)]
     info = _run_info(devices, precision, schedules)
     begun = time.monotonic()
@@ -103,12 +114,15 @@ def simulate(
     try:
         with reporter(progress) as report, interruptible() as stop:
             settled = _settle(packed, chosen, devices, cores, steps, report, stop)
+            left = net_force(packed, settled["residual"])
             steps = launch_steps(devices, packed, recorder.launch_steps(steps, frame_bytes(devices)))
             buffer_values = recorder.layout(steps)
             engine = engine_on(devices, packed.at_precision(precision), cores)
             _march(engine, steps, buffer_values, recorder, report, stop)
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
-        metrics = _metrics(engine, chosen, schedules, settled)
+        ended = Ended(chosen, schedules, *_ends(engine), settled, engaged(engine, chosen), layouts, left)
+        metrics = _metrics(engine, ended, limits)
+        _warn(SuspectWarning, told(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
     finally:
         if engine is not None:
@@ -137,7 +151,7 @@ def schedules_of(
         SimulationError: a duration that is not positive, or a window outside the run.
     """
     from warpchain.engine.alike import alike
-    from warpchain.results.schedule import Schedule
+    from warpchain.results.schedule import Schedule, whole_steps
 
     if duration is not None and not (np.isfinite(duration) and duration > 0.0):
         raise SimulationError(f"duration = {duration!r}: allowed is a finite number above 0 (s)")
@@ -153,15 +167,18 @@ def schedules_of(
             raise DriveError(f"variant {v}: {error}") from None
         h = resolved[kind]
         length = duration if duration is not None else drive.run.duration
-        steps = max(1, round(length / h))
+        steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
         start, end = window if window is not None else (0.5 * length, length)
-        first, last = round(start / h), round(end / h)
+        first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
         if not 0 <= first < last <= steps:
             raise SimulationError(
                 f"window = ({start:g}, {end:g}) s: allowed is 0 <= start < end <= duration = {length:g} s (variant {v})"
             )
         rate = record.rate if record.rate is not None else drive.run.sample_rate
-        every = max(1, round(1.0 / (rate * h))) if v in recorded else 0
+        every = 0
+        if v in recorded:
+            period = 1.0 / (rate * h) if rate * h > 0.0 else np.inf
+            every = max(1, whole_steps(f"rate = {rate:g} Hz: a sample's period at a step of {h:.4g} s", period))
         schedules.append(Schedule(h, steps, first, last, every))
     return schedules
 
@@ -238,10 +255,21 @@ def _march(engine: Engine, steps: int, buffer_values: int, recorder: Recorder, r
         recorder.take(taken[0].numpy(), *taken[1:])
 
 
-def _metrics(engine: Engine, drives: Sequence[Drive], schedules: Sequence[Schedule], settled: NDArray[Any]) -> pa.Table:
+def _metrics(engine: Engine, ended: Ended, limits: Limits | None) -> pa.Table:
     """The metrics of all variants."""
     from warpchain.engine.sums import split_sums
 
-    sums, state = engine.sums(), engine.progress()
-    ended = Ended(drives, schedules, state["step"], state["diverged"] != 0, settled)
-    return metrics_table(ended, lambda variants: split_sums(sums, engine.packed, variants))
+    sums = engine.sums()
+    return metrics_table(ended, lambda variants: split_sums(sums, engine.packed, variants), limits)
+
+
+def _ends(engine: Engine) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
+    """The step that each variant came to, and whether it diverged."""
+    state = engine.progress()
+    return state["step"], state["diverged"] != 0
+
+
+def _warn(kind: type[Warning], line: str | None) -> None:
+    """A warning, where there is one, as from the caller of `simulate`."""
+    if line is not None:
+        warnings.warn(line, kind, stacklevel=3)

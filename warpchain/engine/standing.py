@@ -20,6 +20,7 @@ from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive import Drive
@@ -36,8 +37,9 @@ from warpchain.results.schedule import Schedule
 TOLERANCE, ENOUGH = 1e-6, 1e-4
 """Largest net force on a roller, and on a body at its rim, over the largest link force: wanted, and taken at the limit
 of steps."""
-SPELL = 16
-"""Steps between two looks at the kinetic energy."""
+SPELL, IRREGULAR = 8, 17
+"""Steps between two looks at the kinetic energy, and up to how many more: no fast motion may come back in step with
+the looks, to be stopped where it began."""
 SPELLS = 20_000
 """Most of them."""
 GRAVITY = 9.81
@@ -74,13 +76,29 @@ def beginning(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> 
     else:
         packed = replace(packed, bodies=start.bodies, rollers=start.rollers, seat=start.seat)
     still = _stopped(packed, drive, speed)
-    own = still.chains["stiffness"].copy()
-    slack = still.chains["mass"] * passing_rate(drive, speed) ** 2
+    own, slack = link_stiffness(still), float(still.chains["mass"][0]) * passing_rate(drive, speed) ** 2
     if (slack >= 0.1 * own).any():
         raise SimulationError(f"speed = {speed:g}: at this speed the chain would lengthen by a tenth")
-    still.chains["stiffness"] = own - slack
     still.lengths = still.lengths * (own / (own - slack))
+    still.links["play"] *= float((own / (own - slack)).mean())
+    still.chains["stiffness"] -= slack
+    still.links["outer_stiffness"] -= slack
     return still
+
+
+def link_stiffness(packed: Packed) -> NDArray[np.float64]:
+    """(N,) of each link of one variant [N/m]: outer links, which may differ, have an even index."""
+    stiffness = np.full(len(packed.lengths), float(packed.chains["stiffness"][0]))
+    if packed.links["uneven"][0]:
+        stiffness[0::2] = packed.links["outer_stiffness"][0]
+    return stiffness
+
+
+def link_tension(packed: Packed, position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) elastic force of each link of one variant [N], its rollers at (N, 2)."""
+    stretch = np.hypot(*(np.roll(position, -1, axis=0) - position).T) - packed.lengths
+    play = float(packed.links["play"][0])
+    return np.asarray(link_stiffness(packed) * (stretch - np.clip(stretch, -play, play)))
 
 
 def _settle(packed: Packed, drive: Drive) -> None:
@@ -95,17 +113,24 @@ def _settle(packed: Packed, drive: Drive) -> None:
 
 
 def _stopped(packed: Packed, drive: Drive, speed: float) -> Packed:
-    """A packed drive at rest, without what hangs on time: prescribed motions stand, loads have their mean."""
+    """A packed drive at rest, without what hangs on time: prescribed motions stand, loads have their mean,
+    and nothing rubs."""
     still = replace(
         packed,
         drives=packed.drives.copy(),
         chains=packed.chains.copy(),
+        links=packed.links.copy(),
+        joints=np.zeros_like(packed.joints),
+        guides=packed.guides.copy(),
+        tooth_sliding=np.zeros_like(packed.tooth_sliding),
+        guide_sliding=np.zeros_like(packed.guide_sliding),
         motions=packed.motions.copy(),
         mounts=packed.mounts.copy(),
         bodies=packed.bodies.copy(),
         rollers=packed.rollers.copy(),
     )
     still.rows(0)[2:] = 0.0
+    still.guides["deepest_entry"] = np.inf
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
     still.mounts["amplitude"], still.mounts["frequency"] = 0.0, 0.0
     nothing = np.zeros((), dtype=structs.Harmonics.numpy_dtype())
@@ -186,8 +211,7 @@ class _Relaxing:
             return float("inf")
         self.rows[0:2], self.bodies[:] = place, held
         self.stop()
-        length = np.hypot(*(np.roll(place, -1, axis=1) - place))
-        pull = float(self.packed.chains["stiffness"][0]) * float(np.abs(length - self.packed.lengths).max())
+        pull = float(np.abs(link_tension(self.packed, place.T)).max())
         return net / kick / max(pull, self.mass * GRAVITY)
 
     def state(self) -> Packed:
@@ -208,10 +232,10 @@ def released(packed: Packed, drive: Drive) -> Packed:
     relaxing = _Relaxing(packed, SETTLE_STEP * step_limit(drive))
     try:
         before, residual = 0.0, relaxing.residual()
-        for _ in range(SPELLS):
+        for spell in range(SPELLS):
             if residual < TOLERANCE:
                 return relaxing.state()
-            relaxing.run(SPELL)
+            relaxing.run(SPELL + 7 * spell % IRREGULAR)
             if relaxing.progress["diverged"][0]:
                 residual = np.inf
                 break
@@ -227,6 +251,6 @@ def released(packed: Packed, drive: Drive) -> Packed:
     if not np.isfinite(residual):
         raise SimulationError("the drive does not settle under its loads: the chain leaves its sprockets")
     raise SimulationError(
-        f"the drive does not settle under its loads: after {SPELL * SPELLS} steps the largest net force is still "
+        f"the drive does not settle under its loads: after {(SPELL + IRREGULAR // 2) * SPELLS} steps the largest net force is still "
         f"{residual:.1e} of the largest link force (wanted {ENOUGH:g})"
     )

@@ -7,24 +7,39 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.engine.batches import batch_durations, split_batches
 from warpchain.engine.packed import Packed
+from warpchain.kernels.tension_bins import BINS, STEP, ZERO
+
+
+def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(V, bins + 1) edges of the bins of tension for V scales (`kernels.tension_bins`) [N]."""
+    return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
 
 
 def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.integer]) -> dict[str, Any]:
     """The sums of V variants that have S sprockets and G guide-bars each.
 
     Returns:
-        "chain" (V,), "strand", "sprocket" and "mount" (V, S), "contact" (V, S + G), a row a variant.
+        "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), a row a variant;
+        "batches", the same fields but for contacts and slips batch by batch along a last axis, and how long each
+        batch is (V, batches) [s]; "tension", how many link tensions were seen in each bin of each strand and of no
+        strand (V, S + 1, bins), and the bins' edges (V, bins + 1) [N].
     """
     drives = packed.drives[variants]
     sprockets, guides = int(drives["sprockets"][0]), int(drives["guides"][0])
     first = drives["first_sprocket"][:, None].astype(np.int64)
     sprocket = first + np.arange(sprockets)
     partner = first + drives["first_guide"][:, None] + np.arange(sprockets + guides)
+    histograms = (first + variants[:, None]) + np.arange(sprockets + 1)
+    counts = sums["tension_counts"].reshape(-1, int(BINS))[histograms]
     return {
         "chain": sums["chain"][variants],
         "strand": sums["strand"][sprocket],
         "sprocket": sums["sprocket"][sprocket],
         "mount": sums["mount"][sprocket],
         "contact": sums["contact"][partner],
+        "slip": sums["slip"][sprocket],
+        "batches": (split_batches(sums, variants, sprocket), batch_durations(drives)),
+        "tension": (counts, tension_edges(drives["tension_scale"])),
     }

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
-from warpchain.engine.standing import TOLERANCE, beginning, passing_rate, released
+from warpchain.engine.standing import TOLERANCE, beginning, link_tension, passing_rate, released
 from warpchain.modal.balance import balanced
 from warpchain.modal.coordinates import Array, Coordinates, coordinates
 from warpchain.modal.layout import Layout, layout
@@ -208,8 +208,7 @@ def _tension(packed: Packed, state: States, rate: float = 0.0) -> Array:
     """(N,) of the links [N]: what stretches them, and of a running chain what bends it around the sprockets too."""
     place = state.position[0]
     length = np.hypot(*(np.roll(place, -1, axis=0) - place).T)
-    bending = float(packed.chains["mass"][0]) * rate**2
-    return float(packed.chains["stiffness"][0]) * (length - packed.lengths) + bending * length
+    return link_tension(packed, place) + float(packed.chains["mass"][0]) * rate**2 * length
 
 
 def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:

@@ -31,7 +31,7 @@ def orders(drive: Drive) -> tuple[Order, ...]:
     driver = drive.sprockets[drive.driver]
     found = [(float(driver.teeth), "tooth passing"), (2.0 * driver.teeth, "twice tooth passing")]
     lengths = np.asarray(drive.chain.link_lengths)
-    if _alternate(lengths):
+    if drive.chain.outer is not None or _alternate(lengths):
         found.append((0.5 * driver.teeth, "links of two kinds"))
     found.append((driver.teeth / drive.chain.links, "revolution of the chain"))
     for s, sprocket in enumerate(drive.sprockets):

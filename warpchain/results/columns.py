@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,17 +17,21 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.mounts import moves
+from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
 from warpchain.results.formulas import (
     THINGS,
     Values,
     deviation,
     displacement_std,
+    error_of,
     impact_impulse,
     mean,
     peak_factor,
     per_revolution,
     rms,
+    tension_quantile,
     total,
+    where,
 )
 
 
@@ -40,7 +45,8 @@ class Column:
         title: what it is, in words.
         value: forms it from what its group gives (`Summed`, `Balance` or `Judged`) of one variant or of many at once,
             masked where there is none (`formulas.where`); left out where the number comes from elsewhere.
-        kind: float, int or bool.
+        kind: float, int, bool or str.
+        aside: tells how good other metrics are, or more of the same: studies analyze it only where it is named.
     """
 
     name: str
@@ -48,6 +54,7 @@ class Column:
     title: str
     value: Callable[[Any], Values] | None = None
     kind: type = float
+    aside: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,26 +77,62 @@ class Group:
     where: Callable[[Drive, int], bool] | None = None
 
 
+def rubs_on(drive: Drive, index: int) -> bool:
+    """Whether rollers rub on a partner."""
+    sprockets = len(drive.sprockets)
+    return (tooth_rubbing(drive) if index < sprockets else guide_rubbing(drive, index - sprockets)).rubs
+
+
+QUANTILES = {"q001": 0.001, "q01": 0.01, "q50": 0.5, "q99": 0.99, "q999": 0.999}
+"""Quantiles of link tension by what ends their names: the digits of the share after the point."""
+
+
+@cache
+def error_column(column: Column) -> Column:
+    """The column of the standard error of a mean, one for each mean."""
+    assert column.value is not None
+    title = f"standard error of the {column.title}"
+    return Column(f"{column.name}_se", column.unit, title, error_of(column.value), aside=True)
+
+
+def with_errors(*columns: Column) -> tuple[Column, ...]:
+    """Columns of one group of sums, each mean followed by its standard error."""
+    found: list[Column] = []
+    for column in columns:
+        found += [column, error_column(column)] if column.name.endswith("_mean") else [column]
+    return tuple(found)
+
+
 TENSION_MIN = Column("tension_min", "N", "smallest link tension", total("tension_min"))
 TENSION_MAX = Column("tension_max", "N", "largest link tension", total("tension_max"))
 TENSION_MEAN = Column("tension_mean", "N", "mean link tension", mean("tension"))
 TENSION_STD = Column("tension_std", "N", "standard deviation of link tension", deviation("tension"))
+TENSION_QUANTILES = tuple(
+    Column(
+        f"tension_{name}",
+        "N",
+        f"tension that {100.0 * share:g} % of links and instants are below",
+        tension_quantile(share),
+        aside=name not in ("q001", "q999"),
+    )
+    for name, share in QUANTILES.items()
+)
 
 CHAIN = Group(
     "chain",
-    (TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD),
+    with_errors(TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD, *TENSION_QUANTILES),
     source="chain",
     weight=lambda sums, duration, rollers: sums["samples"] * rollers,
 )
 STRAND_TENSION = Group(
     "strand",
-    (TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD),
+    with_errors(TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD, *TENSION_QUANTILES),
     source="strand",
     weight=lambda sums, duration, rollers: sums["links"],
 )
 STRAND_DISPLACEMENT = Group(
     "strand",
-    (
+    with_errors(
         Column("displacement_min", "m", "smallest mid-strand displacement, left positive", total("displacement_min")),
         Column("displacement_mean", "m", "mean mid-strand displacement", mean("displacement")),
         Column("displacement_max", "m", "largest mid-strand displacement", total("displacement_max")),
@@ -100,7 +143,7 @@ STRAND_DISPLACEMENT = Group(
 )
 SPROCKET = Group(
     "sprocket",
-    (
+    with_errors(
         Column("speed_min", "rad/s", "smallest angular velocity, counter-clockwise", total("speed_min")),
         Column("speed_mean", "rad/s", "mean angular velocity", mean("speed")),
         Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),
@@ -111,7 +154,7 @@ SPROCKET = Group(
 )
 MOUNT = Group(
     "sprocket",
-    (
+    with_errors(
         Column("travel_x_mean", "m", "mean displacement of the center to the right", mean("travel", 0)),
         Column("travel_y_mean", "m", "mean displacement of the center upward", mean("travel", 1)),
         Column("travel_max", "m", "largest distance of the center from where it is stated", total("travel_max")),
@@ -120,6 +163,11 @@ MOUNT = Group(
     ),
     source="mount",
     where=lambda drive, index: moves(drive.sprockets[index]),
+)
+SLIP = Group(
+    "sprocket",
+    (Column("slips", "1", "teeth that the chain jumped", total("slips"), kind=int),),
+    source="slip",
 )
 CONTACT = Group(
     "partner",
@@ -131,17 +179,55 @@ CONTACT = Group(
     ),
     source="contact",
 )
+FRICTION = Group(
+    "partner",
+    (Column("friction", "J", "energy dissipated by friction in the contacts", total("friction")),),
+    source="contact",
+    where=rubs_on,
+)
+TOUCHES = Group(
+    "partner",
+    (Column("contacts", "1", "rollers that touched for the first time in their pass", total("contacts"), kind=int),),
+    source="contact",
+    where=lambda drive, index: index < len(drive.sprockets),
+)
+MISSED = Group(
+    "partner",
+    (Column("missed", "1", "rollers in the bar that did not come through its face", total("missed"), kind=int),),
+    source="contact",
+    where=lambda drive, index: index >= len(drive.sprockets),
+)
+JOINTS = Group(
+    "chain",
+    (Column("joints.friction", "J", "energy dissipated by friction in the joints", total("friction")),),
+    source="chain",
+    where=lambda drive, index: drive.chain.rubs,
+)
 BALANCE = Group(
     "chain",
     (
         Column("input_work", "J", "work of what prescribes angles and centers", lambda balance: balance.input),
         Column("output_work", "J", "work against the loads", lambda balance: balance.output),
+        Column(
+            "efficiency",
+            "1",
+            "output work over input work",
+            lambda balance: where(balance.input > 0.0, balance.output / balance.input),
+        ),
         Column("links.dissipated", "J", "energy dissipated in the links", lambda balance: balance.links),
         Column("energy_change", "J", "change of the mechanical energy", lambda balance: balance.change),
         Column("energy_residual", "J", "what the energy balance misses", lambda balance: balance.residual),
         Column(
             "energy_residual_relative", "1", "residual over the energy turned over", lambda balance: balance.relative
         ),
+    ),
+)
+STEADY = Group(
+    "chain",
+    (
+        Column("tension_drift", "N", "change of the mean tension over the window", lambda of: of.change, aside=True),
+        Column("tension_drift_p", "1", "probability of such a change by chance", lambda of: of.chance, aside=True),
+        Column("steady", "1", "whether neither tension nor speeds drift", lambda of: of.steady, bool, aside=True),
     ),
 )
 PEAK_FACTOR = Column("peak_factor", "1", "largest over mean tension", peak_factor)
@@ -162,17 +248,24 @@ RUN = Group(
     "chain",
     (
         Column("variant", "1", "number of the variant", kind=int),
+        Column("status", "1", 'what it is judged to be: "ok", "suspect" or "diverged"', kind=str),
+        Column("reason", "1", 'why it is not ok, "" where it is', kind=str),
         Column("diverged", "1", "whether the variant was stopped as diverged", kind=bool),
         Column("diverged_time", "s", "when it diverged"),
         Column("window_start", "s", "start of the window that metrics are taken over"),
         Column("window_end", "s", "its end"),
     ),
 )
+ENGAGED = Group(
+    "sprocket",
+    (Column("engaged", "1", "rollers on its teeth at the end of the run, over those at assembly"),),
+)
 SETTLING = Group(
     "chain",
     (
         Column("settle_steps", "1", "steps that settling took", kind=int),
         Column("settle_residual", "1", "largest net force left on a roller over the largest link force"),
+        Column("settle_force", "N", "largest net force left on a roller"),
     ),
     where=lambda drive, index: drive.run.settle,
 )
@@ -196,7 +289,13 @@ RECORDED = (
 )
 """What only recorded variants have (`results.objectives`)."""
 
-MEASURED = ((CHAIN,), (STRAND_TENSION, STRAND_DISPLACEMENT), (SPROCKET, MOUNT), (CONTACT,))
+MEASURED = (
+    (CHAIN,),
+    (STRAND_TENSION, STRAND_DISPLACEMENT),
+    (SPROCKET, MOUNT, SLIP),
+    (CONTACT, FRICTION, TOUCHES, MISSED),
+    (JOINTS,),
+)
 """What the sums of the window give. Groups that stand together go thing by thing: all of one, then all of the next."""
 DESIGN = (
     (Group("chain", (PEAK_FACTOR,)),),
@@ -208,7 +307,7 @@ DESIGN = (
 """What designs are judged by, formed from the other metrics."""
 
 Blocks = tuple[tuple[Group, ...], ...]
-METRICS: Blocks = (*MEASURED, (BALANCE,), *DESIGN, (SETTLING,))
+METRICS: Blocks = (*MEASURED, (STEADY,), (BALANCE,), *DESIGN, (ENGAGED,), (SETTLING,))
 """The metrics of a variant that ran to its end, in the table's order."""
 OF_MODES = (
     Column("frequency", "Hz", "natural frequency of a mode of the base drive, found again by its shape"),

@@ -7,7 +7,7 @@ driver's revolutions, n_s a sprocket's tooth passings, m a roller's mass:
     contact energy per revolution = E / n_d, a wear index: what the contacts have to take up                  (b)
     impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
 
-There is no friction in the model: (b) is the work of normal impacts, not of sliding in the bushings.
+(b) is the work of normal impacts, not of sliding in the bushings.
 
 Every formula takes the numbers of one variant or arrays (V,) of variants of the same columns.
 """
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpchain.drive import Drive
+from warpchain.results.statistics import drift, quantile, standard_error, steady
 
 Values = Any
 """A number, or an array of one number a variant (V,)."""
@@ -54,10 +55,14 @@ class Summed:
     Attributes:
         sums: rows of the group's sums.
         weight: what means divide by: samples, or the window's length [s].
+        batches: the same batch by batch along a last axis, where sums are noted so.
+        tension: link tensions in each bin (V, bins), and the bins' edges (V, bins + 1) [N], of what has tensions.
     """
 
     sums: Any
     weight: Values
+    batches: Summed | None = None
+    tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None
 
 
 def total(field: str) -> Callable[[Summed], Values]:
@@ -87,6 +92,67 @@ def rms(field: str) -> Callable[[Summed], Values]:
     return lambda of: np.sqrt(of.sums[f"{field}_square"] / of.weight)
 
 
+LEAST_TURNOVER = 1e-3
+"""Least energy that a residual is held against, of the energy stored."""
+
+
+def tension_quantile(share: float) -> Callable[[Summed], Values]:
+    """The tension that this share of links and instants is below."""
+
+    def value(of: Summed) -> Values:
+        assert of.tension is not None
+        return quantile(*of.tension, of.sums["tension_min"], of.sums["tension_max"], share)
+
+    return value
+
+
+def batch_means(of: Summed, mean: Callable[[Summed], Values]) -> Values:
+    """A mean batch by batch along a last axis, (V, batches); `mean` forms it from sums."""
+    assert of.batches is not None
+    return np.where(np.asarray(of.batches.weight) > 0, mean(of.batches), np.nan)
+
+
+def error_of(mean: Callable[[Summed], Values]) -> Callable[[Summed], Values]:
+    """The standard error of a mean (`results.statistics`)."""
+
+    def value(of: Summed) -> Values:
+        error = standard_error(batch_means(of, mean))
+        return where(np.isfinite(error), error)
+
+    return value
+
+
+@dataclass(frozen=True)
+class Drifts:
+    """Means of batches (V, batches) that say whether a variant is steady.
+
+    Attributes:
+        tension: of the chain's tension [N].
+        speeds: of each sprocket's angular velocity [rad/s].
+    """
+
+    tension: NDArray[np.float64]
+    speeds: Sequence[NDArray[np.float64]]
+
+    @property
+    def change(self) -> Values:
+        """Of the mean tension over the window [N]."""
+        change, _ = drift(self.tension)
+        return where(np.isfinite(change), change)
+
+    @property
+    def chance(self) -> Values:
+        """Probability that the mean tension seems to change so much without doing so."""
+        _, chance = drift(self.tension)
+        return where(np.isfinite(chance), chance)
+
+    @property
+    def steady(self) -> Values:
+        """Whether none of them drifts."""
+        each = np.all([steady(means) for means in (self.tension, *self.speeds)], axis=0)
+        return where(np.isfinite(self.tension).all(axis=-1), each)
+
+
 @dataclass(frozen=True)
 class Balance:
     """The energy balance over the window [J].
@@ -95,8 +161,9 @@ class Balance:
         input: work of what prescribes angles and centers.
         output: work against the loads.
         links: dissipated in the links.
-        dissipated: in links, contacts and mounts.
+        dissipated: in links, joints, contacts and mounts.
         change: of the mechanical energy.
+        stored: the mechanical energy itself, at its larger end.
     """
 
     input: Values
@@ -104,6 +171,7 @@ class Balance:
     links: Values
     dissipated: Values
     change: Values
+    stored: Values = 0.0
 
     @property
     def residual(self) -> Values:
@@ -112,8 +180,12 @@ class Balance:
 
     @property
     def relative(self) -> Values:
-        """The residual over half the sum of the terms' magnitudes."""
+        """The residual over half the sum of the terms' magnitudes, or `LEAST_TURNOVER` of the energy stored.
+
+        Where hardly any energy is turned over the residual is round-off of what is stored.
+        """
         turnover = 0.5 * (abs(self.input) + abs(self.output) + self.dissipated + abs(self.change))
+        turnover = np.maximum(turnover, LEAST_TURNOVER * abs(self.stored))
         return np.where(turnover == 0.0, 0.0, self.residual / turnover)
 
 

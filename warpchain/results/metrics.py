@@ -14,8 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.columns import BALANCE, DESIGN, MEASURED, SETTLING, column_of, of_drive, same_columns, unit_of
-from warpchain.results.formulas import Balance, Judged, Summed, where
+from warpchain.results.columns import (
+    BALANCE,
+    DESIGN,
+    ENGAGED,
+    MEASURED,
+    SETTLING,
+    STEADY,
+    Group,
+    column_of,
+    of_drive,
+    same_columns,
+    unit_of,
+)
+from warpchain.results.formulas import Balance, Drifts, Judged, Summed, where
+from warpchain.results.judgement import Limits, judge
 from warpchain.results.schedule import Schedule
 
 if TYPE_CHECKING:
@@ -36,6 +49,10 @@ class Ended:
         steps: (V,) the step that each came to.
         diverged: (V,) whether it was stopped as diverged.
         settled: (V,) "steps" and "residual" of its settling.
+        engaged: (V, S) share of the rollers of each sprocket's wrap that are on its teeth at the end, S that of the
+            drive with the most sprockets; None where it is not known.
+        layouts: (V,) what is wrong with the drives' layouts; None where it is not known.
+        settle_force: (V,) largest net force that settling left on a roller [N]; None where it is not known.
     """
 
     drives: Sequence[Drive]
@@ -43,11 +60,28 @@ class Ended:
     steps: NDArray[np.integer]
     diverged: NDArray[np.bool_]
     settled: NDArray[Any]
+    engaged: NDArray[np.float64] | None = None
+    layouts: Sequence[Sequence[str]] | None = None
+    settle_force: NDArray[np.float64] | None = None
 
     def of(self, variants: NDArray[np.intp]) -> Ended:
         """Some of them."""
         drives, schedules = [self.drives[v] for v in variants], [self.schedules[v] for v in variants]
-        return Ended(drives, schedules, self.steps[variants], self.diverged[variants], self.settled[variants])
+        return Ended(
+            drives,
+            schedules,
+            self.steps[variants],
+            self.diverged[variants],
+            self.settled[variants],
+            None if self.engaged is None else self.engaged[variants],
+            None if self.layouts is None else [self.layouts[v] for v in variants],
+            None if self.settle_force is None else self.settle_force[variants],
+        )
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """(V,) whether it came to the end of its window."""
+        return (self.steps > self.schedule("window_end")) & ~self.diverged
 
     def schedule(self, field: str) -> NDArray[Any]:
         """(V,) one field of the schedules."""
@@ -73,11 +107,39 @@ def measured_columns(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     for prefix, index, group in of_drive(ended.drives[0], MEASURED):
         rows = sums[group.source]
         mine = rows if rows.ndim == 1 else rows[:, index]
-        summed = Summed(mine, group.weight(mine, duration, links))
+        batches = _batches(sums, group, index, links)
+        summed = Summed(mine, group.weight(mine, duration, links), batches, _tensions(sums, group, index))
         for column in group.columns:
             if column.value:
                 columns[prefix + column.name] = where(summed.weight != 0, column.value(summed))
     return columns
+
+
+def _batches(sums: Mapping[str, Any], group: Group, index: int, links: NDArray[np.integer]) -> Summed | None:
+    """The sums of a group's thing batch by batch; None where they are not noted so."""
+    noted, durations = sums["batches"]
+    if group.source not in noted:
+        return None
+    rows = noted[group.source]
+    mine = rows if group.of == "chain" else {name: values[:, index] for name, values in rows.items()}
+    return Summed(mine, np.where(np.isfinite(durations), group.weight(mine, durations, links[:, None]), np.nan))
+
+
+def _tensions(sums: Mapping[str, Any], group: Group, index: int) -> tuple[NDArray[Any], NDArray[np.float64]] | None:
+    """How many tensions of a group's thing are in each bin, and the bins' edges; None where it has none."""
+    counts, edges = sums["tension"]
+    if group.of == "chain":
+        return counts.sum(axis=1), edges
+    return (counts[:, index], edges) if group.of == "strand" else None
+
+
+def drifts_of(ended: Ended, sums: Mapping[str, Any]) -> Drifts:
+    """What says whether variants of the same columns are steady."""
+    noted, durations = sums["batches"]
+    links = np.array([drive.chain.links for drive in ended.drives])[:, None]
+    weight = noted["chain"]["samples"] * links
+    tension = np.where(np.isfinite(durations), noted["chain"]["tension"] / weight, np.nan)
+    return Drifts(tension, list(np.moveaxis(noted["sprocket"]["speed"] / durations[:, None], 1, 0)))
 
 
 def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
@@ -89,13 +151,14 @@ def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
     driven = np.array([s.prescribed is not None for s in drive.sprockets])
     contact_work = np.compress(driven, sprockets["contact_work"], axis=1)
     load_work = np.compress(~driven, sprockets["load_work"], axis=1)
-    dissipated = chain["dissipated"] + sums["contact"]["dissipated"].sum(axis=1)
+    dissipated = chain["dissipated"] + chain["friction"] + sums["contact"]["dissipated"].sum(axis=1)
     return Balance(
         input=mounts["work"].sum(axis=1) - contact_work.sum(axis=1),
         output=-load_work.sum(axis=1),
         links=chain["dissipated"],
-        dissipated=dissipated + mounts["dissipated"].sum(axis=1),
+        dissipated=dissipated + mounts["dissipated"].sum(axis=1) + sums["contact"]["friction"].sum(axis=1),
         change=chain["energy_end"] - chain["energy_start"],
+        stored=np.maximum(abs(chain["energy_end"]), abs(chain["energy_start"])),
     )
 
 
@@ -112,33 +175,53 @@ def design_columns(drives: Sequence[Drive], metrics: Columns) -> Columns:
     return columns
 
 
+def engaged_columns(ended: Ended) -> Columns:
+    """How much of each sprocket's wrap is on its teeth at the end, of variants of the same columns."""
+    if ended.engaged is None:
+        return {}
+    groups = of_drive(ended.drives[0], ((ENGAGED,),))
+    return {prefix + c.name: np.ma.asarray(ended.engaged[:, s]) for prefix, s, group in groups for c in group.columns}
+
+
 def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     """The metrics of V variants whose drives have the same columns.
 
     Args:
-        sums: "chain" (V,), "strand", "sprocket" and "mount" (V, S) and "contact" (V, S + G) sums of these alone.
+        sums: "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S) and "contact" (V, S + G) sums of these
+            alone; "batches", those by field with the batches along a last axis, and how long each batch is (V, batches)
+            [s]; "tension", counts in bins (V, S + 1, bins), those of links on no strand last, and the bins' edges
+            (V, bins + 1) [N].
     """
     drive = ended.drives[0]
     with np.errstate(all="ignore"):
         columns = measured_columns(ended, sums)
+        drifts = drifts_of(ended, sums)
+        columns |= {c.name: np.ma.asarray(c.value(drifts)) for c in STEADY.columns if c.value}
         balance = energy_balance(drive, sums)
         columns |= {c.name: np.ma.asarray(c.value(balance)) for c in BALANCE.columns if c.value}
         columns |= design_columns(ended.drives, run_columns(ended) | columns)
-    measured = (ended.steps > ended.schedule("window_end")) & ~ended.diverged
-    columns = {name: where(measured, values) for name, values in columns.items()}
-    settling = (column.name for _, _, group in of_drive(drive, ((SETTLING,),)) for column in group.columns)
-    return columns | {name: np.ma.asarray(ended.settled[name.removeprefix("settle_")]) for name in settling}
+    columns |= engaged_columns(ended)
+    columns = {name: where(ended.measured, values) for name, values in columns.items()}
+    settled = {"settle_steps": ended.settled["steps"], "settle_residual": ended.settled["residual"]}
+    if ended.settle_force is not None:
+        settled["settle_force"] = ended.settle_force
+    names = (column.name for _, _, group in of_drive(drive, ((SETTLING,),)) for column in group.columns)
+    return columns | {name: np.ma.asarray(settled[name]) for name in names if name in settled}
 
 
-def metrics_table(ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[str, Any]]) -> pa.Table:
+def metrics_table(
+    ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[str, Any]], limits: Limits | None = None
+) -> pa.Table:
     """The metrics of all variants; a column stands where the first variant that has one has it among its own.
 
     Args:
         sums_of: gives the sums of variants whose drives have the same columns, by their numbers, as `metrics_of` takes
             them.
+        limits: what the variants are judged by; None takes the defaults.
     """
     count = len(ended.drives)
-    known = {"variant": np.ma.arange(count), **run_columns(ended)}
+    known = {"variant": np.ma.arange(count), "status": np.ma.zeros(count), "reason": np.ma.zeros(count)}
+    known |= run_columns(ended)
     columns = {name: (values.filled(0), np.ma.getmaskarray(values)) for name, values in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
     for variants in same_columns(ended.drives):
@@ -152,7 +235,9 @@ def metrics_table(ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[st
                 numbers, missing = columns[name]
                 numbers[variants[having]] = values.data[having]
                 missing[variants[having]] = False
-    return _table({name: columns[name] for name in sorted(columns, key=places.__getitem__)})
+    judged = judge(ended.drives, columns, ended.measured, limits, ended.layouts)
+    words = {"status": (judged.status, None), "reason": (judged.reason, None)}
+    return _table({name: words.get(name) or columns[name] for name in sorted(columns, key=places.__getitem__)})
 
 
 def table_of(rows: Sequence[Row]) -> pa.Table:
@@ -175,7 +260,7 @@ def _table(columns: Mapping[str, tuple[Any, NDArray[np.bool_] | None]]) -> pa.Ta
     """Columns, and where they are null, as a table."""
     import pyarrow as pa
 
-    kinds = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}
+    kinds = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}
     arrays = [pa.array(values, kinds[_kind(name)], mask=mask) for name, (values, mask) in columns.items()]
     fields = [
         pa.field(name, array.type, metadata={"unit": unit_of(name)})

@@ -118,7 +118,7 @@ def _fatigue(part: Trajectory, woehler: Woehler) -> Row:
 
 
 def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
-    """The run's metrics with the objectives as further columns; those of trajectories are null where none was recorded.
+    """The run's metrics with the objectives as further columns; null for variants not recorded, or that are not ok.
 
     Args:
         run: what `simulate` or `read_archive` returned.
@@ -128,6 +128,6 @@ def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
 
     rows = run.metrics.to_pylist()
     for variant, row in enumerate(rows):
-        if row.get("tension_mean") is not None and variant in run:
+        if row.get("tension_mean") is not None and run.ok[variant] and variant in run:
             row.update(from_trajectory(run[variant], row["window_start"], row["window_end"], woehler))
     return table_of(rows)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 from warpchain.results.channels import NAMES
+from warpchain.results.judgement import OK
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -174,8 +175,8 @@ class Run(Mapping[int, Trajectory]):
 
     Attributes:
         drives: the drives simulated, in order.
-        metrics: pyarrow table, one row a variant; units in the field metadata (key "unit"); a quantity that a variant
-            does not have is null.
+        metrics: pyarrow table, one row a variant, with what it is judged to be (`results.judgement`); units in the
+            field metadata (key "unit"); a quantity that a variant does not have is null.
         trajectories: the recorded variants.
         info: how the run was made.
     """
@@ -184,6 +185,13 @@ class Run(Mapping[int, Trajectory]):
     metrics: pa.Table
     trajectories: Mapping[int, Trajectory] = field(repr=False)
     info: RunInfo
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """(V,) whether each variant is judged ok; True where the metrics do not tell."""
+        if "status" not in self.metrics.column_names:
+            return np.ones(len(self.drives), dtype=bool)
+        return np.array([word == OK for word in self.metrics["status"].to_pylist()], dtype=bool)
 
     def __getitem__(self, variant: int) -> Trajectory:
         try:

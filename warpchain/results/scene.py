@@ -141,7 +141,7 @@ def nearest_guide(drive: Drive, x: Array) -> Index:
 
 
 def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> Index:
-    """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond half a pitch from all.
+    """The sprocket whose pitch circle each roller is nearest to (F, N), or -1 beyond the band that it looks after.
 
     Args:
         rollers: only these, (N,); all if None.
@@ -151,7 +151,8 @@ def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> In
     which = np.arange(drive.chain.links) if rollers is None else rollers
     frame, roller = np.meshgrid(np.arange(len(trajectory.time)), which, indexing="ij")
     near, apart = _nearest(trajectory, frame.ravel(), roller.ravel())
-    return np.where(apart < 0.5 * drive.chain.pitch, near, -1).reshape(frame.shape)
+    band = np.array([drive.engagement(s) for s in range(len(drive.sprockets))])
+    return np.where(apart < band[near], near, -1).reshape(frame.shape)
 
 
 def contact_arrows(trajectory: Trajectory) -> tuple[Array, Array]:

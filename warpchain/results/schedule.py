@@ -2,7 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from warpchain.errors import SimulationError
+
+MOST_STEPS = 2**31 - 2
+"""Kernels count steps in 32 bits."""
+
+
+def whole_steps(what: str, count: float) -> int:
+    """A number of steps, rounded.
+
+    Args:
+        what: where it comes from, for the error.
+
+    Raises:
+        SimulationError: it is more than can be counted.
+    """
+    if not (math.isfinite(count) and count <= MOST_STEPS):
+        raise SimulationError(f"{what} is {count:.3g} steps; allowed are at most {MOST_STEPS}")
+    return round(count)
 
 
 @dataclass(frozen=True)

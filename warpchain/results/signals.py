@@ -90,13 +90,22 @@ def transmission_error(trajectory: Trajectory, s: int) -> Array:
 
 
 def transverse_frequency(trajectory: Trajectory, strand: int) -> float:
-    """First transverse frequency of a strand at its mean tension over the latter half, the chain at rest [Hz]."""
-    from warpchain.assembly.summary import strand_frequency
+    """First transverse frequency of a strand at its mean tension over the latter half, the chain moving [Hz].
 
-    path = chain_path(trajectory.drive)
-    links = int(np.rint(path.strand_length[strand] / path.pitch))
-    tension = float(np.nanmean(strand_tension(trajectory, strand)[latter_half(trajectory)]))
-    return strand_frequency(trajectory.drive, links, tension)
+    `warpchain.assembly.frequencies.moving_frequency` at the mean speed of the driver.
+
+    Raises:
+        SimulationError: recorded without sprocket speeds.
+    """
+    from warpchain.assembly.frequencies import moving_frequency
+
+    need(trajectory, "sprocket_speed")
+    assert trajectory.sprocket_speed is not None
+    drive, path, part = trajectory.drive, chain_path(trajectory.drive), latter_half(trajectory)
+    tension = float(np.nanmean(strand_tension(trajectory, strand)[part]))
+    turns = abs(float(np.mean(trajectory.sprocket_speed[part, drive.driver]))) / (2.0 * np.pi)
+    speed = turns * drive.sprockets[drive.driver].teeth * path.pitch
+    return moving_frequency(drive, float(path.strand_length[strand]), tension, speed)
 
 
 def guide_forces(trajectory: Trajectory) -> list[tuple[Array, Array]]:
@@ -145,7 +154,7 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
     wrap = float(path.wrap_angle[s])
     spare = 0.5 * (2.0 * np.pi - wrap)
     angle = np.mod(polar + spare, 2.0 * np.pi) - spare
-    on = (apart < 0.5 * drive.chain.pitch) & (angle > -2.0 * step) & (angle < wrap + 2.0 * step)
+    on = (apart < drive.engagement(s)) & (angle > -2.0 * step) & (angle < wrap + 2.0 * step)
     return ContactAngles(angle[on], np.asarray(trajectory.sprocket_force[part], dtype=float)[on], wrap, step)
 
 

@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.files import refusals, whole_file
+from warpchain.results.judgement import STATUSES as JUDGED
+from warpchain.results.judgement import common_reasons
 from warpchain.study.columns import BOOKKEEPING
-from warpchain.study.reasons import common_reasons
 from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
-STATUSES = ("ok", "infeasible", "diverged")
+STATUSES = (*JUDGED, "infeasible")
+"""What a row can be: a variant as it is judged, or a row that gives none."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Results:
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """Whether each variant ran to its end (R,)."""
+        """Whether each variant ran to its end and nothing of it is suspect (R,)."""
         return np.array([word == "ok" for word in self.status], dtype=bool)
 
     def reasons(self) -> list[tuple[str, str, int]]:
@@ -102,7 +104,7 @@ class Results:
         return "" if unit == "1" else unit
 
     def rows_for(self, metric: str, factors: Iterable[str] = ()) -> NDArray[np.bool_]:
-        """Rows that ran to their end and have a finite value of a metric, and of numeric factors (R,)."""
+        """Rows that are ok and have a finite value of a metric, and of numeric factors (R,)."""
         rows = self.ok & np.isfinite(self.values(metric))
         for factor in factors:
             if self.numeric(factor):
@@ -169,12 +171,15 @@ def read_results(
     Args:
         source: a pyarrow table, or the path of a Parquet or CSV file.
         factors: the columns that were varied; None takes those whose field says role = "factor".
-        metrics: the columns that were measured; None takes every other numeric column.
+        metrics: the columns that were measured; None takes every other numeric column, but for those of metrics that
+            tell how good others are (`results.columns.Column.aside`).
 
     Raises:
         StudyError: a table that cannot be read, a column that it lacks, or factors that nothing tells.
     """
     import pyarrow as pa
+
+    from warpchain.results.columns import column_of
 
     table = source if isinstance(source, pa.Table) else read_table(Path(source))
     chosen = tuple(factors) if factors is not None else _with_role(table, b"factor")
@@ -187,7 +192,8 @@ def read_results(
         measured = tuple(metrics)
     else:
         names = noted or table.column_names
-        measured = tuple(n for n in names if n not in chosen and n not in BOOKKEEPING and _is_numeric(table, n))
+        named = (n for n in names if n not in chosen and n not in BOOKKEEPING and _is_numeric(table, n))
+        measured = tuple(name for name in named if not ((of := column_of(name)) and of.aside))
     for kind, names in (("factors", chosen), ("metrics", measured)):
         for name in names:
             if name not in table.column_names:

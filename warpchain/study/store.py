@@ -1,7 +1,15 @@
-"""Tables on the disk: read from Parquet and CSV, written whole or not at all."""
+"""Tables on the disk: read from Parquet and CSV, written whole or not at all, and known again.
+
+The pages of a Parquet file have checksums. What they leave open, a note in the schema's metadata (key `warpchain`,
+JSON) covers: `table`, the name that the file was written under, `study`, which one it belongs to, and `digest`, the
+SHA-256 of names, types, metadata and values. A table under another name is somebody's own, and its note counts for
+nothing.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,17 +17,25 @@ from typing import TYPE_CHECKING
 
 from warpchain import files
 from warpchain.errors import StudyError
-from warpchain.files import reason, refusals, whole_file
+from warpchain.files import PATIENCE, reason, refusals, whole_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 
-def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
+NOTE = b"warpchain"
+"""Key of the note in a table's metadata."""
+
+
+def read_table(path: Path, columns: list[str] | None = None, study: str | None = None) -> pa.Table:
     """Reads a Parquet (.parquet) file, or chosen columns of it, or a CSV (.csv) file.
 
+    Args:
+        columns: which; the digest is looked at only where all are read.
+        study: the study that a table must belong to, under the name that it has; None takes any table.
+
     Raises:
-        StudyError: a file that is missing, of another kind, or damaged; one line.
+        StudyError: a file that is missing, of another kind, another one's, or damaged; one line.
     """
     import pyarrow as pa
 
@@ -27,31 +43,89 @@ def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
         if path.suffix == ".parquet":
             from pyarrow import parquet
 
-            return parquet.ParquetFile(path).read(columns)
+            with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+                table = file.read(columns)
+            if columns is None:
+                table.validate(full=True)
+            return _known(table, path, columns is None, study)
         if path.suffix == ".csv":
             from pyarrow import csv
 
-            return csv.read_csv(path)
-    except OSError as error:
+            table = csv.read_csv(path)
+            if len(set(table.column_names)) < table.num_columns:
+                raise StudyError(f"{path}: has several columns of one name")
+            return table
+    except FileNotFoundError as error:
         raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
-    except pa.ArrowException as error:
-        raise StudyError(f"{path}: not a table ({str(error).splitlines()[0]})") from None
+    except OSError as error:  # also what a checksum finds
+        raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
+    except (pa.ArrowException, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
+        raise StudyError(f"{path}: not a table ({(str(error).splitlines() or [type(error).__name__])[0]})") from None
     raise StudyError(f"{path}: allowed are tables that end in .parquet or .csv")
 
 
-def write_table(path: Path, table: pa.Table, keep: bool = False) -> None:
-    """Writes a Parquet file, whole or not at all.
+def _known(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Table:
+    """A table without its note, which is right."""
+    held = dict(table.schema.metadata or {})
+    note = json.loads(held.pop(NOTE, b"{}"))
+    table = table.replace_schema_metadata(held or None)
+    if study is not None and (note.get("table"), note.get("study")) != (path.stem, study):
+        raise StudyError(f"{path}: is another table, of shard {note.get('table')!r}, or of another study; {AGAIN}")
+    if whole and note.get("table") == path.stem and note.get("digest") != digest_of(table):
+        raise StudyError(f"{path}: is damaged (its digest is wrong); {AGAIN}")
+    return table
+
+
+AGAIN = "remove it, and run the study again"
+
+
+def digest_of(table: pa.Table) -> str:
+    """SHA-256 of a table's names, types, metadata and values, however they lie in memory."""
+    import numpy as np
+    import pyarrow as pa
+
+    found = hashlib.sha256()
+    for field, column in zip(table.schema, table.columns, strict=True):
+        facts = sorted((k.decode(), v.decode()) for k, v in (field.metadata or {}).items())
+        found.update(json.dumps([field.name, str(field.type), facts, len(column)]).encode())
+        found.update(np.packbits(column.is_null().to_numpy()).tobytes())
+        if pa.types.is_floating(field.type) or pa.types.is_integer(field.type) or pa.types.is_boolean(field.type):
+            values = column.fill_null(False if pa.types.is_boolean(field.type) else 0).to_numpy()
+            found.update(np.ascontiguousarray(values).tobytes())
+        else:
+            found.update(repr(column.to_pylist()).encode("utf-8", "surrogatepass"))
+    return found.hexdigest()
+
+
+def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = "") -> None:
+    """Writes a Parquet file, whole or not at all, with checksums and a note.
 
     Args:
         keep: leave a file of that name as it is, so that of several processes the first one decides.
+        study: the study that it belongs to.
 
     Raises:
         StudyError: a folder or disk that refuses.
     """
     from pyarrow import parquet
 
-    with _kept(path, keep), whole_file(path, not keep) as file:
-        parquet.write_table(table, file, compression="zstd")
+    held = {key: value for key, value in (table.schema.metadata or {}).items() if key != NOTE}
+    note = {"table": path.stem, "study": study, "digest": digest_of(table)}
+    noted = table.replace_schema_metadata(held | {NOTE: json.dumps(note).encode()})
+    with _kept(path, keep), whole_file(path, not keep, PATIENCE) as file:
+        parquet.write_table(noted, file, compression="zstd", write_page_checksum=True)
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's bytes.
+
+    Raises:
+        StudyError: it cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read ({reason(error)})") from None
 
 
 def write_text(path: Path, text: str, keep: bool = False) -> None:

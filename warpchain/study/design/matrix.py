@@ -69,6 +69,7 @@ def _columns(study: Study, source: str | Path) -> dict[str, list[Any]]:
     if design.count is not None:
         points = _sampled(study, len(axes), source)
         return {f.name: values_of.from_unit(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
+    _check_count(design.center or 0, source)
     if design.kind == "central-composite":
         points = central_composite(len(axes), design.axial or "face", 1 if design.center is None else design.center)
     else:
@@ -178,6 +179,9 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
     _check_count(table.num_rows, path)
     columns = {name: table[name].to_pylist() for name in wanted}
     for name, values in columns.items():
+        kind = table.schema.field(name).type
+        if values and not {type(value) for value in values} <= {bool, int, float, str, type(None)}:
+            raise StudyError(f"{path}: column {name}: holds {kind}; allowed are numbers, texts and switches")
         for i, value in enumerate(values):
             if value is None or (isinstance(value, float) and not math.isfinite(value)):
                 shown = "empty" if value is None else value
@@ -194,7 +198,11 @@ def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None
     arrays: list[pa.Array] = [pa.array(range(len(reasons)), pa.int64())]
     for factor in study.factors:
         column = columns[factor.name]
-        arrays.append(pa.array(column, _kind(column)))
+        try:
+            arrays.append(pa.array(column, _kind(column)))
+        except (TypeError, OverflowError, pa.ArrowException) as error:
+            line = str(error).splitlines()[0]
+            raise StudyError(f"factors.{factor.name}: its values make no column ({line})") from None
         fields.append(pa.field(factor.name, arrays[-1].type, metadata={"role": "factor", "unit": factor.unit or ""}))
     statuses = ["planned" if reason is None else "infeasible" for reason in reasons]
     arrays += [pa.array(statuses, pa.string()), pa.array(reasons, pa.string())]
@@ -207,6 +215,8 @@ def _kind(column: list[Any]) -> Any:
     import pyarrow as pa
 
     types = {type(value) for value in column if value is not None}
+    if len(types) > 1 and not types <= {int, float}:
+        raise TypeError(f"values of several kinds: {', '.join(sorted(kind.__name__ for kind in types))}")
     if types <= {bool} and types:
         return pa.bool_()
     if types <= {str} and types:

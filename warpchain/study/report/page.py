@@ -30,6 +30,7 @@ p, ul { margin: 0.4rem 0; max-width: 75ch; }
 .counts div { border-radius: 8px; padding: 0.5rem 1.1rem; background: #eef2f6; min-width: 7rem; }
 .counts b { font-size: 1.6rem; display: block; }
 .counts .ok { background: #e3f3e8; }
+.counts .suspect { background: #fdeed8; }
 .counts .infeasible { background: #fdf3d8; }
 .counts .diverged { background: #fbe3e4; }
 .wide { overflow-x: auto; }

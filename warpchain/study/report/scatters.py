@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.errors import StudyError
-from warpchain.files import refusals, whole_file
 from warpchain.results.run import Trajectory
 from warpchain.study.analysis.pareto import pareto_front
 from warpchain.study.report.sections import telling_metrics
@@ -20,6 +19,7 @@ from warpchain.view.colors import BEST, CURVES, OTHERS, SHOWN
 from warpchain.view.rerun.chart import BACKGROUND, Chart
 from warpchain.view.rerun.columns import entity
 from warpchain.view.rerun.drive import log_drive, shown_frames, tension_top
+from warpchain.view.rerun.save import saved
 from warpchain.view.rerun.scatter import INPUTS, METRICS, Dots, Quantity, log_scatter
 from warpchain.view.rerun.series import GROUPS, log_curves
 
@@ -66,11 +66,8 @@ def view_study(
             stream.disconnect()
         return
     target = Path(save)
-    with refusals(target, StudyError), whole_file(target) as file:
-        stream.save(file.name)
+    with saved(stream, target, StudyError):
         stream.send_blueprint(log_study(stream, results, recorded or {}, factors, metrics, objectives))
-        stream.flush()
-        stream.disconnect()
 
 
 def log_study(
@@ -130,7 +127,7 @@ def log_scatters(
     if not across or not up:
         raise StudyError("nothing to draw: needs a factor and a metric that hold numbers and vary")
     front = pareto_front(results, objectives) if objectives else np.zeros(0, dtype=np.intp)
-    played = np.flatnonzero(np.isin(results.variants, list(recorded)))
+    played = np.flatnonzero(results.ok & np.isin(results.variants, list(recorded)))
     groups = [  # each variant once, so that dots do not cover each other
         Dots("variants", OTHERS, 2.5, np.setdiff1d(np.flatnonzero(results.ok), np.union1d(front, played))),
         Dots("Pareto front", BEST, 4.0, np.setdiff1d(front, played)),

@@ -153,13 +153,13 @@ def _inputs(results: Results) -> page.Section:
 def _ends(results: Results) -> page.Section:
     reasons = results.reasons()
     if not reasons:
-        return page.section("ends", "How the variants ended", page.text("Every variant ran to its end."))
+        return page.section("ends", "How the variants ended", page.text("Every variant is ok."))
     return page.section(
         "ends",
         "How the variants ended",
         page.text(
-            "Infeasible variants could not be run as drawn; diverged ones were stopped when their motion ran away. "
-            "Neither takes part in what follows."
+            "Infeasible variants could not be run as drawn; diverged ones were stopped when their motion ran away; "
+            "suspect ones are beyond a limit of the study. None of them takes part in what follows."
         ),
         page.table(("status", "reason (of the first one, where only its numbers differ)", "variants"), reasons[:25]),
         page.text(f"{len(reasons) - 25} further reasons are in the table.") if len(reasons) > 25 else "",

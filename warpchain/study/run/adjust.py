@@ -79,7 +79,7 @@ def _wanted(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> float:
         raise StudyError(f"adjust.{key} = {value_text(asked)}: {error}") from None
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise StudyError(f"adjust.{key} = {value_text(asked)}: {value} is not a finite number")
-    strain = float(value) if key == "strain" else value / (drive.chain.stiffness * drive.chain.pitch)
+    strain = float(value) if key == "strain" else value / (drive.chain.mean_stiffness * drive.chain.pitch)
     if abs(strain) > MAX_STRAIN or (key == "preload" and value < 0.0):
         raise StudyError(f"adjust.{key} = {value:g}: a strain of {strain:g}; allowed is within {MAX_STRAIN:g}")
     return strain

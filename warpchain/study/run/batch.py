@@ -44,18 +44,12 @@ class Variant:
 
     @property
     def status(self) -> str:
-        """ "ok", "diverged" or "infeasible"."""
-        if self.metrics is None:
-            return "infeasible"
-        return "diverged" if self.metrics["diverged"] else "ok"
+        """As it is judged, or "infeasible" where it gave no metrics."""
+        return "infeasible" if self.metrics is None else str(self.metrics["status"])
 
     def outcome(self) -> str | None:
-        """Why it is not ok."""
-        if self.status == "diverged":
-            assert self.metrics is not None  # its status
-            time = self.metrics["diverged_time"]
-            return f"diverged at {time:.4g} s: take a smaller step (run.step) or a higher impact_speed_floor"
-        return self.reason
+        """Why it is not ok, None where it is."""
+        return self.reason if self.metrics is None else self.metrics["reason"] or None
 
 
 def simulate_variants(
@@ -192,6 +186,7 @@ def _attempt(
             progress=tell,
             archive=archive,
             overwrite=True,
+            limits=study.limits,
             **options,
         )
     except (DriveError, SimulationError) as error:

@@ -2,7 +2,7 @@
 
     study.toml  drive.toml   the study and its base drive, as they were when the folder was made
     design.parquet           a row a variant
-    plan.json                how rows are cut into shards
+    plan.json                how rows are cut into shards, and digests of the files above and of itself
     shards/NNNNN.parquet     inputs and metrics of a shard's rows: it is done when this is there
     shards/NNNNN.mcap        its recorded variants
     results.parquet          the whole table, once all shards are done
@@ -13,20 +13,24 @@ machines may work in one folder.
 
 from __future__ import annotations
 
+import hashlib
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.errors import StudyError
 from warpchain.study.spec import Study, dumps_study, load_study
-from warpchain.study.store import read_table, write_table, write_text
+from warpchain.study.store import file_digest, read_table, write_table, write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 FORMAT = 1
+FIXED = ("study.toml", "drive.toml", "design.parquet")
+"""The files that a plan stands on."""
 WORST = "worst"
 """Name of the shard that records the worst variants in a second pass."""
 
@@ -41,6 +45,8 @@ class Folder:
         drive: its base drive.
         rows: number of rows of the design.
         shard: number of rows of a shard; the last one may have fewer.
+        identity: the plan's digest, which the study's tables bear; "" in folders of earlier versions.
+        digests: SHA-256 of the files that the plan stands on.
     """
 
     path: Path
@@ -48,6 +54,8 @@ class Folder:
     drive: Drive
     rows: int
     shard: int
+    identity: str = ""
+    digests: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def shards(self) -> range:
@@ -76,8 +84,36 @@ class Folder:
         return min(self.shard, self.rows - shard * self.shard)
 
     def design(self) -> pa.Table:
-        """The whole design."""
-        return read_table(self.path / "design.parquet")
+        """The whole design.
+
+        Raises:
+            StudyError: it is missing, damaged, or has another number of rows.
+        """
+        _check(self.path, self.digests, "design.parquet")
+        table = read_table(self.path / "design.parquet")
+        if table.num_rows != self.rows:
+            raise StudyError(f"{self.path / 'design.parquet'}: has {table.num_rows} rows, the plan {self.rows}")
+        return table
+
+    def table(self, shard: int | str, columns: list[str] | None = None) -> pa.Table:
+        """A shard's table, or chosen columns of it.
+
+        Raises:
+            StudyError: it is missing, damaged, or another one's.
+        """
+        path = self.table_path(shard)
+        table = read_table(path, columns, self.identity or None)
+        if isinstance(shard, int) and table.num_rows != self.size(shard):
+            raise StudyError(f"{path}: has {table.num_rows} rows, its shard {self.size(shard)}")
+        return table
+
+    def write(self, path: Path, table: pa.Table) -> None:
+        """Writes one of the study's tables.
+
+        Raises:
+            StudyError: a folder or disk that refuses.
+        """
+        write_table(path, table, study=self.identity)
 
     def recorded(self) -> frozenset[int]:
         """Variants that are recorded when they are first simulated."""
@@ -112,7 +148,9 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
         write_text(path / "study.toml", dumps_study(fixed), keep=True)
         write_text(path / "drive.toml", dumps_drive(drive), keep=True)
         write_table(path / "design.parquet", design, keep=True)
-        plan = {"format": FORMAT, "rows": design.num_rows, "shard": shard}
+        digests = {name: file_digest(path / name) for name in FIXED}
+        plan: dict[str, Any] = {"format": FORMAT, "rows": design.num_rows, "shard": shard, "digests": digests}
+        plan["digest"] = _identity(plan)
         write_text(path / "plan.json", json.dumps(plan) + "\n", keep=True)
     folder = open_folder(path)
     differing = [name for name in Study.model_fields if getattr(folder.study, name) != getattr(fixed, name)]
@@ -136,11 +174,29 @@ def open_folder(path: Path) -> Folder:
     try:
         plan = json.loads((path / "plan.json").read_text())
         known = plan["format"] == FORMAT
-        rows, shard = int(plan["rows"]), int(plan["shard"])
+        rows, shard, digests = int(plan["rows"]), int(plan["shard"]), dict(plan.get("digests", {}))
+        identity = plan.get("digest", "")
+        if identity != (_identity(plan) if digests else "") or rows < 0 or shard < 1:
+            raise ValueError("its digest is wrong")
     except OSError:
         raise StudyError(f"{path}: not a study's folder; make one with: warpchain study run") from None
     except (ValueError, KeyError, TypeError):
         raise StudyError(f"{path / 'plan.json'}: damaged") from None
     if not known:
         raise StudyError(f"{path / 'plan.json'}: format {plan['format']!r} is not known to this version ({FORMAT})")
-    return Folder(path, load_study(path / "study.toml"), load_drive(path / "drive.toml"), rows, shard)
+    for name in ("study.toml", "drive.toml"):
+        _check(path, digests, name)
+    study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
+    return Folder(path, study, drive, rows, shard, identity, digests)
+
+
+def _identity(plan: Mapping[str, Any]) -> str:
+    """Digest of a plan, which tells a study's tables from others'."""
+    text = json.dumps({name: value for name, value in plan.items() if name != "digest"}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _check(path: Path, digests: Mapping[str, str], name: str) -> None:
+    """Refuses a file of a folder that is not what the plan was made with."""
+    if name in digests and file_digest(path / name) != digests[name]:
+        raise StudyError(f"{path / name}: was changed or is damaged; give another folder")

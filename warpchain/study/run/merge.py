@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.files import leftovers, sweep
 from warpchain.results.fatigue import Woehler
+from warpchain.results.judgement import common_reasons
 from warpchain.study.columns import ARCHIVED, OUTCOME
-from warpchain.study.reasons import common_reasons
-from warpchain.study.results import read_results
+from warpchain.study.results import STATUSES, read_results
 from warpchain.study.run.folder import WORST, Folder, open_folder
 from warpchain.study.run.recordings import with_recorded_objectives
 from warpchain.study.run.shards import run_worst
 from warpchain.study.spec import Study
-from warpchain.study.store import read_table, write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -62,11 +62,11 @@ def study_status(out: str | os.PathLike[str]) -> Outcome:
     """
     folder = open_folder(Path(out))
     done = [shard for shard in folder.shards if folder.done(shard)]
-    counts = dict.fromkeys(("ok", "diverged", "infeasible"), 0)
+    counts = dict.fromkeys(STATUSES, 0)
     ended: list[tuple[str, str]] = []
     for shard in done:
-        for row in read_table(folder.table_path(shard), list(OUTCOME)).to_pylist():
-            counts[row["status"]] += 1
+        for row in folder.table(shard, list(OUTCOME)).to_pylist():
+            counts[row["status"]] = counts.get(row["status"], 0) + 1
             if row["reason"] is not None:
                 ended.append((row["status"], row["reason"]))
     table = folder.results if folder.results.exists() else None
@@ -101,7 +101,7 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
 
 
 def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]) -> Outcome:
-    """The second pass, and the whole table; what ended processes have left behind is swept away."""
+    """The second pass, and the whole table; what processes have left behind that have ended is swept away."""
     table = _joined(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
@@ -111,14 +111,13 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
             else:
                 with workers_named(folder):
                     executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
-        table = _with_archives(table, read_table(folder.table_path(WORST)))
+        table = _with_archives(table, folder.table(WORST))
     fatigue = folder.study.fatigue
     if fatigue is not None:
         curve = Woehler(fatigue.exponent, fatigue.range, fatigue.cycles)
         table = with_recorded_objectives(read_results(table), folder.path, curve).table
-    write_table(folder.results, table)
-    for leftover in folder.path.glob("**/.*.partial"):
-        leftover.unlink(missing_ok=True)
+    folder.write(folder.results, table)
+    sweep(leftovers(folder.path))
     return study_status(folder.path)
 
 
@@ -126,7 +125,7 @@ def _joined(folder: Folder) -> pa.Table:
     """The tables of all shards, one after the other."""
     import pyarrow as pa
 
-    tables = [read_table(folder.table_path(shard)) for shard in folder.shards]
+    tables = [folder.table(shard) for shard in folder.shards]
     return pa.concat_tables(tables, promote_options="default").combine_chunks()
 
 

@@ -18,7 +18,6 @@ from warpchain.study.columns import ADJUSTED, ARCHIVED, OUTCOME, RUN_COLUMNS
 from warpchain.study.run.batch import Report, Variant, simulate_variants
 from warpchain.study.run.folder import WORST, Folder, open_folder
 from warpchain.study.spec import Study
-from warpchain.study.store import write_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -73,7 +72,7 @@ def _write(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands of offset links need no line each
         simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
-    write_table(folder.table_path(shard), results_table(study, rows, variants))
+    folder.write(folder.table_path(shard), results_table(study, rows, variants))
 
 
 def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:
@@ -114,7 +113,7 @@ def _kept(study: Study, variants: Sequence[Variant]) -> list[dict[str, Any]]:
     """The metrics that the study keeps, of each variant."""
     patterns = kept_patterns(study)
     names = dict.fromkeys(name for variant in variants for name in variant.metrics or ())
-    dropped = {"variant", "diverged"}
+    dropped = {"variant", "diverged", *OUTCOME}
     kept = {name for name in names if name not in dropped and any(fnmatchcase(name, p) for p in patterns)}
     return [{n: value for n, value in (variant.metrics or {}).items() if n in kept} for variant in variants]
 

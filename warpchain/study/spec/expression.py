@@ -76,7 +76,10 @@ class Expression:
             StudyError: no value, such as a division by zero; the message says why.
         """
         try:
-            return _value(self._tree, values)
+            found = _value(self._tree, values)
+            if isinstance(found, int) and abs(found) >= 2**63:
+                raise _Wrong("a whole number beyond 64 bits")
+            return found
         except (_Wrong, ArithmeticError, ValueError, TypeError) as error:
             raise StudyError(str(error).splitlines()[0] if str(error) else "no value") from None
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from warpchain.drive.part import BARE, Direction, Part, Positive, Problem, Text, Value, allowed, get, numbers
+from warpchain.drive.part import BARE, Direction, Part, Positive, Problem, Text, Value, allowed, elements, get, numbers
 from warpchain.results.channels import NAMES
 from warpchain.study.spec.factor import Texts, _plain
 
@@ -15,7 +15,7 @@ SAMPLED = ("latin-hypercube", "sobol", "halton")
 KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table")
 _KINDS_TEXT = "must be " + ", ".join(f'"{kind}"' for kind in KINDS[:-1]) + f' or "{KINDS[-1]}"'
 
-Count = Annotated[int, Field(strict=True, ge=1, le=100_000_000), Value("must be an integer of at least 1")]
+Count = Annotated[int, Field(strict=True, ge=1, le=100_000_000), Value("must be an integer of at least 1, and at most 100000000")]
 Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
 Wholes = Annotated[
     tuple[Annotated[int, Field(strict=True, ge=0)], ...],
@@ -198,7 +198,7 @@ class Recording(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        for i, channel in enumerate(get(node, "channels") or ()):
+        for i, channel in enumerate(elements(node, "channels")):
             if channel not in NAMES:
                 yield Problem(("channels", i), channel, f"must be one of {', '.join(NAMES)}")
 

@@ -43,6 +43,8 @@ def name_rules(node: Any) -> Iterator[Problem]:
     used = {name for _, expression in _expressions(node) for name in expression.names}
     for i, factor in enumerate(factors):
         name = get(factor, "name")
+        if not isinstance(name, str):
+            continue  # its own rule says so
         if name in names:
             yield Problem(("factors", i, "name"), name, "must be unique among factors")
         names.add(name)
@@ -79,7 +81,7 @@ def _expressions(node: Any) -> Iterator[tuple[tuple[str | int, ...], Expression]
 
 def expression_rules(node: Any) -> Iterator[Problem]:
     """Expressions are arithmetic of known factors, and none needs itself."""
-    factors = [get(factor, "name") for factor in elements(node, "factors")]
+    factors = [str(get(factor, "name")) for factor in elements(node, "factors")]
     for path, text in _texts(node):
         if not isinstance(text, str):
             continue

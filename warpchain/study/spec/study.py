@@ -15,6 +15,7 @@ from warpchain.drive import toml as drive_toml
 from warpchain.drive.part import Allowed, Part, Problem, Text
 from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text
+from warpchain.results.judgement import Limits
 from warpchain.study.spec.factor import Factor
 from warpchain.study.spec.parts import Adjust, Constraint, Design, Fatigue, Keep, Recording, RunOptions
 from warpchain.study.spec.rules import design_rules, expression_rules, fatigue_rules, name_rules
@@ -47,6 +48,7 @@ class Study(Part):
         metrics: which metrics are kept.
         record: which variants are recorded in full.
         fatigue: of a link; with it, recorded variants have the objectives of `results.objectives` in the table.
+        limits: what a variant may come to and still be ok.
 
     Raises:
         DriveError: with one line for each value that is wrong (`load_study` makes it a StudyError).
@@ -61,6 +63,7 @@ class Study(Part):
     metrics: Keep = Keep()
     record: Recording = Recording()
     fatigue: Fatigue | None = None
+    limits: Limits = Limits()
 
     @classmethod
     def _source(cls) -> str:

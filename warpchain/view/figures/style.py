@@ -68,6 +68,20 @@ def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: 
     axis.plot(x[kept], y[kept], **{"lw": 0.8, **style})
 
 
+def _without_math(figure: Figure) -> None:
+    """Makes texts mean themselves: names of parts may hold any character. Numbers at ticks keep their powers of ten."""
+    from matplotlib.text import Text
+
+    ticks = {
+        text
+        for axis in figure.axes
+        for line in (axis.xaxis, axis.yaxis)
+        for text in (*line.get_ticklabels(which="both"), line.get_offset_text())
+    }
+    for text in figure.findobj(Text):
+        text.set_parse_math(text in ticks)
+
+
 def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str | Sequence[str]) -> list[Path]:
     """Writes figures; each appears under its name only when whole.
 
@@ -88,6 +102,7 @@ def save_figures(figures: Mapping[str, Figure], folder: str | Path, kinds: str |
     with refusals(target, ArchiveError):
         target.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():
+            _without_math(figure)
             for kind in wanted:
                 style = matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name})
                 paths.append(target / f"{name}.{kind}")

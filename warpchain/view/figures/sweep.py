@@ -58,7 +58,7 @@ class Sweep:
 
 
 def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") -> list[Sweep]:
-    """The spectra of every strand over all recorded variants of runs or archives, from the latter half of each.
+    """The spectra of every strand over the recorded variants of runs or archives that are ok, in the latter halves.
 
     Args:
         signal: one of `SIGNALS`.
@@ -73,7 +73,7 @@ def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") ->
         raise SimulationError(f"signal {signal!r}: allowed are {', '.join(SIGNALS)}")
     label, values_of = SIGNALS[signal]
     runs = [source if isinstance(source, Run) else read_archive(source) for source in sources]
-    found = [run[variant] for run in runs for variant in run]
+    found = [run[variant] for run in runs for variant in run if run.ok[variant]]
     for trajectory in found:
         for channel in ("position", "tension", "sprocket_speed"):
             if getattr(trajectory, channel) is None:
@@ -158,7 +158,7 @@ def campbell_figure(found: Sequence[Sweep], highest: float | None = None) -> Fig
             words = f"order {order:g} of the driver, excited by a motion or load"
             axis.plot(sweep.speed, order * sweep.speed / 60.0, ":", lw=1.2, color="white", label=words)
         if sweep.natural is not None:
-            words = "first transverse frequency at the mean tension, chain at rest"
+            words = "first transverse frequency at the mean tension, chain moving"
             axis.plot(sweep.speed, sweep.natural, "o-", ms=3, lw=1.0, color=LINES[3], label=words)
         axis.set_ylim(0.0, top)
         axis.grid(False)

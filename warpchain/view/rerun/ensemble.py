@@ -76,7 +76,7 @@ def _varied_metrics(run: Run) -> Values:
     for name in first_metrics(run.drives[0]):
         if name in run.metrics.column_names and len(found) < METRICS:
             values: Any = run.metrics[name].to_numpy(zero_copy_only=False)
-            values = np.asarray(values, dtype=float)
+            values = np.where(run.ok, np.asarray(values, dtype=float), np.nan)
             finite = values[np.isfinite(values)]
             if len(finite) > 1 and np.ptp(finite) > 0.0:
                 found[name] = values

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.files import refusals, whole_file
 from warpchain.results.run import Run
 from warpchain.view.chosen import NEEDED, Recorded, to_compare
 from warpchain.view.colors import CURVES, Color, shades
@@ -21,6 +20,7 @@ from warpchain.view.rerun.columns import entity
 from warpchain.view.rerun.drive import log_drive, log_outline, shown_frames, tension_top
 from warpchain.view.rerun.ensemble import log_ensemble
 from warpchain.view.rerun.layout import blueprint
+from warpchain.view.rerun.save import saved
 from warpchain.view.rerun.series import Line, log_curves, log_spectra, log_tension_image, spectra
 
 if TYPE_CHECKING:
@@ -124,8 +124,5 @@ def _stream() -> rr.RecordingStream:
 
 def _save(shown: Sequence[Recorded], target: Path, frames: int, tab: str | None) -> None:
     stream = _stream()
-    with refusals(target, ArchiveError), whole_file(target) as file:
-        stream.save(file.name)
+    with saved(stream, target, ArchiveError):
         stream.send_blueprint(log_recording(stream, shown, frames, tab))
-        stream.flush()
-        stream.disconnect()

@@ -20,6 +20,16 @@ from warpchain.errors import SimulationError
 if TYPE_CHECKING:
     import rerun as rr
 
+WATCH = """
+import os, select, signal, subprocess, sys
+viewer = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL)
+while viewer.poll() is None:
+    if select.select([0], [], [], 0.2)[0] and not os.read(0, 1):
+        os.killpg(0, signal.SIGTERM)
+sys.exit(viewer.returncode)
+"""
+"""A process between this one and the viewer: it ends both when its standard input, which this one holds open, closes;
+whatever ends this process closes that."""
 DATA_PORT, PAGE_PORT = 9876, 9090
 """Ports that are tried first: of the data, of the web page."""
 PATIENCE = 30.0
@@ -60,7 +70,7 @@ def _family(address: str) -> socket.AddressFamily:
 
 class Viewer:
     """A viewer in a session of its own. At the end of a `with` block a native one stays open, the web viewer is served
-    until interrupted, and a headless one ends.
+    until interrupted, and a headless one ends; those two end with this process, however that ends.
 
     Args:
         address: IP address to listen at, such as "127.0.0.1".
@@ -87,9 +97,11 @@ class Viewer:
             "headless": ["--headless", "--hide-welcome-screen"],
         }
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 (read when the viewer has ended)
+        words = [executable(), "--bind", address, "--port", str(port), *options[kind]]
+        watched = kind != "native"
         self._process = subprocess.Popen(
-            [executable(), "--bind", address, "--port", str(port), *options[kind]],
-            stdin=subprocess.DEVNULL,
+            [sys.executable, "-c", WATCH, *words] if watched else words,
+            stdin=subprocess.PIPE if watched else subprocess.DEVNULL,
             stdout=self._said,
             stderr=subprocess.STDOUT,
             start_new_session=True,
@@ -126,6 +138,8 @@ class Viewer:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGTERM)
         self._process.wait()
+        if self._process.stdin is not None:
+            self._process.stdin.close()
 
     def __enter__(self) -> Self:
         return self

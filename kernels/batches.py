@@ -1,0 +1,29 @@
+"""The window cut into batches of about equal length, at whose ends sums are noted.
+
+With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of
+`STRAND_EVERY` and at least a + k W / BATCHES, before that step is added. The window's end gives the last batch; a
+window of fewer than BATCHES * STRAND_EVERY steps has no batches.
+"""
+
+import warp as wp
+
+from .structs import Drive
+from .sums import STRAND_EVERY
+
+BATCHES = wp.constant(20)
+NOTES = wp.constant(19)
+"""Notes that are taken in a window."""
+
+
+@wp.func
+def batches_ended(drive: Drive, step: int):
+    """Batches that have ended at `step`, of those at whose ends notes are taken."""
+    since = wp.int64(wp.max(step - drive.window_start, 0))
+    window = wp.int64(wp.max(drive.window_end - drive.window_start, 1))
+    return wp.min(wp.int32(since * wp.int64(BATCHES) // window), NOTES)
+
+
+@wp.func
+def notes_due(drive: Drive, step: int):
+    """The first note to take at `step`, a multiple of `STRAND_EVERY` in the window, and the one after the last."""
+    return batches_ended(drive, step - STRAND_EVERY), batches_ended(drive, step)

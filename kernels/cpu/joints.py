@@ -1,0 +1,166 @@
+"""The CPU kernel's passes for chains whose joints rub or whose links differ, and what friction dissipates.
+
+Plain loops over rows, as in `rollers`: joint n is joint 0 again, link i's values of two components stand at i + 1.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..physics.joint import couple_force, joint_moment, rubbing_moment, turning
+from ..physics.link import link_chain, link_force, played_force
+from ..rows import accessors
+from ..structs import types
+from .rollers import passes, rows
+
+
+@dataclass(frozen=True)
+class JointPasses:
+    """The passes over the joints of one variant."""
+
+    pull_links: wp.Function
+    pull_uneven: wp.Function
+    rub_joints: wp.Function
+    bend_links: wp.Function
+    friction_power: wp.Function
+
+
+@cache
+def joint_passes(Real: type, capacity: int) -> JointPasses:
+    """The passes over the joints of one variant, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    vec2 = kinds.vec2
+    part = passes(Real, capacity)
+    apart, close, acceleration = part.apart, part.close, part.acceleration
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    at = rows(capacity)
+    VX, VY, LINK_X, LINK_Y, LENGTH = at.vx, at.vy, at.link_x, at.link_y, at.length
+    TENSION, RATE, TURN, MOMENT, BEND_X, BEND_Y = at.tension, at.rate, at.turn, at.moment, at.bend_x, at.bend_y
+    FX, FY, SPROCKET_FORCE, GUIDE_FORCE = at.fx, at.fy, at.sprocket_force, at.guide_force
+
+    @wp.func
+    def store_link(w: wp.array[Real], i: int, tension: Real, rate: Real, u: vec2):
+        """Link i's tension and force; contact forces start at zero."""
+        store_row(w, TENSION + i, tension)
+        store_row(w, RATE + i, rate)
+        store_row(w, LINK_X + i + 1, tension * u[0])
+        store_row(w, LINK_Y + i + 1, tension * u[1])
+        store_row(w, FX + i, Real(0.0))
+        store_row(w, FY + i, Real(0.0))
+        store_row(w, SPROCKET_FORCE + i, Real(0.0))
+        store_row(w, GUIDE_FORCE + i, Real(0.0))
+
+    @wp.func
+    def store_turning(w: wp.array[Real], i: int, d: vec2, v: vec2):
+        """How link i turns."""
+        lever, turn = turning(d, v)
+        store_row(w, TURN + i, turn)
+        store_row(w, BEND_X + i + 1, lever[0])
+        store_row(w, BEND_Y + i + 1, lever[1])
+
+    @wp.func
+    def pull_links(w: wp.array[Real], n: int, chain: kinds.Chain):
+        """Tension and force of every link, and how it turns; contact forces start at zero."""
+        close(w, n)
+        i = int(0)
+        while i < n:
+            d = apart(w, i)
+            v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
+            tension, rate, u = link_force(d, v, load_row(w, LENGTH + i), chain.stiffness, chain.damping)
+            store_link(w, i, tension, rate, u)
+            store_turning(w, i, d, v)
+            i = i + 1
+
+    @wp.func
+    def pull_uneven(w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links):
+        """The same where links differ or have play."""
+        close(w, n)
+        i = int(0)
+        while i < n:
+            d = apart(w, i)
+            v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
+            mine = link_chain(i, chain, links)
+            tension, rate, u = played_force(d, v, load_row(w, LENGTH + i), links.play, mine)
+            store_link(w, i, tension, rate, u)
+            store_turning(w, i, d, v)
+            i = i + 1
+        store_row(w, LINK_X, load_row(w, LINK_X + n))
+        store_row(w, LINK_Y, load_row(w, LINK_Y + n))
+
+    @wp.func
+    def rub_evenly(w: wp.array[Real], n: int, joint: kinds.Joint):
+        """The moment of every joint, of one coefficient at all speeds: a loop of its own, which vectorizes."""
+        mu = joint.law.mu_dynamic
+        i = int(0)
+        while i < n:
+            before = load_row(w, TENSION + i)
+            after = load_row(w, TENSION + i + 1)
+            moment = rubbing_moment(mu, before, load_row(w, TURN + i), after, load_row(w, TURN + i + 1), joint)
+            store_row(w, MOMENT + i + 1, moment)
+            i = i + 1
+
+    @wp.func
+    def rub_by_speed(w: wp.array[Real], n: int, joint: kinds.Joint):
+        """The same, of a coefficient that depends on the speed."""
+        i = int(0)
+        while i < n:
+            before = load_row(w, TENSION + i)
+            after = load_row(w, TENSION + i + 1)
+            moment = joint_moment(before, load_row(w, TURN + i), after, load_row(w, TURN + i + 1), joint)
+            store_row(w, MOMENT + i + 1, moment)
+            i = i + 1
+
+    @wp.func
+    def rub_joints(w: wp.array[Real], n: int, joint: kinds.Joint):
+        """The moment of every joint."""
+        store_row(w, TENSION + n, load_row(w, TENSION))
+        store_row(w, TURN + n, load_row(w, TURN))
+        if joint.law.mu_static == joint.law.mu_dynamic:
+            rub_evenly(w, n, joint)
+        else:
+            rub_by_speed(w, n, joint)
+        store_row(w, MOMENT, load_row(w, MOMENT + n))
+
+    @wp.func
+    def bend_links(w: wp.array[Real], n: int):
+        """Adds the force of its joints' couple to every link's."""
+        i = int(0)
+        while i < n:
+            lever = vec2(load_row(w, BEND_X + i + 1), load_row(w, BEND_Y + i + 1))
+            force = couple_force(load_row(w, MOMENT + i), load_row(w, MOMENT + i + 1), lever)
+            store_row(w, BEND_X + i + 1, force[0])
+            store_row(w, BEND_Y + i + 1, force[1])
+            store_row(w, LINK_X + i + 1, load_row(w, LINK_X + i + 1) + force[0])
+            store_row(w, LINK_Y + i + 1, load_row(w, LINK_Y + i + 1) + force[1])
+            i = i + 1
+        for row in range(2):
+            store_row(w, LINK_X + row * wp.static(capacity), load_row(w, LINK_X + row * wp.static(capacity) + n))
+            store_row(w, BEND_X + row * wp.static(capacity), load_row(w, BEND_X + row * wp.static(capacity) + n))
+
+    @wp.func
+    def friction_power(w: wp.array[Real], n: int, chain: kinds.Chain, lag: Real):
+        """Power that the joints dissipate [W], at the mean of the velocities before and after a leapfrog kick.
+
+        `lag` is the time from the velocities' instant to that of the forces, half a step.
+        """
+        total = wp.float64(0.0)
+        i = int(0)
+        while i < n:
+            a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+            force = vec2(
+                load_row(w, BEND_X + i + 1) - load_row(w, BEND_X + i),
+                load_row(w, BEND_Y + i + 1) - load_row(w, BEND_Y + i),
+            )
+            velocity = vec2(load_row(w, VX + i) + lag * a[0], load_row(w, VY + i) + lag * a[1])
+            total -= wp.float64(wp.dot(force, velocity))
+            i = i + 1
+        return total
+
+    return JointPasses(
+        pull_links=pull_links,
+        pull_uneven=pull_uneven,
+        rub_joints=rub_joints,
+        bend_links=bend_links,
+        friction_power=friction_power,
+    )

@@ -1,0 +1,94 @@
+"""What a block takes for statistics every `STRAND_EVERY` steps: tensions by size, slips, notes of sums."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..batches import NOTES, notes_due
+from ..rows import accessors
+from ..slip import follow_slip, mid_wrap
+from ..structs import Drive, types
+from ..sum_structs import ChainNote, StrandNote, Sums, Tallies
+from ..tension_bins import BINS, count_tension
+from .block_kind import BlockKind, Mine
+from .block_observe import block_observing
+from .block_rows import block_rows
+
+
+@dataclass(frozen=True)
+class StatisticsFunctions:
+    """What takes a block's statistics."""
+
+    look: wp.Function
+    note: wp.Function
+
+
+@wp.func
+def seen_on(drive: Drive, tallies: Tallies, category: int):
+    """Tensions that links have seen on a strand so far, link by link in order, whatever the block's threads."""
+    note = StrandNote()
+    first = drive.first_tally + category * drive.rollers
+    for at in range(first, first + drive.rollers):
+        note.links = note.links + tallies.link[at].samples
+        note.tension = note.tension + tallies.link[at].tension
+    return note
+
+
+@cache
+def block_statistics(kind: BlockKind) -> StatisticsFunctions:
+    """The functions that take one variant's statistics on a block."""
+    Real, threads, sprockets, moving = kind.Real, kind.threads, kind.sprockets, kind.moving
+    kinds, row, observe = types(Real), block_rows(kind), block_observing(kind)
+    link_of, load_row, category_of = row.link_of, accessors(Real).load_row, observe.category_of
+
+    @wp.func
+    def look(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, mine: Mine):
+        """Counts tensions of the thread's links, and follows its sprocket's slips; strands are as they were."""
+        n = mine.rollers
+        drive = ensemble.drives[mine.variant]
+        j = int(mine.thread)
+        while j < n:
+            tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
+            at = (drive.first_sprocket + mine.variant + category_of(shared, j, n)) * BINS
+            count_tension(sums.tension_counts, at, tension, drive.tension_scale)
+            j = j + wp.static(threads)
+        s = mine.sprocket
+        if s >= 0:
+            before = shared.strands[wp.where(s > 0, s, wp.static(sprockets)) - 1]
+            roller = mid_wrap(before, shared.strands[s], n)
+            seat = state.seat[mine.memory + s * n + roller]
+            slip = sums.slip[drive.first_sprocket + s]
+            sums.slip[drive.first_sprocket + s] = follow_slip(
+                slip, roller, seat, shared.teeth[s].teeth, shared.motions[s].sign, n
+            )
+
+    @wp.func
+    def note(ensemble: kinds.Ensemble, tallies: Tallies, sums: Sums, shared: kinds.Shared, mine: Mine, step: int):
+        """Notes the sums at the ends of batches; links on no strand are noted as the chain's, `collect` adds the rest.
+
+        What links have seen must have gone to their tallies, and all threads be past that.
+        """
+        drive = ensemble.drives[mine.variant]
+        first, end = notes_due(drive, step)
+        if end > first:
+            if mine.thread == 0:
+                loose = seen_on(drive, tallies, wp.static(sprockets))
+                for k in range(first, end):
+                    of_chain = ChainNote()
+                    of_chain.tension = loose.tension
+                    of_chain.samples = loose.links
+                    sums.chain_notes[mine.variant * NOTES + k] = of_chain
+            s = mine.sprocket
+            if s >= 0:
+                of_strand = seen_on(drive, tallies, s)
+                of_strand.samples = shared.strand_sums[s].samples
+                of_strand.displacement = shared.strand_sums[s].displacement
+                for k in range(first, end):
+                    at = (drive.first_sprocket + s) * NOTES + k
+                    sums.strand_notes[at] = of_strand
+                    sums.sprocket_notes[at] = shared.sprocket_sums[s]
+                    if wp.static(moving):
+                        sums.mount_notes[at] = shared.mount_sums[s]
+
+    return StatisticsFunctions(look=look, note=note)

@@ -1,0 +1,337 @@
+"""What users get wrong, machines refuse and attackers try, on the command line: one line, exit status 2, at once."""
+
+import os
+import resource
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from command import run as command
+from drives import two_sprockets
+from study_helpers import write_study
+
+from warpchain import Record, read_archive, simulate, write_archive
+from warpchain.archive.mcap_read import MOST_CHUNK, McapIndex
+from warpchain.archive.mcap_write import Chunk, McapFile
+from warpchain.archive.parts import Parts
+from warpchain.drive import dumps_drive
+from warpchain.errors import ArchiveError, WarpchainError
+
+SMALL = ["--set", "run.settle=false", "--set", "run.duration=0.0005", "--quiet"]
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(two_sprockets(duration=0.001, settle="false"), record=Record(rate=2e4))
+
+
+@pytest.fixture
+def archive(run, tmp_path):
+    return write_archive(run, tmp_path / "a.mcap")
+
+
+def refused(capsys, *words, limit=30.0):
+    """The one line that a command is refused with, at once."""
+    begin = time.perf_counter()
+    status, _, err = command(capsys, *words)
+    assert time.perf_counter() - begin < limit
+    assert status == 2, err
+    assert len(err) == 1, err
+    assert err[0].startswith("warpchain: error: ")
+    return err[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--duration", "50000"], "allowed are at most 2147483646"),
+        (["--duration", "1e308"], "allowed are at most 2147483646"),
+        (["--step", "1e-300"], "allowed are at most 2147483646"),
+        (["--rate", "1e-6"], "rate = 1e-06 Hz"),
+        (["--rate", "1e-300"], "rate = 1e-300 Hz"),
+        (["--set", "run.duration=" + "9" * 5000], "run.duration"),
+        (["--set", "sprockets.0.center=[1e8, 0.0]"], "must be within 10000 m of the origin"),
+        (["--set", "sprockets.0.center=[1e300, 0.0]"], "must be within 10000 m of the origin"),
+        (["--set", "sprockets.0.center=[1e308, 1e308]"], "must be within 10000 m of the origin"),
+    ],
+)
+def test_numbers_beyond_all_bounds(capsys, tmp_path, words, told):
+    assert told in refused(capsys, "run", "marine", "-o", tmp_path / "a.mcap", "--quiet", *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["pipe", "nowhere", "folder", "/dev/null", "absent/a"])
+@pytest.mark.parametrize("verb", ["run", "export", "view", "recover"])
+def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_path, kind, verb):
+    target = tmp_path / kind
+    if kind == "pipe":
+        os.mkfifo(target)
+    elif kind == "nowhere":
+        target.symlink_to(tmp_path / "gone" / "a")
+    elif kind == "folder":
+        target.mkdir()
+    before = target.lstat() if target.is_symlink() or target.exists() else None
+    words = {
+        "run": ["run", "marine", "-o", target, *SMALL, "--overwrite"],
+        "export": ["export", archive, "-o", target],
+        "view": ["view", archive, "--save", target],
+        "recover": ["recover", archive, "-o", target, "--overwrite"],
+    }[verb]
+    refused(capsys, *words)
+    if before is not None:
+        assert target.lstat().st_mode == before.st_mode
+        assert target.lstat().st_ino == before.st_ino
+
+
+@pytest.fixture
+def small_disk():
+    """No file may grow past 20 kB: the system answers as a full disk does."""
+    kept = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, kept[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, kept)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.mark.parametrize("verb", ["view", "export", "recover", "plot"])
+def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, archive, tmp_path, small_disk, verb):
+    target = tmp_path / "new"
+    words = {"view": ["view", archive, "--save", target], "plot": ["plot", archive, "-o", target]}
+    line = refused(capsys, *words.get(verb, [verb, archive, "-o", target]), limit=60.0)
+    assert "cannot be written (File too large)" in line
+    assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == ["a.mcap"]
+
+
+@pytest.mark.parametrize("verb", ["view", "export", "recover", "run"])
+def test_a_read_only_file_system_is_one_line(capsys, archive, tmp_path, monkeypatch, verb):
+    """Nothing can be made there, nor removed while it is cleaned up."""
+    plain = os.open
+
+    def read_only(path, flags, *more, **named):
+        if flags & os.O_CREAT and str(path).startswith(str(tmp_path)):
+            raise OSError(30, "Read-only file system")
+        return plain(path, flags, *more, **named)
+
+    def refuse(*_, **__):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(os, "open", read_only)
+    monkeypatch.setattr(os, "unlink", refuse)
+    words = {"view": ["view", archive, "--save"], "run": ["run", "marine", *SMALL, "-o"]}
+    assert "(Read-only file system)" in refused(capsys, *words.get(verb, [verb, archive, "-o"]), tmp_path / "new")
+
+
+@pytest.mark.parametrize("words", [["check", "marine"], ["chains"], ["--version"], ["check", "marine", "--json"]])
+def test_output_on_a_full_device_is_one_line(words):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-m", "warpchain", *words], stdout=full, stderr=-1, text=True)
+    assert done.stderr == "warpchain: error: No space left on device\n"
+    assert done.returncode == 2
+
+
+def test_a_reader_that_has_gone_is_no_error():
+    command = f"{sys.executable} -m warpchain check marine | true; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], stderr=-1, text=True)
+    assert done.stderr == ""
+    assert done.returncode in (0, 1)
+
+
+def test_faults_of_native_code_are_told():
+    code = "import faulthandler; from warpchain import cli; cli.main(['chains']); print(faulthandler.is_enabled())"
+    done = subprocess.run([sys.executable, "-c", code], stdout=-1, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "True"
+
+
+def written(path, run, change):
+    """An archive that some other program made, whose parts are right but for what `change` does to the writer."""
+    from warpchain.archive.options import ArchiveOptions
+
+    with pytest.MonkeyPatch.context() as patch:
+        change(patch)
+        parts = Parts(path, run.drives, [0], run.info, ArchiveOptions(), True, False)
+        parts.finish(run.metrics, run.info)
+    return path
+
+
+@pytest.mark.parametrize(("compression", "encode"), [("zstd", zstandard.compress), ("lz4", lz4.frame.compress)])
+@pytest.mark.parametrize("size", [0, 2**10, 2**32])
+def test_a_small_file_that_opens_to_gigabytes_is_refused(tmp_path, compression, encode, size):
+    """Whatever it says of its size: at most that is ever made, and at most the cap of chunks."""
+    data = encode(bytes(2**30 if size == 2**32 else 2**26))
+    file = McapFile(tmp_path / "b.mcap", "test")
+    file.schema(1, "s", "", b"")
+    file.channel(1, 1, "/a", "", {})
+    file.chunk(Chunk(compression, data, size, 0, 0, 0, {1: np.zeros((1, 2), dtype=np.uint64)}))
+    file.finish()
+    index = McapIndex(tmp_path / "b.mcap")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ArchiveError, match="is damaged"):
+        index.chunk(index.chunks[0])
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**20 // 8  # kilobytes: 128 MiB
+    assert MOST_CHUNK == 2**28
+
+
+@pytest.mark.parametrize("variants", ["0", "-1", "9" * 30, "x"])
+def test_wrong_numbers_of_variants(run, tmp_path, variants):
+    from warpchain.archive import mcap_write
+
+    def change(patch):
+        plain = mcap_write.McapFile.metadata
+        patch.setattr(
+            mcap_write.McapFile,
+            "metadata",
+            lambda self, name, values: plain(
+                self, name, {**values, **({"variants": variants} if "variants" in values else {})}
+            ),
+        )
+
+    with pytest.raises(ArchiveError) as caught:
+        read_archive(written(tmp_path / "b.mcap", run, change))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("key", "value"), [("precision", "float16"), ("values", "V9"), ("channels", "mass mass")])
+def test_wrong_metadata_of_a_channel(run, tmp_path, key, value):
+    from warpchain.archive import mcap_write
+
+    plain = mcap_write.McapFile.channel
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            mcap_write.McapFile,
+            "channel",
+            lambda self, n, s, topic, e, held: plain(self, n, s, topic, e, {**held, **({key: value} if held else {})}),
+        )
+        path = write_archive(run, tmp_path / "b.mcap")
+    with pytest.raises(ArchiveError, match="has wrong metadata"):
+        read_archive(path)[0]
+
+
+def resealed(data, place, new):
+    """A file with other bytes in its summary, whose checksum is right again."""
+    import zlib
+
+    start = int.from_bytes(data[-28:-20], "little")
+    damaged = bytearray(data)
+    damaged[place : place + len(new)] = new
+    damaged[-12:-8] = struct.pack("<I", zlib.crc32(damaged[start:-12]))
+    return bytes(damaged)
+
+
+def test_every_number_of_a_summary_made_huge(run, archive, tmp_path):
+    """Offsets and lengths of 2^63 and more, and topics of variants that are not there."""
+    data = archive.read_bytes()
+    start = int.from_bytes(data[-28:-20], "little")
+    rng = np.random.default_rng(5)
+    told = 0
+    for place in rng.choice(np.arange(start, len(data) - 37), 150, replace=False):
+        (tmp_path / "b.mcap").write_bytes(resealed(data, place, b"\xff" * 8))
+        try:
+            back = read_archive(tmp_path / "b.mcap")
+            for variant in back:
+                np.testing.assert_array_equal(back[variant].position, run[0].position)
+        except WarpchainError as error:
+            assert "\n" not in str(error)
+            told += 1
+    assert told > 20
+    topic = data.rindex(b"/variant/00000/rollers")
+    (tmp_path / "b.mcap").write_bytes(resealed(data, topic, b"/variant/00007/rollers"))
+    with pytest.raises(WarpchainError):
+        read_archive(tmp_path / "b.mcap")[0]
+
+
+def test_a_damaged_table_of_metrics(run, tmp_path):
+    """Where the attachment's checksum is right, the table may still be anything."""
+    from warpchain.archive import parts
+
+    plain, rng, told = parts._arrow_bytes(run.metrics), np.random.default_rng(6), 0
+    for _ in range(150):
+        data = bytearray(plain)
+        data[rng.integers(len(data))] ^= 1 << rng.integers(8)
+        path = tmp_path / "b.mcap"
+        written(path, run, lambda patch, data=bytes(data): patch.setattr(parts, "_arrow_bytes", lambda table: data))
+        try:
+            read_archive(path).metrics.to_pylist()
+        except ArchiveError as error:
+            assert "\n" not in str(error)
+            told += 1
+    assert told > 30
+
+
+STUDIES = {
+    "name-list": ('name = "torque"', "name = []", "factors.0.name"),
+    "channels": ("[run]", "[record]\nevery = 1\nchannels = 1.0\n[run]", "record.channels"),
+    "choice": ('kind = "factorial"', 'kind = "plackett-burman"\ncenter = 1000000000', "allowed are at most"),
+    "count": ('kind = "factorial"', 'kind = "sobol"\ncount = 1000000000', "at most 100000000"),
+    "power": ('path = "chain.links"\nlevels = [44, 45]', 'path = "chain.links"\nexpression = "10000**16"', None),
+    "kinds": ("levels = [44, 45]", "choice = [44, true]", "of one kind"),
+    "zero": ('drive = "tiny.toml"', 'drive = "a\\u0000b.toml"', "zero byte|null byte|must be"),
+    "digits": ("duration = 0.0005", "duration = " + "9" * 5000, "TOML"),
+}
+
+
+@pytest.mark.parametrize("case", STUDIES)
+def test_study_files_that_make_no_sense(capsys, tmp_path, case):
+    import re
+
+    source, (old, new, told) = write_study(tmp_path, points=2), STUDIES[case]
+    assert old in source.read_text()
+    text = source.read_text().replace(old, new, 1)
+    source.write_text(text.replace("points = 2\n", "") if "factorial" not in text else text)
+    status, out, err = command(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
+    if told is None:  # a row that makes no drive is infeasible, with its reason
+        assert (status, err) == (0, [])
+        assert "4 infeasible" in out[0] or "2 infeasible" in out[0]
+    else:
+        assert status == 2
+        assert all(line.startswith("warpchain: error: ") for line in err)
+        assert re.search(told, "\n".join(err))
+
+
+TABLES = {
+    "mixed": "torque,links\n1.0,44\nx,45\n",
+    "date": "torque,links\n2024-01-01,44\n2024-01-02,45\n",
+    "twice": "torque,links,torque\n1.0,44,2.0\n",
+    "huge": "torque,links\n1.0," + "9" * 40 + "\n",
+    "cell": "torque,links\n" + "x" * 200_000 + ",44\n",
+    "zero": "torque,links\n1.0,4\x004\n",
+    "none": "",
+}
+
+
+@pytest.mark.parametrize("case", TABLES)
+def test_design_tables_that_make_no_sense(capsys, tmp_path, case):
+    source = write_study(tmp_path)
+    text = source.read_text().replace('kind = "factorial"', 'kind = "table"\nfile = "rows.csv"')
+    source.write_text(text.replace("range = [0.0, 1.0]\npoints = 6\n", "").replace("levels = [44, 45]\n", ""))
+    (tmp_path / "rows.csv").write_text(TABLES[case])
+    status, _, err = command(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
+    assert status == 2 or case in ("mixed", "huge", "cell", "zero")  # or each row that makes no drive is infeasible
+    assert all(line.startswith("warpchain: error: ") for line in err)
+
+
+@pytest.mark.parametrize("table", ["time,torque\n0,1\n1," + "1" * 200_000 + "\n", "time,torque\n0,1\n1,2\0\n", "\0"])
+def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table):
+    text = dumps_drive(two_sprockets(duration=0.001, settle="false"))
+    assert "load = {" in text or "[sprockets.load]" in text or "load" in text
+    (tmp_path / "t.csv").write_text(table)
+    drive = tmp_path / "d.toml"
+    drive.write_text(text.replace("prescribed = { speed = 10.0 }", 'prescribed = { table = { file = "t.csv" } }'))
+    status, _, err = command(capsys, "check", drive)
+    assert status == 2 or "t.csv" not in drive.read_text()
+    assert all(line.startswith("warpchain: error: ") for line in err)
+
+
+def test_a_sprocket_may_be_named_anything_that_can_be_printed(capsys, tmp_path):
+    text = dumps_drive(two_sprockets(duration=0.002, settle="false")).replace('"driver"', '"$x^{$"')
+    (tmp_path / "d.toml").write_text(text)
+    status, _, err = command(capsys, "run", tmp_path / "d.toml", "-o", tmp_path / "a.mcap", "--quiet")
+    assert (status, err) == (0, [])
+    status, _, err = command(capsys, "plot", tmp_path / "a.mcap", "-o", tmp_path / "plots")
+    assert (status, err) == (0, [])

@@ -1,0 +1,144 @@
+"""Runs that are judged: what `simulate` puts into the metrics and warns of, from variants made to go wrong."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+from drives import two_sprockets
+
+from warpchain import Limits, Record, read_archive, simulate
+from warpchain.drive import Drive
+from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.devices import SeveralEngines
+from warpchain.engine.ends import engaged, net_force
+from warpchain.engine.pack import pack
+from warpchain.engine.simulation import schedules_of
+from warpchain.errors import LayoutWarning, SuspectWarning
+from warpchain.results.objectives import add_objectives
+
+NONE = Record("none")
+COARSE = {"run.step": 4e-5, "contact.sprocket.stiffness": 5e8, "chain.damping": 0.0}
+
+
+def run_of(drives, **settings):
+    """A run of 2 ms, and its warnings."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run = simulate(drives, device="cpu", duration=settings.pop("duration", 0.002), record=NONE, **settings)
+    return run, [(one.category, str(one.message)) for one in caught]
+
+
+def test_a_good_run_is_ok_and_silent():
+    """Both wraps hold 11 rollers at least, and a strand's ends are near the teeth: shares above 1."""
+    run, told = run_of(two_sprockets())
+    (row,) = run.metrics.to_pylist()
+    assert (row["status"], row["reason"], told) == ("ok", "", [])
+    assert 1.0 <= row["driver.engaged"] < 1.5 and 1.0 <= row["driven.engaged"] < 1.5
+    assert run.ok.tolist() == [True]
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_run_beyond_a_limit_is_suspect_and_told_once_with_its_number(precision):
+    tight = Limits(energy_residual=0.0)
+    run, told = run_of([two_sprockets(), two_sprockets(torque=200.0)], limits=tight, precision=precision)
+    assert run.metrics["status"].to_pylist() == ["suspect", "suspect"]
+    ((kind, line),) = told
+    assert kind is SuspectWarning
+    assert line.startswith("of 2 variants 2 suspect (variant 0, 1); 2 like this: energy residual")
+    assert "take a smaller step (run.step)" in line and "\n" not in line
+
+
+def test_diverged_and_suspect_stand_beside_ok():
+    wild = two_sprockets(floor=1e-9, torque=1e9, settle="false", step=5.0e-5)
+    run, ((kind, line),) = run_of([two_sprockets(), wild], duration=0.05)
+    assert run.metrics["status"].to_pylist() == ["ok", "diverged"]
+    assert run.metrics["reason"][1].as_py().startswith("diverged at ")
+    assert kind is SuspectWarning and "1 diverged (variant 1)" in line
+    assert run.ok.tolist() == [True, False]
+
+
+def test_crossed_strands_are_told_before_the_run_and_are_the_reason():
+    values = two_sprockets().model_dump(exclude_none=True)
+    values["sprockets"][1]["wrap"] = "cw"
+    crossed = Drive(**{**values, "chain": {**values["chain"], "links": 64}})
+    run, told = run_of(crossed)
+    assert told[0][0] is LayoutWarning and told[0][1].startswith('strands "driver->driven" and "driven->driver" cross')
+    assert run.metrics["status"][0].as_py() == "suspect"
+    assert run.metrics["reason"][0].as_py().startswith('strands "driver->driven"')
+    run, told = run_of(crossed, limits=Limits(layout=math.inf))
+    assert [kind for kind, _ in told] == [LayoutWarning] and run.ok.all()
+
+
+def test_a_chain_off_a_sprocket_is_seen_by_its_rollers():
+    """Rollers moved outward by a pitch about the driven sprocket are on no tooth; by a tenth of one they are. The share
+    is over the 11 rollers of its wrap; of unlike drives in one ensemble each has its own."""
+    small = two_sprockets(teeth=12, links=52)
+    drives = [two_sprockets(), small, two_sprockets()]
+    packed = pack(drives, schedules_of(drives, None, None, NONE, None))
+    off = packed.rows(2)
+    away = off[0:2].T - (1.0, 0.0)
+    near = np.hypot(*away.T) < 0.17
+    for outward, share in ((0.005, None), (0.05, 0.0)):
+        rows = off[0:2].copy()
+        off[0:2] = rows + outward * (near[:, None] * away / np.hypot(*away.T)[:, None]).T
+        engine = CpuEngine(packed, 1)
+        shares = engaged(engine, drives)
+        engine.close()
+        off[0:2] = rows
+        assert (shares[:2] >= 1.0).all() and shares[2, 0] >= 1.0
+        assert shares[2, 1] >= 1.0 if share is None else shares[2, 1] == share
+    shares = [engaged_alone(drive) for drive in drives[:2]]
+    assert [row.tolist() for row in shares] == [engaged_together(drives)[v].tolist() for v in range(2)]
+
+
+def test_engines_side_by_side_see_the_same():
+    drives = [two_sprockets(), two_sprockets(teeth=12, links=52), two_sprockets(torque=1.0)]
+    packed = pack(drives, schedules_of(drives, None, None, NONE, None))
+    several = SeveralEngines(packed, [("a", 0, 1), ("b", 1, 3)], lambda part, name: CpuEngine(part, 1))
+    assert engaged(several, drives).tolist() == engaged_together(drives).tolist()
+    several.close()
+
+
+def engaged_alone(drive):
+    return engaged_together([drive])[0]
+
+
+def engaged_together(drives):
+    engine = CpuEngine(pack(drives, schedules_of(drives, None, None, NONE, None)), 1)
+    shares = engaged(engine, drives)
+    engine.close()
+    return shares
+
+
+def test_the_force_that_settling_left_is_the_residual_of_its_links():
+    """One link pulled by 1e-4 of its length: k 1e-4 p is the largest link force; the weight where that is larger."""
+    drive, heavy = two_sprockets(), two_sprockets(gravity=1e4)
+    packed = pack([drive, heavy], schedules_of([drive, heavy], None, None, NONE, None))
+    for v in range(2):
+        rows = packed.rows(v)
+        rows[0, -1] = rows[0, 0] + 0.05 * (1.0 + 1e-4)
+        rows[1, -1] = rows[1, 0]
+    each = []
+    for v, one in enumerate((drive, heavy)):
+        x, y = packed.rows(v)[:2]
+        span = np.hypot(np.roll(x, -1) - x, np.roll(y, -1) - y)
+        each.append(max(np.abs(5e7 * (span - one.chain.link_lengths)).max(), (0.0, 1e4)[v]))
+    np.testing.assert_allclose(net_force(packed, np.array([0.5, 0.25])), [0.5 * each[0], 0.25 * each[1]], rtol=1e-12)
+
+
+def test_archives_keep_what_was_judged_and_objectives_leave_it_out(tmp_path):
+    """The archive's table is the run's; of a suspect variant no objective is formed."""
+    drives = [two_sprockets(), two_sprockets(torque=310.0)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        simulate(
+            drives, device="cpu", duration=0.01, record=Record(rate=1e4), archive=tmp_path / "a.mcap",
+            limits=Limits(energy_residual=0.0),
+        )  # fmt: skip
+    archive = read_archive(tmp_path / "a.mcap")
+    assert archive.metrics["status"].to_pylist() == ["suspect", "suspect"]
+    assert str(archive.metrics.schema.field("reason").type) == "string"
+    assert "driven.transmission_error_rms" not in add_objectives(archive).column_names
+    good = simulate(drives, device="cpu", duration=0.01, record=Record(rate=1e4))
+    assert None not in add_objectives(good)["driven.transmission_error_rms"].to_pylist()

@@ -1,0 +1,54 @@
+"""Digests of what MCAP gives no checksum: metadata records, and channels with their schemas.
+
+Each carries its own, under the key `digest`: the first 16 hexadecimal digits of the SHA-256 of a JSON text (no blanks,
+keys sorted, UTF-8): of a metadata record [name, values], of a channel [number, topic, message encoding, metadata,
+schema's name, its encoding, its SHA-256]. A whole file's summary has a checksum, and so repeats channels and schemas
+safely; in a file that was cut, only the digests tell what is right.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from mcap.records import Channel, Schema
+
+DIGEST = "digest"
+
+
+def _of(value: Any) -> str:
+    text = json.dumps(value, separators=(",", ":"), sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:16]
+
+
+def plain(values: Mapping[str, str]) -> dict[str, str]:
+    """Metadata without their digest."""
+    return {name: value for name, value in values.items() if name != DIGEST}
+
+
+def of_metadata(name: str, values: Mapping[str, str]) -> str:
+    """Digest of a metadata record."""
+    return _of([name, plain(values)])
+
+
+def of_channel(channel: Channel, schema: Schema) -> str:
+    """Digest of a channel and its schema."""
+    content = hashlib.sha256(schema.data).hexdigest()
+    named = [channel.id, channel.topic, channel.message_encoding, plain(channel.metadata)]
+    return _of([*named, schema.name, schema.encoding, content])
+
+
+def checked(name: str, values: Mapping[str, str], sealed: bool) -> dict[str, str]:
+    """A metadata record's values without their digest, which is right.
+
+    Args:
+        sealed: whether the archive has digests; archives of earlier versions have none.
+
+    Raises:
+        ValueError: it is wrong, or missing.
+    """
+    if values.get(DIGEST, None if sealed else of_metadata(name, values)) != of_metadata(name, values):
+        raise ValueError(f"metadata {name}: their digest is wrong")
+    return plain(values)

@@ -1,0 +1,131 @@
+"""What is wrong with where a drive's parts stand, told before it runs: no step is small enough for these.
+
+A strand is the straight line of roller centers from sprocket to sprocket. A guide-bar's face goes from a to b along t,
+the chain on its left, n = (-t_y, t_x); a roller of radius Rr that rides on it has its center Rr off the face. With q a
+point of a strand, seen from a, where 0 <= q.t <= |b - a|:
+
+    strands cross        two of them have a point in common
+    cuts through         q.n goes from above 0, in front of the face, to more than a pitch behind where it would ride
+    dents                the strand that is nearest is everywhere behind the face, its ride pushed by Rr - q.n > a pitch
+
+A strand farther behind a bar than a quarter of its own length is not that bar's.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+from warpchain.assembly.path import ChainPath, chain_path
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive, Guide
+
+OWN = 0.25
+"""A bar's own strand is no farther behind its face than this share of the strand's length."""
+BEHIND = 1.5
+"""How much farther a strand counts that is behind a bar, when its own strand, the nearest, is looked for."""
+
+Point = tuple[float, float]
+Strand = tuple[Point, Point]
+
+
+def findings(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
+    """What is wrong with a drive's layout, a line each: what, where, by how much, what to change; mostly nothing.
+
+    Args:
+        path: the chain's path, if it is known.
+
+    Raises:
+        DriveError: a path that cannot be drawn.
+    """
+    path = chain_path(drive) if path is None else path
+    strands = _strands(path)
+    found = [
+        _crossing(drive, path, k, m, place)
+        for k, m in combinations(range(len(strands)), 2)
+        if (place := meeting(strands[k], strands[m])) is not None
+    ]
+    for guide in drive.guides:
+        found += _of_guide(drive, guide, strands)
+    return tuple(found)
+
+
+def _strands(path: ChainPath) -> list[Strand]:
+    """Ends of the strands as plain numbers."""
+    ends = zip(path.strand_start.tolist(), path.strand_end.tolist(), strict=True)
+    return [((x, y), (u, v)) for (x, y), (u, v) in ends]
+
+
+def meeting(one: Strand, other: Strand) -> Point | None:
+    """Where two strands cross, None where they do not; ends that touch do not count."""
+    (ax, ay), (bx, by) = one
+    (cx, cy), (dx, dy) = other
+    ux, uy, vx, vy, wx, wy = bx - ax, by - ay, dx - cx, dy - cy, cx - ax, cy - ay
+    turn = ux * vy - uy * vx
+    if turn == 0.0:
+        return None
+    here, there = (wx * vy - wy * vx) / turn, (wx * uy - wy * ux) / turn
+    if not (0.0 < here < 1.0 and 0.0 < there < 1.0):
+        return None
+    return ax + here * ux, ay + here * uy
+
+
+def _crossing(drive: Drive, path: ChainPath, k: int, m: int, place: Point) -> str:
+    ends = dict.fromkeys(s % len(drive.sprockets) for s in (k, k + 1, m, m + 1))
+    most = max(ends, key=lambda s: float(path.wrap_angle[s]))
+    names = drive.strand_names
+    return (
+        f'strands "{names[k]}" and "{names[m]}" cross at ({place[0]:.4g}, {place[1]:.4g}) m; no chain runs through '
+        f'itself: look at wrap and center of "{drive.sprockets[most].name}", around which it turns '
+        f"{math.degrees(path.wrap_angle[most]):.0f} degrees, or at the order of the sprockets"
+    )
+
+
+def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
+    """What is wrong with a guide-bar."""
+    (ax, ay), (bx, by) = guide.start, guide.end
+    length = math.hypot(bx - ax, by - ay)
+    tx, ty = (bx - ax) / length, (by - ay) / length
+    radius, pitch = drive.chain.roller_radius, drive.chain.pitch
+    lines: list[str] = []
+    nearest, own = math.inf, ""
+    for k, ((sx, sy), (ex, ey)) in enumerate(strands):
+        first, last = (sx - ax) * tx + (sy - ay) * ty, (ex - ax) * tx + (ey - ay) * ty
+        begin, end = _within(first, last, length)
+        if begin >= end:
+            continue
+        above, below = (sy - ay) * tx - (sx - ax) * ty, (ey - ay) * tx - (ex - ax) * ty
+        ends = above + begin * (below - above), above + end * (below - above)
+        front, depth = max(ends), radius - min(ends)
+        if front > 0.0 and depth > pitch:
+            share = begin + (end - begin) * ends[0] / (ends[0] - ends[1])
+            x, y = sx + share * (ex - sx), sy + share * (ey - sy)
+            lines.append(
+                f"{_named(drive, guide, 'cuts through', k)} at ({x:.4g}, {y:.4g}) m, which is {front:.4g} m in front "
+                f"of it at one place and {-min(ends):.4g} m behind it at another: turn the bar along the strand, or "
+                "shorten it (start, end)"
+            )
+        elif (apart := max(sum(ends), -BEHIND * sum(ends))) < nearest:
+            nearest = apart
+            strand = math.hypot(ex - sx, ey - sy)
+            if not (front <= 0.0 and depth > pitch and -front < OWN * strand):
+                own = ""
+                continue
+            away = f"move start and end back by {depth:.4g} m, or swap them if the chain rides on the other side"
+            size = f"by {depth:.4g} m, {depth / pitch:.2g} pitches, out of its straight line"
+            own = f"{_named(drive, guide, 'dents', k)} {size}: {away}"
+    return [*lines, own] if own else lines
+
+
+def _named(drive: Drive, guide: Guide, does: str, k: int) -> str:
+    return f'guides.{guide.name}: its face {does} strand "{drive.strand_names[k]}"'
+
+
+def _within(first: float, last: float, length: float) -> tuple[float, float]:
+    """Shares of a line from `first` to `last` between which it is from 0 to `length`; empty where begin >= end."""
+    if first == last:
+        return (0.0, 1.0) if 0.0 <= first <= length else (1.0, 0.0)
+    shares = sorted(((0.0 - first) / (last - first), (length - first) / (last - first)))
+    return max(0.0, shares[0]), min(1.0, shares[1])

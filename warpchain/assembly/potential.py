@@ -1,0 +1,267 @@
+r"""Potential energy of a drive whose chain travels steadily: links, teeth, guide-bars, weight, loads, mounts.
+
+Without friction every steady force of a drive has a potential. Unknown are the N roller centers r_i, the S sprocket
+centers c_s and angles theta_s. With f links a second passing any point, a roller of mass m that follows its neighbors'
+path has the acceleration f^2 (r_{i+1} - 2 r_i + r_{i-1}), so that centrifugal force acts as a link that pushes with
+m f^2 L, L the link's length: m v^2 / p on a straight strand; on an arc of pitch angle a the factor (sin(a/2) / (a/2))^2
+is left out. The energy is
+
+    E = sum_i [ k (L_i - l_i)^2 / 2 - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
+        + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 ],                             (a)
+
+with l_i the unloaded lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a mount's preload. Contacts
+are those of `kernels/physics/tooth.py` and `guide.py`. First and second derivatives are exact.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive.motion import ElasticMount, PrescribedMount, SliderMount
+from warpchain.drive.mounts import moving_mass, unit
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+    from warpchain.drive import Drive
+
+Array = NDArray[np.float64]
+
+_TINY = 1e-12  # m: a roller this near to the middle of its seat
+
+
+@dataclass
+class Terms:
+    """What adds up to the energy, its gradient and its Hessian."""
+
+    size: int
+    energy: float
+    gradient: Array
+    rows: list[NDArray[np.int64]]
+    columns: list[NDArray[np.int64]]
+    values: list[Array]
+
+    def add_blocks(self, where: NDArray[np.int64], blocks: Array) -> None:
+        """Adds (M, b, b) blocks of the Hessian at the unknowns `where` (M, b)."""
+        b = where.shape[1]
+        self.rows.append(np.repeat(where, b, axis=1).ravel())
+        self.columns.append(np.tile(where, (1, b)).ravel())
+        self.values.append(blocks.ravel())
+
+    def hessian(self, column: NDArray[np.int64], weight: Array, count: int) -> csc_matrix:
+        """The Hessian by `count` free coordinates y, dx_i = weight_i dy_column(i); weight 0 is what stays."""
+        from scipy.sparse import coo_matrix
+
+        rows, columns = np.concatenate(self.rows), np.concatenate(self.columns)
+        values = np.concatenate(self.values) * weight[rows] * weight[columns]
+        free = np.flatnonzero(weight[rows] * weight[columns])
+        where = column[rows[free]], column[columns[free]]
+        return coo_matrix((values[free], where), shape=(count, count)).tocsc()
+
+
+class Potential:
+    """E of (a) as a function of all coordinates x: rollers (2 N), centers (2 S), angles (S), in this order.
+
+    Args:
+        drive: the drive.
+        frequency: f, links a second [Hz].
+        moments: (S,) load moments M_s, against forward rotation [N m].
+    """
+
+    def __init__(self, drive: Drive, frequency: float, moments: Array) -> None:
+        chain, sprockets = drive.chain, drive.sprockets
+        self.drive, self.rollers, self.sprockets = drive, chain.links, len(sprockets)
+        self.size = 2 * self.rollers + 3 * self.sprockets
+        self.gravity = np.asarray(drive.run.gravity, dtype=float)
+        self.natural = chain.link_lengths
+        self.stiffness = np.full(chain.links, chain.stiffness)
+        self.push = chain.mass * frequency**2  # of centrifugal force on a link, over its length [N/m]
+        self.teeth = [drive.tooth(s) for s in range(self.sprockets)]
+        self.radius = np.array([drive.pitch_radius(s) for s in range(self.sprockets)])
+        self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
+        self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
+        self.moments = np.array([w.sign for w in sprockets]) * moments
+        self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by
+        self.home, self.spring, self.pull = _mounts(drive, self.gravity)
+
+    def split(self, x: Array) -> tuple[Array, Array, Array]:
+        """Rollers (N, 2), centers (S, 2), angles (S,), as views of x."""
+        n, s = 2 * self.rollers, 2 * self.sprockets
+        return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s :]
+
+    def tensions(self, x: Array) -> Array:
+        """(N,) tensions of the links [N], centrifugal part and all."""
+        r, _, _ = self.split(x)
+        d = np.roll(r, -1, axis=0) - r
+        return np.asarray(self.stiffness * (np.hypot(d[:, 0], d[:, 1]) - self.natural))
+
+    def terms(self, x: Array) -> Terms:
+        """Energy, gradient and Hessian at x."""
+        terms = Terms(self.size, 0.0, np.zeros(self.size), [], [], [])
+        self._links(x, terms)
+        for s in range(self.sprockets):
+            self._teeth(x, s, terms)
+        for g in range(len(self.drive.guides)):
+            self._guide(x, g, terms)
+        self._constant(x, terms)
+        return terms
+
+    def _links(self, x: Array, terms: Terms) -> None:
+        r, _, _ = self.split(x)
+        n = self.rollers
+        d = np.roll(r, -1, axis=0) - r
+        length = np.hypot(d[:, 0], d[:, 1])
+        u = d / length[:, None]
+        stretch = length - self.natural
+        force = self.stiffness * stretch - self.push * length
+        terms.energy += float(np.sum(0.5 * self.stiffness * stretch**2 - 0.5 * self.push * length**2))
+        pull = force[:, None] * u
+        terms.gradient[: 2 * n] += (np.roll(pull, 1, axis=0) - pull).ravel()
+        block = _along_across(u, self.stiffness - self.push, force / length)
+        i = np.arange(n)
+        j = (i + 1) % n
+        where = np.stack([2 * i, 2 * i + 1, 2 * j, 2 * j + 1], axis=1)
+        terms.add_blocks(where, np.block([[block, -block], [-block, block]]))
+
+    def _teeth(self, x: Array, s: int, terms: Terms) -> None:
+        r, centers, angles = self.split(x)
+        tooth, radius, stiffness = self.teeth[s], float(self.radius[s]), self.softness * self.tooth_stiffness[s]
+        rho = r - centers[s]
+        distance = np.hypot(rho[:, 0], rho[:, 1])
+        roller_radius, pitch = self.drive.chain.roller_radius, self.drive.chain.pitch
+        near = np.flatnonzero((distance < tooth.tip_radius + roller_radius) & (distance > radius - pitch))
+        rho = rho[near]
+        angle = 2.0 * math.pi / self.drive.sprockets[s].teeth
+        polar = angles[s] + angle * np.rint((np.arctan2(rho[:, 1], rho[:, 0]) - angles[s]) / angle)
+        e = np.stack([np.cos(polar), np.sin(polar)], axis=1)
+        xi = np.einsum("ij,ij->i", rho, e) - radius
+        eta = rho[:, 1] * e[:, 0] - rho[:, 0] * e[:, 1]
+        pen, along, across, bend = self._gap(xi, eta, s, distance[near])
+        hit = pen > 0.0
+        if not hit.any():
+            return
+        near, rho, e, pen, bend = near[hit], rho[hit], e[hit], pen[hit], bend[hit]
+        normal = along[hit, None] * e + across[hit, None] * np.stack([-e[:, 1], e[:, 0]], axis=1)
+        force, block = _contact(terms, pen, normal, bend, stiffness, self.drive.contact.sprocket.exponent)
+        turn = np.stack([-rho[:, 1], rho[:, 0]], axis=1)
+        slope = -force[:, None] * normal  # dE/dr
+        left = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
+        m = len(near)
+        base, at = 2 * self.rollers, np.empty((m, 5), dtype=np.int64)
+        at[:, 0], at[:, 1] = 2 * near, 2 * near + 1
+        at[:, 2], at[:, 3], at[:, 4] = base + 2 * s, base + 2 * s + 1, base + 2 * self.sprockets + s
+        whole = np.empty((m, 5))
+        whole[:, :2], whole[:, 2:4] = slope, -slope
+        whole[:, 4] = -np.einsum("ij,ij->i", turn, slope)
+        np.add.at(terms.gradient, at, whole)
+        blocks = np.empty((m, 5, 5))
+        blocks[:, :2, :2] = blocks[:, 2:4, 2:4] = block
+        blocks[:, :2, 2:4] = blocks[:, 2:4, :2] = -block
+        mixed = -np.einsum("mij,mj->mi", block, turn) + left
+        blocks[:, :2, 4] = blocks[:, 4, :2] = mixed
+        blocks[:, 2:4, 4] = blocks[:, 4, 2:4] = -mixed
+        blocks[:, 4, 4] = np.einsum("mi,mij,mj->m", turn, block, turn) - np.einsum("mi,mi->m", rho, slope)
+        terms.add_blocks(at, blocks)
+
+    def _gap(self, xi: Array, eta: Array, s: int, distance: Array) -> tuple[Array, Array, Array, Array]:
+        """Penetration [m], normal outward and counter-clockwise, curvature of the penetration [1/m]."""
+        tooth, roller_radius = self.teeth[s], self.drive.chain.roller_radius
+        cosine, sine = math.cos(0.5 * tooth.seat_angle), math.sin(0.5 * tooth.seat_angle)
+        clearance = tooth.seat_radius - roller_radius
+        side, off = np.where(eta >= 0.0, 1.0, -1.0), np.abs(eta)
+        size = np.maximum(np.hypot(xi, eta), _TINY)
+        straight = off * sine - xi * cosine - clearance
+        curvature = 1.0 / (tooth.flank_radius + roller_radius)
+        t = off * cosine + xi * sine
+        across, along = 1.0 - curvature * straight, curvature * t
+        reach = np.hypot(across, along)
+        pen = (straight * (1.0 + across) - along * t) / (1.0 + reach)
+        outward, lateral = (across * cosine + along * sine) / reach, side * (along * cosine - across * sine) / reach
+        bend = -curvature / reach
+        arc = off * cosine <= -xi * sine
+        pen, bend = np.where(arc, size - clearance, pen), np.where(arc, 1.0 / size, bend)
+        outward, lateral = np.where(arc, -xi / size, outward), np.where(arc, -eta / size, lateral)
+        above = tooth.tip_radius + roller_radius - distance
+        tip = (pen > 0.0) & (above < pen)
+        pen, bend = np.where(tip, above, pen), np.where(tip, -1.0 / distance, bend)
+        outward = np.where(tip, (self.radius[s] + xi) / distance, outward)
+        return pen, outward, np.where(tip, eta / distance, lateral), bend
+
+    def _guide(self, x: Array, g: int, terms: Terms) -> None:
+        r, _, _ = self.split(x)
+        guide, roller_radius = self.drive.guides[g], self.drive.chain.roller_radius
+        start, end = np.asarray(guide.start, dtype=float), np.asarray(guide.end, dtype=float)
+        length = float(np.hypot(*(end - start)))
+        t = (end - start) / length
+        n = np.array([-t[1], t[0]])
+        along, across = (r - start) @ t, (r - start) @ n
+        beyond = np.minimum(along, 0.0) + np.maximum(along - length, 0.0)
+        height = across + guide.end_radius
+        reach = np.hypot(beyond, height)
+        pen = np.where(beyond == 0.0, roller_radius - across, roller_radius + guide.end_radius - reach)
+        hit = np.flatnonzero((pen > 0.0) & (height > 0.0) & (across < roller_radius))
+        if not len(hit):
+            return
+        end_on = beyond[hit] != 0.0
+        safe = np.where(end_on, reach[hit], 1.0)
+        normal = np.where(end_on, beyond[hit] / safe, 0.0)[:, None] * t
+        normal = normal + np.where(end_on, height[hit] / safe, 1.0)[:, None] * n
+        bend = np.where(end_on, -1.0 / safe, 0.0)
+        law = self.drive.guide_contact(g)
+        force, block = _contact(terms, pen[hit], normal, bend, self.softness * self.guide_stiffness[g], law.exponent)
+        at = np.stack([2 * hit, 2 * hit + 1], axis=1)
+        np.add.at(terms.gradient, at, -force[:, None] * normal)
+        terms.add_blocks(at, block)
+
+    def _constant(self, x: Array, terms: Terms) -> None:
+        r, centers, angles = self.split(x)
+        n, s = 2 * self.rollers, 2 * self.sprockets
+        weight = self.drive.chain.mass * self.gravity
+        terms.energy += float(-np.sum(r @ weight) + self.moments @ angles)
+        terms.gradient[:n] -= np.tile(weight, self.rollers)
+        terms.gradient[n + s :] += self.moments
+        off = centers - self.home
+        terms.energy += float(np.sum(0.5 * self.spring * off**2 - self.pull * off))
+        terms.gradient[n : n + s] += (self.spring * off - self.pull).ravel()
+        at = np.arange(n, n + s)[:, None]
+        terms.add_blocks(at, self.spring.reshape(-1, 1, 1))
+
+
+def _along_across(u: Array, along: Array, across: Array) -> Array:
+    """(M, 2, 2) matrices with the eigenvalue `along` for the unit vectors u (M, 2), `across` at right angles."""
+    outer = u[:, :, None] * u[:, None, :]
+    return np.asarray(across[:, None, None] * np.eye(2) + (along - across)[:, None, None] * outer)
+
+
+def _contact(
+    terms: Terms, pen: Array, normal: Array, bend: Array, stiffness: float, exponent: float
+) -> tuple[Array, Array]:
+    """Adds the energy of contacts; their forces (M,) [N] and second derivatives by place (M, 2, 2) [N/m]."""
+    force = stiffness * pen**exponent
+    terms.energy += float(np.sum(force * pen)) / (exponent + 1.0)
+    return force, _along_across(normal, exponent * force / pen, force * bend)
+
+
+def _mounts(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
+    """Mean places (S, 2) [m], springs along x and y (S, 2) [N/m], steady forces (S, 2) [N] of the centers.
+
+    A slider's spring stands for both axes, since it moves along its line only.
+    """
+    count = len(drive.sprockets)
+    home = np.array([sprocket.center for sprocket in drive.sprockets], dtype=float)
+    spring, pull = np.zeros((count, 2)), np.zeros((count, 2))
+    for s, sprocket in enumerate(drive.sprockets):
+        mount = sprocket.mount
+        if isinstance(mount, PrescribedMount):
+            home[s] += mount.offset * unit(mount.direction)
+        elif isinstance(mount, ElasticMount):
+            spring[s], pull[s] = mount.stiffness, np.asarray(mount.preload) + moving_mass(sprocket) * gravity
+        elif isinstance(mount, SliderMount):
+            spring[s] = mount.stiffness
+            pull[s] = mount.preload * unit(mount.direction) + moving_mass(sprocket) * gravity
+    return home, spring, pull

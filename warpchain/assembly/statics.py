@@ -1,0 +1,289 @@
+"""A drive in steady state: the equilibrium of every roller, sprocket and moving center, by Newton's method.
+
+What a run shows in the mean, vibration and friction aside: loads at speed, centrifugal force, weight, preloads and
+springs of mounts, rollers on seats and flanks where the load puts them, guide-bars. The driver is led through one tooth
+pitch in equal steps and the states are averaged, since the polygon of the chain moves tensions within a pitch. Each
+state minimizes the energy of `warpchain.assembly.potential`, by Newton's method with a shift of the Hessian that grows
+where the energy would rise (Levenberg, Marquardt).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.potential import Potential, Terms
+from warpchain.assembly.tables import cells_of, shaft_ratio
+from warpchain.drive.motion import ElasticMount, SliderMount
+from warpchain.drive.mounts import unit
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+    from warpchain.drive import Drive
+
+Array = NDArray[np.float64]
+
+PHASES = 4
+"""States within a tooth pitch that are averaged."""
+
+MOST = 2000
+"""Links of the longest chain whose steady state is sought; it takes 20 s."""
+
+_SOFTER = (0.01, 0.1)
+"""Contact stiffnesses, relative, at which the first state is sought before at the whole one: pockets that are hardly
+wider than their rollers, hard ones, let a chain creep only."""
+
+_ITERATIONS = 400
+_ACCURACY = 1e-4  # of the largest force at work: what is left on any coordinate
+_ENOUGH = 1e-6  # of it, where a search ends
+_SAME = 1e-6  # relative: speeds of prescribed sprockets that count as one
+_ON = 0.02  # of a pitch off the pitch circle: a roller that turns with the sprocket
+_FARTHEST = 0.1  # of a pitch: the longest step, well within a tooth gap
+_GROWTH, _DECAY = 4.0, 0.15  # of the shift, after a step that is refused or taken
+
+
+@dataclass(frozen=True)
+class Steady:
+    """A drive of S sprockets in steady state: means over a tooth pitch.
+
+    Attributes:
+        tension: (S,) mean tension of strand k's links [N], centrifugal part and all.
+        centrifugal: m v^2 / p, of every tension [N].
+        displacement: (S,) of the chain at mid-strand from the nominal line, left of its travel positive [m].
+        center: (S, 2) sprocket centers [m].
+        failure: why no equilibrium was found, in words; the other values are then worth nothing. None where it was.
+    """
+
+    tension: Array
+    centrifugal: float
+    displacement: Array
+    center: Array
+    failure: str | None
+
+
+def load_moments(drive: Drive, speed: float) -> Array:
+    """(S,) mean load moments against forward rotation [N m] at the driver's angular speed [rad/s].
+
+    Torque, mean of its table, viscous and quadratic part; harmonics have none. 0 on prescribed sprockets.
+    """
+    found = np.zeros(len(drive.sprockets))
+    for s, sprocket in enumerate(drive.sprockets):
+        load = sprocket.load
+        if load is None or sprocket.prescribed is not None:
+            continue
+        own = speed * drive.sprockets[drive.driver].teeth / sprocket.teeth
+        found[s] = load.torque + load.viscous * own + load.quadratic * own * own
+        if load.table is not None:
+            cells = cells_of(load.table, shaft_ratio(drive, s, load.table.shaft))
+            found[s] += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))
+    return found
+
+
+def running(drive: Drive, assembly: Assembly | None = None) -> Steady:
+    """The drive at its driver's top speed, all loads on; takes some tenths of a second.
+
+    Raises:
+        DriveError: a chain that does not fit.
+    """
+    driver = drive.sprockets[drive.driver]
+    assert driver.prescribed is not None
+    speed = driver.prescribed.top_speed
+    frequency = speed * driver.teeth / math.tau
+    assembly = assembly or assemble(drive)
+    for sprocket in drive.sprockets:
+        own = frequency if sprocket.prescribed is None else sprocket.prescribed.top_speed * sprocket.teeth / math.tau
+        if abs(own - frequency) > _SAME * frequency:
+            nothing = np.full(len(drive.sprockets), math.nan)
+            words = f'"{driver.name}" and "{sprocket.name}" lead the chain at unlike speeds'
+            return Steady(nothing, drive.chain.mass * drive.chain.pitch * frequency**2, nothing, nothing, words)
+    return _steady(drive, assembly, frequency, load_moments(drive, speed))
+
+
+def standing(drive: Drive, assembly: Assembly | None = None) -> Steady:
+    """The drive at rest without loads, its chain seated: what is left of the preload at assembly.
+
+    Raises:
+        DriveError: a chain that does not fit.
+    """
+    return _steady(drive, assembly or assemble(drive), 0.0, np.zeros(len(drive.sprockets)))
+
+
+def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
+    if drive.chain.links > MOST:
+        nothing, centrifugal = (
+            np.full(len(drive.sprockets), math.nan),
+            drive.chain.mass * drive.chain.pitch * frequency**2,
+        )
+        return Steady(nothing, centrifugal, nothing, nothing, f"not sought for a chain of more than {MOST} links")
+    potential = Potential(drive, frequency, moments)
+    solver = _Solver(potential, assembly, moments)
+    x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle])
+    means: list[tuple[Array, Array, Array]] = []
+    failure = None
+    for phase in range(PHASES):
+        if phase:
+            x, residual = solver.settle(_advanced(potential, x, 1.0 / PHASES))
+        else:
+            x, residual = solver.begin(x, assembly)
+        means.append((*_strands(potential, assembly, x), potential.split(x)[1]))
+        if math.isinf(residual):
+            failure = "the chain does not stay on its teeth"
+        elif not residual <= _ACCURACY:
+            failure = "no equilibrium was found"
+        if failure:
+            break
+    tension, displacement, center = (np.mean(values, axis=0) for values in zip(*means, strict=True))
+    return Steady(tension, potential.push * drive.chain.pitch, displacement, center, failure)
+
+
+def _advanced(potential: Potential, x: Array, part: float) -> Array:
+    """A first guess of the state `part` of a tooth pitch later.
+
+    Rollers on a sprocket turn with it, the others go on towards the next one.
+    """
+    x = x.copy()
+    r, centers, angles = potential.split(x)
+    before = r.copy()
+    r += part * (np.roll(r, -1, axis=0) - r)
+    for s, sprocket in enumerate(potential.drive.sprockets):
+        turn = part * sprocket.sign * 2.0 * math.pi / sprocket.teeth
+        angles[s] += turn
+        arm = before - centers[s]
+        on = np.abs(np.hypot(arm[:, 0], arm[:, 1]) - potential.radius[s]) < _ON * potential.drive.chain.pitch
+        cosine, sine = math.cos(turn), math.sin(turn)
+        r[on] = centers[s] + arm[on] @ np.array([[cosine, sine], [-sine, cosine]])
+    return x
+
+
+def _strands(potential: Potential, assembly: Assembly, x: Array) -> tuple[Array, Array]:
+    """Mean tension (S,) [N] of the links along each strand's nominal line, and displacement mid-strand (S,) [m]."""
+    r, _, _ = potential.split(x)
+    tension, path = potential.tensions(x), assembly.path
+    ends = np.roll(r, -1, axis=0)
+    found, off = np.empty(potential.sprockets), np.empty(potential.sprockets)
+    for k in range(potential.sprockets):
+        length = float(path.strand_length[k])
+        u = (path.strand_end[k] - path.strand_start[k]) / length
+        a, b = (r - path.strand_start[k]) @ u, (ends - path.strand_start[k]) @ u
+        left = np.array([-u[1], u[0]])
+        ha, hb = (r - path.strand_start[k]) @ left, (ends - path.strand_start[k]) @ left
+        index = (int(assembly.strand_first[k]) + np.arange(-1, int(assembly.strand_links[k]) + 2)) % potential.rollers
+        on = index[(a[index] > 0.0) & (b[index] < length)]
+        middle = index[np.argmin(np.abs(0.5 * (a + b)[index] - 0.5 * length))]
+        part = (0.5 * length - a[middle]) / (b[middle] - a[middle])
+        off[k] = ha[middle] + part * (hb[middle] - ha[middle])
+        found[k] = tension[on if len(on) else [middle]].mean()
+    return found, off
+
+
+class _Solver:
+    """Minimizes a drive's energy over the coordinates that are free."""
+
+    def __init__(self, potential: Potential, assembly: Assembly, moments: Array) -> None:
+        drive = potential.drive
+        self.potential = potential
+        self.column, self.weight, self.count = _free(potential)
+        chain = drive.chain
+        self.force = max(
+            chain.stiffness * assembly.path.pitch * max(assembly.strain, 0.0),
+            float(np.max(np.abs(moments) / potential.radius)),
+            float(np.abs(potential.pull).max()),
+            chain.mass * float(np.hypot(*potential.gravity)) * 10.0,
+            1e-9 * chain.stiffness * chain.pitch,
+        )
+        self.stiffest = 4.0 * chain.stiffness + max(potential.tooth_stiffness)
+
+    def begin(self, x: Array, assembly: Assembly) -> tuple[Array, float]:
+        """The equilibrium of the assembled state x, its chain on the teeth on which it was laid; see `settle`."""
+        found, residual = x, math.inf
+        for softer in (_SOFTER, ()):
+            found = x
+            for softness in softer:
+                self.potential.softness = softness
+                found, _ = self.settle(found, 10.0 * _ENOUGH)
+            self.potential.softness = 1.0
+            found, residual = self.settle(found)
+            if _slipped(self.potential, assembly, found):
+                residual = math.inf
+            if residual <= _ACCURACY:
+                break
+        return found, residual
+
+    def settle(self, x: Array, enough: float = _ENOUGH) -> tuple[Array, float]:
+        """The equilibrium near x, and the largest force left, over the largest at work; sought is `enough`."""
+        shift, least = 1e-6 * self.stiffest, 1e-12 * self.stiffest
+        terms, pitch = self.potential.terms(x), self.potential.drive.chain.pitch
+        slope, curvature = self._slope(terms), self._curvature(terms)
+        for _ in range(_ITERATIONS):
+            if float(np.abs(slope).max()) <= enough * self.force or shift > 1e6 * self.stiffest:
+                break
+            change = self._solve(curvature, slope, shift)
+            change *= min(1.0, _FARTHEST * pitch / float(np.abs(change).max()))
+            moved = x + self.weight * change[self.column]
+            after = self.potential.terms(moved)
+            gain, noise = -float(slope @ change), 1e-13 * abs(terms.energy)
+            if gain > 0.0 and after.energy <= terms.energy - 1e-4 * gain + noise:
+                x, terms, shift = moved, after, max(_DECAY * shift, least)
+                slope, curvature = self._slope(terms), self._curvature(terms)
+            else:
+                shift *= _GROWTH
+        return x, float(np.abs(slope).max()) / self.force
+
+    def _slope(self, terms: Terms) -> Array:
+        """Gradient by the free coordinates."""
+        return np.asarray(np.bincount(self.column, self.weight * terms.gradient, self.count), dtype=np.float64)
+
+    def _curvature(self, terms: Terms) -> csc_matrix:
+        """Hessian by the free coordinates."""
+        return terms.hessian(self.column, self.weight, self.count)
+
+    def _solve(self, curvature: csc_matrix, slope: Array, shift: float) -> Array:
+        from scipy.sparse.linalg import splu
+
+        shifted = curvature.copy()
+        shifted.setdiag(curvature.diagonal() + shift)
+        return np.asarray(splu(shifted, permc_spec="MMD_AT_PLUS_A").solve(-slope))
+
+
+def _slipped(potential: Potential, assembly: Assembly, x: Array) -> bool:
+    """True if the chain has left the teeth on which it was assembled, at the middle of a wrapped arc."""
+    r, centers, angles = potential.split(x)
+    for s, sprocket in enumerate(potential.drive.sprockets):
+        rollers = np.flatnonzero(assembly.seat_sprocket == s)
+        middle = rollers[len(rollers) // 2]
+        arm = r[middle] - centers[s]
+        polar = math.atan2(arm[1], arm[0]) - angles[s]
+        teeth = sprocket.teeth
+        seat = round(polar * teeth / (2.0 * math.pi)) % teeth
+        if seat != assembly.seat_index[middle]:
+            return True
+    return False
+
+
+def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
+    """Free coordinates y: rollers, moving centers, free angles, these taken as lengths at the pitch radius.
+
+    Returns:
+        column and weight of every coordinate, dx_i = weight_i dy_column(i), 0 and 0 for those that stay; their number.
+    """
+    n, s = 2 * potential.rollers, potential.sprockets
+    column, weight, count = np.zeros(potential.size, dtype=np.int64), np.zeros(potential.size), n
+    column[:n], weight[:n] = np.arange(n), 1.0
+    for k, sprocket in enumerate(potential.drive.sprockets):
+        x, y, angle = n + 2 * k, n + 2 * k + 1, n + 2 * s + k
+        if isinstance(sprocket.mount, ElasticMount):
+            column[x], column[y], weight[x : y + 1] = count, count + 1, 1.0
+            count += 2
+        elif isinstance(sprocket.mount, SliderMount):
+            column[x : y + 1], weight[x : y + 1] = count, unit(sprocket.mount.direction)
+            count += 1
+        if sprocket.prescribed is None:
+            column[angle], weight[angle] = count, 1.0 / float(potential.radius[k])
+            count += 1
+    return column, weight, count

@@ -1,0 +1,63 @@
+"""The window's sums batch by batch, from what the kernels noted of them (`kernels.batches`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.kernels.batches import BATCHES, NOTES
+from warpchain.kernels.sums import STRAND_EVERY
+
+Rows = Mapping[str, NDArray[Any]]
+
+
+def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
+    """(V, batches) time that each batch stands for [s], nan where the window is too short for batches.
+
+    Args:
+        drives: (V,) `kernels.structs.Drive`.
+    """
+    batches, every = int(BATCHES), int(STRAND_EVERY)
+    start, end = drives["window_start"].astype(np.int64)[:, None], drives["window_end"].astype(np.int64)[:, None]
+    reached = start - (start - end) * np.arange(1, batches) // batches  # rounded up
+    noted = -(-reached // every) * every
+    half = 0.5  # the first and the last step of a window stand for half a step
+    edges = np.concatenate([start + half, noted, end + half], axis=1)
+    steps = np.diff(edges, axis=1)
+    steps[((end - start) < batches * every)[:, 0]] = np.nan
+    return steps * drives["step"][:, None]
+
+
+def batch_sums(notes: NDArray[Any], totals: NDArray[Any]) -> Rows:
+    """What was added in each batch, by field.
+
+    Args:
+        notes: (..., notes), a struct of sums as they were at the batches' ends.
+        totals: (...) the sums at the window's end.
+    """
+    found = {}
+    for name in notes.dtype.names or ():
+        if not name.endswith(("_min", "_max")):
+            noted, total = notes[name], totals[name]
+            axis = totals.ndim
+            whole = np.concatenate([np.zeros_like(noted).take([0], axis), noted, np.expand_dims(total, axis)], axis)
+            found[name] = np.diff(whole, axis=axis)
+    return found
+
+
+def split_batches(
+    sums: Mapping[str, Any], variants: NDArray[np.integer], sprocket: NDArray[np.integer]
+) -> dict[str, Rows]:
+    """Batches of V variants with S sprockets each: "chain" (V, batches), "strand", "sprocket", "mount" (V, S, batches).
+
+    Args:
+        sums: of the whole ensemble, by name.
+        variants: (V,) their numbers.
+        sprocket: (V, S) the numbers of their sprockets.
+    """
+    places = {"chain": variants, "strand": sprocket, "sprocket": sprocket, "mount": sprocket}
+    notes = {name: sums[f"{name}_notes"].reshape(-1, int(NOTES)) for name in places}
+    return {name: batch_sums(notes[name][at], sums[name][at]) for name, at in places.items()}

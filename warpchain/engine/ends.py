@@ -1,0 +1,116 @@
+"""What variants are judged by that no sum over the window holds: their layouts, and where their chains end up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly import Assembly
+from warpchain.assembly.layout import findings
+from warpchain.drive import Drive
+from warpchain.engine.devices import Engine
+from warpchain.engine.packed import Packed
+from warpchain.kernels.rows import STATE_ROWS
+
+ON_TOP = 0.5
+"""A roller has left the teeth where its center is this share of its radius beyond their tips; on top of one it is 1."""
+
+
+def layouts_of(drives: Sequence[Drive], assemblies: Sequence[Assembly]) -> list[tuple[str, ...]]:
+    """What is wrong with each drive's layout; drives that share their assembly and guide-bars are looked at once."""
+    known: dict[tuple[int, ...], tuple[str, ...]] = {}
+    found = []
+    for drive, assembly in zip(drives, assemblies, strict=True):
+        key = (id(assembly), *map(id, drive.guides))
+        if key not in known:
+            known[key] = findings(drive, assembly.path)
+        found.append(known[key])
+    return found
+
+
+def layout_line(layouts: Sequence[Sequence[str]]) -> str | None:
+    """What to tell of the layouts in one line, None where nothing is wrong."""
+    wrong = [v for v, found in enumerate(layouts) if found]
+    if not wrong:
+        return None
+    first = "; ".join(layouts[wrong[0]])
+    if len(layouts) == 1:
+        return first
+    more = f", and of {len(wrong) - 1} further variants alike" if len(wrong) > 1 else ""
+    return f"variant {wrong[0]}{more}: {first}"
+
+
+def net_force(packed: Packed, residual: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Largest net force that settling left on a roller [N] (V,), from its residuals (`kernels.relaxation`).
+
+    Args:
+        packed: the settled ensemble in float64.
+        residual: (V,) over the largest link force, or a roller's weight if that is larger.
+    """
+    largest = np.zeros(packed.variants)
+    for alike, at in _rollers(packed):
+        x, y = packed.rollers[at], packed.rollers[at + at.shape[1]]
+        span = np.hypot(np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y)
+        first = packed.drives["first_roller"][alike].astype(np.int64)
+        span -= packed.lengths[first[:, None] + np.arange(at.shape[1])]
+        largest[alike] = packed.chains["stiffness"][alike] * np.abs(span).max(axis=1)
+    weight = packed.chains["mass"] * np.hypot(*packed.chains["gravity"].T)
+    return residual * np.maximum(largest, weight)
+
+
+def _rollers(packed: Packed) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64]]]:
+    """Variants alike in their number N of rollers (K,), and where x of each roller stands in the rows of all (K, N).
+
+    Its y is N further on.
+    """
+    links, first = packed.drives["rollers"].astype(np.int64), packed.drives["first_roller"].astype(np.int64)
+    for count in np.unique(links).tolist():
+        alike = np.flatnonzero(links == count)
+        yield alike, STATE_ROWS * first[alike, None] + np.arange(count)
+
+
+def engaged(engine: Engine, drives: Sequence[Drive]) -> NDArray[np.float64]:
+    """Share of the rollers of each sprocket's wrap that are on its teeth now (V, S), NaN beyond a drive's sprockets.
+
+    On its teeth is a roller whose center is nearer than half a pitch to the pitch circle inward, and less than
+    `ON_TOP` of its radius beyond the tips outward. A share is taken over the rollers that the assembled wrap held and
+    may exceed 1, as a strand's first rollers are near the teeth, too.
+    """
+    packed = engine.packed
+    counts = packed.drives["sprockets"].astype(np.int64)
+    inner, outer, held = _reach(drives, packed.assemblies, int(counts.max()))
+    centers, rows = engine.bodies()["center"], engine.rollers()
+    found = np.full(held.shape, np.nan)
+    for alike, at in _rollers(packed):
+        x, y = rows[at], rows[at + at.shape[1]]
+        for s in range(int(counts[alike].max())):
+            body = np.where(counts[alike] > s, packed.drives["first_body"][alike] + s, 0)
+            center = centers[body][:, :, None]
+            with np.errstate(all="ignore"):  # what diverged may be anywhere
+                square = (x - center[:, 0]) ** 2 + (y - center[:, 1]) ** 2
+            on = (square > inner[alike, s, None] ** 2) & (square < outer[alike, s, None] ** 2)
+            found[alike, s] = on.sum(axis=1)
+    return found / held
+
+
+def _reach(
+    drives: Sequence[Drive], assemblies: Sequence[Assembly], sprockets: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Between which distances from its center a roller is on a sprocket's teeth [m], and how many were at assembly.
+
+    (V, S) each, NaN beyond a drive's sprockets.
+    """
+    known: dict[int, NDArray[np.float64]] = {}
+    for drive, assembly in zip(drives, assemblies, strict=True):
+        if id(assembly) in known:
+            continue
+        found = known[id(assembly)] = np.full((3, sprockets), np.nan)
+        count, chain = len(drive.sprockets), drive.chain
+        for s in range(count):
+            found[0, s] = assembly.path.radius[s] - 0.5 * chain.pitch
+            found[1, s] = drive.tip_radius(s) + ON_TOP * chain.roller_radius
+        found[2, :count] = np.bincount(assembly.seat_sprocket[assembly.seat_sprocket >= 0], minlength=count)
+    table = np.stack([known[id(assembly)] for assembly in assemblies], axis=1)
+    return table[0], table[1], table[2]

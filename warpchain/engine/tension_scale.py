@@ -1,0 +1,39 @@
+"""How large link tensions of a drive are, roughly: what the bins of their histograms are spaced by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from warpchain.assembly import Assembly
+from warpchain.drive import Drive
+from warpchain.drive.motion import ElasticMount, Load, SliderMount
+
+SHARE = 0.1
+"""Scale of the bins over the working tension."""
+
+LEAST = 1e-6
+"""Least working tension, over what stretches a link by its own length."""
+
+
+def _moment(load: Load, speed: float) -> float:
+    """Most that a load asks for at an angular velocity, harmonics aside [N m]."""
+    table = 0.0 if load.table is None else load.table.factor * float(np.abs(load.table.torque).max())
+    return abs(load.torque) + abs(table) + load.viscous * speed + load.quadratic * speed * speed
+
+
+def tension_scale(drive: Drive, assembly: Assembly) -> float:
+    """A tenth of the sum of what loads, preloads and the chain's speed pull with [N], positive.
+
+    Loads and preloads of mounts are taken to act on the same strand, so that it is rather too large than too small.
+    """
+    chain = drive.chain
+    driver = drive.sprockets[drive.driver].prescribed
+    speed = abs(driver.top_speed) * drive.pitch_radius(drive.driver) if driver else 0.0
+    tension = max(0.0, chain.stiffness * assembly.path.pitch * assembly.strain) + chain.mass / chain.pitch * speed**2
+    for s, sprocket in enumerate(drive.sprockets):
+        radius = drive.pitch_radius(s)
+        if sprocket.load is not None:
+            tension += _moment(sprocket.load, speed / radius) / radius
+        if isinstance(sprocket.mount, ElasticMount | SliderMount):
+            tension += float(np.hypot(*np.broadcast_to(sprocket.mount.preload, 2)))
+    return SHARE * max(tension, LEAST * chain.stiffness * chain.pitch)

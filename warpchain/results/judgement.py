@@ -1,0 +1,263 @@
+"""Which variants to believe: limits that a run is held against, and what becomes of each variant.
+
+A variant is "diverged" where it was stopped as such, "suspect" where something of it is beyond its limit, else "ok". A
+new limit is a row of `RULES` and a field of `Limits`; the table in `docs/judged-runs.md` goes by the rows.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from warpchain.drive import Drive
+from warpchain.drive.part import Part, Value
+
+OK, SUSPECT, DIVERGED = "ok", "suspect", "diverged"
+STATUSES = (OK, SUSPECT, DIVERGED)
+"""What a variant can be, from good to bad."""
+
+NAMED = 6
+"""Most variants that a warning names."""
+TOLD = 3
+"""Most reasons that a warning tells."""
+
+Limit = Annotated[
+    float, Field(strict=True, ge=0.0, allow_inf_nan=True), Value("must be a number of at least 0, or inf")
+]
+Share = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
+
+
+class Limits(Part):
+    """What a variant may come to and still be ok. An upper limit of inf, and a lower one of 0, judges nothing.
+
+    Attributes:
+        energy_residual: what the energy balance misses, over the energy turned over.
+        settle_residual: net force that settling left on a roller, over the largest link force of the window.
+        breaking_load: largest link tension, over the breaking load of the catalogue's chain (`chain.size`).
+        slips: teeth that the chain jumped on a sprocket.
+        missed: rollers that came at a guide-bar other than through its face.
+        engaged: at least so many rollers on a sprocket at the end, over those of the wrap it was assembled with.
+        layout: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
+    """
+
+    energy_residual: Limit = 0.01
+    settle_residual: Limit = 1e-3
+    breaking_load: Limit = 1.0
+    slips: Limit = 0.0
+    missed: Limit = 0.0
+    engaged: Share = 0.5
+    layout: Limit = 0.0
+
+    @classmethod
+    def _source(cls) -> str:
+        return "limits"
+
+
+Given = tuple[NDArray[Any], NDArray[np.bool_]]
+"""Values of a column (V,), and where it is null."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How one limit judges.
+
+    Attributes:
+        key: field of `Limits`.
+        column: what is held against it, a column of the metrics by its own name; "" for what is told of the drive.
+        unit: what the limit is in, for documents.
+        text: a reason, from the name of what it is of ("" for the chain) and the value.
+        advice: what to change.
+        of: whose column it is, for documents: "SPROCKET", "GUIDE", or "" for the chain.
+        least: whether the limit is a lower one.
+        over: what the column is taken over, from drives and columns (V,), NaN where there is nothing; left out for 1.
+    """
+
+    key: str
+    column: str
+    unit: str
+    text: Callable[[str, float], str]
+    advice: str
+    of: str = ""
+    least: bool = False
+    over: Callable[[Sequence[Drive], Mapping[str, Given]], NDArray[np.float64]] | None = None
+
+    @property
+    def where(self) -> str:
+        """The column's name, for documents."""
+        return f"{self.of}.{self.column}" if self.of else self.column
+
+
+def breaking_load(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:
+    """Breaking load of each drive's chain [N], NaN where it names no size."""
+    return np.array([drive.chain.breaking_load for drive in drives], dtype=float)
+
+
+def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:
+    """Largest link force of the window, pulling or pushing [N], NaN where there is none."""
+    ends = [np.abs(columns[name][0]) for name in ("tension_min", "tension_max") if name in columns]
+    largest = np.max(ends, axis=0) if ends else np.zeros(len(drives))
+    return np.where(largest > 0.0, largest, np.nan)
+
+
+RULES = (
+    Rule(
+        "energy_residual",
+        "energy_residual_relative",
+        "of the energy turned over",
+        lambda of, value: f"energy residual {100.0 * value:+.2g} % of the energy turned over",
+        "take a smaller step (run.step), a higher impact_speed_floor, or float64",
+    ),
+    Rule(
+        "settle_residual",
+        "settle_force",
+        "of the largest link force",
+        lambda of, value: f"settling left a net force of {value:.2g} of the largest link force",
+        "make the chain fit more closely (warpchain fit), or take run.settle = false and a later window",
+        over=largest_tension,
+    ),
+    Rule(
+        "breaking_load",
+        "tension_max",
+        "of the chain's breaking load",
+        lambda of, value: f"largest tension {value:.2g} of the chain's breaking load",
+        "take a stronger chain.size, less load, a longer ramp_time, or a smaller step (run.step)",
+        over=breaking_load,
+    ),
+    Rule(
+        "slips",
+        "slips",
+        "teeth",
+        lambda of, value: f"{of}: slipped by {abs(value):g} teeth",
+        "take more preload (warpchain fit), more wrap, less load, or a longer ramp_time",
+        of="SPROCKET",
+    ),
+    Rule(
+        "missed",
+        "missed",
+        "rollers",
+        lambda of, value: f"{of}: missed by {value:g} rollers",
+        "move or lengthen the guide-bar, or take more preload or a smaller step (run.step)",
+        of="GUIDE",
+    ),
+    Rule(
+        "engaged",
+        "engaged",
+        "of the rollers of the assembled wrap",
+        lambda of, value: f"{of}: only {100.0 * value:.0f} % of its wrap is on its teeth at the end",
+        "take more preload (warpchain fit), less load, or a longer ramp_time",
+        least=True,
+        of="SPROCKET",
+    ),
+)
+"""What is judged by metrics, in the order of reasons."""
+
+DIVERGED_ADVICE = "take a smaller step (run.step) or a higher impact_speed_floor"
+"""What to do about a variant that diverged."""
+UNMEASURED = "ended before its window for metrics was over"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What V variants are judged to be.
+
+    Attributes:
+        status: (V,) of `STATUSES`.
+        reason: (V,) why, "" where ok.
+    """
+
+    status: list[str]
+    reason: list[str]
+
+
+def judge(
+    drives: Sequence[Drive],
+    columns: Mapping[str, Given],
+    measured: NDArray[np.bool_],
+    limits: Limits | None = None,
+    layouts: Sequence[Sequence[str]] | None = None,
+) -> Judgement:
+    """Judges V variants by their metrics.
+
+    Args:
+        drives: the variants.
+        columns: their metrics by name; those that a rule does not find are not judged by it. Of `diverged` variants
+            "diverged" and "diverged_time" [s] tell.
+        measured: (V,) which came to the end of their window.
+        limits: None takes the defaults.
+        layouts: (V,) what is wrong with each drive's layout (`assembly.layout.findings`); None judges none.
+    """
+    limits = limits or Limits()
+    found: dict[int, list[str]] = {}
+    if layouts is not None:
+        for v, layout in enumerate(layouts):
+            if layout and len(layout) > limits.layout:
+                found[v] = list(layout)
+    diverged, _ = columns["diverged"]
+    times, _ = columns["diverged_time"]
+    for v in np.flatnonzero(diverged).tolist():
+        end = "" if v in found else f": {DIVERGED_ADVICE}"
+        found.setdefault(v, []).insert(0, f"diverged at {times[v]:.4g} s{end}")
+    for v in np.flatnonzero(~measured & ~diverged.astype(bool)).tolist():
+        found.setdefault(v, []).append(UNMEASURED)
+    for rule in RULES:
+        limit = float(getattr(limits, rule.key))
+        names = [name for name in columns if name == rule.column or name.endswith(f".{rule.column}")]
+        if not names or limit == (0.0 if rule.least else np.inf):
+            continue
+        scale = np.ones(len(drives)) if rule.over is None else rule.over(drives, columns)
+        for name in names:
+            values, null = columns[name]
+            shares = values / scale
+            within = shares >= limit if rule.least else np.abs(shares) <= limit
+            beyond = ~(within | null | np.isnan(scale)) & ~diverged.astype(bool)
+            of = name.removesuffix(rule.column).removesuffix(".")
+            for v in np.flatnonzero(beyond).tolist():
+                found.setdefault(v, []).append(f"{rule.text(of, float(shares[v]))}: {rule.advice}")
+    status, reason = [OK] * len(drives), [""] * len(drives)
+    for v, reasons in found.items():
+        status[v] = DIVERGED if diverged[v] else SUSPECT
+        reason[v] = "; ".join(reasons)
+    return Judgement(status, reason)
+
+
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
+
+
+def common_reasons(found: Iterable[tuple[str, str]]) -> list[tuple[str, str, int]]:
+    """(status, reason, how many), the most frequent first, from the (status, reason) of each variant.
+
+    Reasons that differ in their numbers only count as one, named by its first.
+    """
+    counts: Counter[tuple[str, str]] = Counter()
+    first: dict[tuple[str, str], str] = {}
+    for status, reason in found:
+        alike = status, _NUMBER.sub("#", reason)
+        counts[alike] += 1
+        first.setdefault(alike, reason)
+    return [(alike[0], first[alike], count) for alike, count in counts.most_common()]
+
+
+def told(status: Sequence[str], reason: Sequence[str]) -> str | None:
+    """What to tell of V variants in one line: which are not ok, why, and what to change; None where all are ok.
+
+    A variant whose run was interrupted, and that has nothing else, is not told: who did it knows.
+    """
+    bad = [v for v, word in enumerate(status) if word != OK and reason[v] != UNMEASURED]
+    if not bad:
+        return None
+    if len(status) == 1:
+        return reason[0] if status[0] == DIVERGED else f"suspect: {reason[0]}"
+    kinds = Counter(status[v] for v in bad)
+    counts = " and ".join(f"{kinds[word]} {word}" for word in STATUSES if kinds[word])
+    names = ", ".join(map(str, bad[:NAMED])) + (f" and {len(bad) - NAMED} more" if len(bad) > NAMED else "")
+    common = common_reasons((status[v], reason[v]) for v in bad)
+    lines = [f"{count} like this: {text}" for _, text, count in common[:TOLD]]
+    more = [f"{len(common) - TOLD} further reasons"] if len(common) > TOLD else []
+    return f"of {len(status)} variants {counts} (variant {names}); " + "; ".join(lines + more)
