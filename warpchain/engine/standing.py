@@ -250,7 +250,8 @@ def released(packed: Packed, drive: Drive) -> Packed:
         relaxing.engine.close()
     if not np.isfinite(residual):
         raise SimulationError("the drive does not settle under its loads: the chain leaves its sprockets")
+    steps = (SPELL + IRREGULAR // 2) * SPELLS
     raise SimulationError(
-        f"the drive does not settle under its loads: after {(SPELL + IRREGULAR // 2) * SPELLS} steps the largest net force is still "
+        f"the drive does not settle under its loads: after {steps} steps the largest net force is still "
         f"{residual:.1e} of the largest link force (wanted {ENOUGH:g})"
     )
