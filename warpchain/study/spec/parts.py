@@ -158,9 +158,11 @@ class Keep(Part):
 
     Attributes:
         keep: names of metrics; `*` and `?` stand for any letters, for one letter.
+        modes: how many modes of the base drive at rest are followed, the lowest ones; None is none.
     """
 
     keep: Annotated[Texts, Field(min_length=1)] = ("*",)
+    modes: Count | None = None
 
 
 class Worst(Part):
