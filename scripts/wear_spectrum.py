@@ -18,7 +18,7 @@ from warpchain.results.signals import order_spectrum, strand_tension
 
 ELONGATION = 0.0075  # of the chain as a whole
 DURATION = 2.0  # s
-CASES = {
+CASES: dict[str, tuple[float, dict[str, object]]] = {
     "new chain": (0.0, {}),
     "all links 0.75 % longer": (ELONGATION, {"chain.elongation": ELONGATION}),
     "outer links 1.5 % longer": (ELONGATION, {"chain.outer": {"elongation": 2.0 * ELONGATION}}),
