@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
     from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
+    from warpchain.modal import Modes, modes
     from warpchain.results.judgement import Limits
     from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.run import run_study
@@ -18,6 +19,7 @@ _HOME = {
     "ArchiveOptions": "archive",
     "Drive": "drive",
     "Limits": "results.judgement",
+    "Modes": "modal",
     "Record": "results.run",
     "Run": "results.run",
     "Trajectory": "results.run",
@@ -26,6 +28,7 @@ _HOME = {
     "dumps_drive": "drive",
     "load_drive": "drive",
     "loads_drive": "drive",
+    "modes": "modal",
     "read_archive": "archive",
     "run_study": "study.run",
     "simulate": "engine.simulation",
@@ -36,6 +39,7 @@ __all__ = [
     "ArchiveOptions",
     "Drive",
     "Limits",
+    "Modes",
     "Record",
     "Run",
     "Trajectory",
@@ -45,6 +49,7 @@ __all__ = [
     "dumps_drive",
     "load_drive",
     "loads_drive",
+    "modes",
     "read_archive",
     "run_study",
     "simulate",

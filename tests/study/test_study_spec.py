@@ -168,7 +168,10 @@ EXPECTED = [
     (HEAD + DESIGN + RANGE + "[[constraints]]\nrequire = 1", "constraints.0.require = 1: must be a text"),
     # designs
     (kind('kind = "random"'), 'design.kind = "random": must be "factorial", "latin-hypercube", "sobol", "halton", '),
-    (kind('kind = "sobol"'), 'design.count: missing; must be an integer of at least 1, and at most 100000000; needed with kind "sobol"'),
+    (
+        kind('kind = "sobol"'),
+        'design.count: missing; must be an integer of at least 1, and at most 100000000; needed with kind "sobol"',
+    ),
     (kind('kind = "sobol"\ncount = 0'), "design.count = 0: must be an integer of at least 1"),
     (kind('kind = "sobol"\ncount = 4\nseed = -1'), "design.seed = -1: must be an integer of at least 0"),
     (kind('kind = "factorial"\ncount = 4'), 'design.count = 4: not with kind "factorial"'),

@@ -65,6 +65,15 @@ def fit(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def modes(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.modes import mode_lines
+
+    start_warp()
+    for line in mode_lines(_load(arguments), arguments):
+        print(line)
+    return DONE
+
+
 def run(arguments: argparse.Namespace) -> int:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.simulation import simulate

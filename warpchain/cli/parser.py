@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | run | view | plot | export | recover | study`.
+"""The command line: `warpchain check | chains | fit | modes | run | view | plot | export | recover | study`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
 user's or a refusal of the machine's, said in one line each.
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.cli import commands as do
-from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number
+from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number, whole_number
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.study import add_commands
 from warpchain.cli.study_report import add_report_commands
@@ -78,6 +78,31 @@ def _fit(commands: Any) -> None:
     parser.add_argument("--sag", type=number, metavar="METRES", help="wanted sag of a strand at rest [m]")
     parser.add_argument("--strand", metavar="FROM->TO", help="which strand's sag; default the longest")
     parser.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write there; default DRIVE itself")
+
+
+def _modes(commands: Any) -> None:
+    parser = _add(
+        commands,
+        "modes",
+        do.modes,
+        "list a drive's natural frequencies, damping ratios and mode shapes",
+        "warpchain modes marine --speed 0 15 -o modes.html",
+    )
+    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
+    parser.add_argument("--count", type=whole_number, default=20, metavar="N", help="modes to list (default 20)")
+    parser.add_argument(
+        "--speed",
+        type=number,
+        nargs="+",
+        default=[0.0],
+        metavar="RAD/S",
+        help="driver's speed at which the drive runs; two: from one to the other, as a Campbell diagram (default 0)",
+    )
+    parser.add_argument("--points", type=whole_number, default=25, metavar="N", help="speeds of a diagram (default 25)")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, help="also write there: .html, .png, .svg, .rrd (Rerun) or .npz"
+    )
+    parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
 
 
 def _run(commands: Any) -> None:
@@ -199,7 +224,7 @@ def _study(commands: Any) -> None:
     add_report_commands(studies)
 
 
-COMMANDS = (_check, _chains, _fit, _run, _view, _plot, _export, _recover, _study)
+COMMANDS = (_check, _chains, _fit, _modes, _run, _view, _plot, _export, _recover, _study)
 """What adds each command, in the order of the help."""
 
 

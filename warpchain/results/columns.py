@@ -309,7 +309,13 @@ DESIGN = (
 Blocks = tuple[tuple[Group, ...], ...]
 METRICS: Blocks = (*MEASURED, (STEADY,), (BALANCE,), *DESIGN, (ENGAGED,), (SETTLING,))
 """The metrics of a variant that ran to its end, in the table's order."""
+OF_MODES = (
+    Column("frequency", "Hz", "natural frequency of a mode of the base drive, found again by its shape"),
+    Column("damping_ratio", "1", "damping ratio of that mode"),
+)
+"""What studies can ask for of modes (`modes.NAME.frequency`)."""
 COLUMNS = {c.name: c for groups in (*METRICS, (RUN,), RECORDED) for group in groups for c in group.columns}
+COLUMNS |= {c.name: c for c in OF_MODES}
 """Every column by its own name."""
 
 

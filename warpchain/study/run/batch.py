@@ -78,12 +78,26 @@ def simulate_variants(
     if _held(study, variants, options.get("memory", MEMORY)):
         _simulate(study, variants, None, options, report)
         _archive(variants, archive)
+        _follow_modes(study, base, variants)
         return
     streamed = [variant for variant in variants if variant.recorded]
     plain = [variant for variant in variants if not variant.recorded]
     share = len(plain) / len(variants)
     _simulate(study, plain, None, options, lambda part: report(share * part))
     _simulate(study, streamed, archive, options, lambda part: report(share + (1.0 - share) * part))
+    _follow_modes(study, base, variants)
+
+
+def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
+    """Adds the base drive's modes to the metrics of the variants, where the study asks for them."""
+    if study.metrics.modes is None:
+        return
+    from warpchain.modal.metrics import base_modes, mode_metrics
+
+    wanted = base_modes(base, study.metrics.modes)
+    for variant in variants:
+        if variant.drive is not None and variant.metrics is not None:
+            variant.metrics |= mode_metrics(wanted, variant.drive)
 
 
 def _build(study: Study, base: Drive, variant: Variant) -> None:

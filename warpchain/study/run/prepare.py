@@ -83,9 +83,14 @@ def _check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLik
     Raises:
         StudyError: one line for each error.
     """
-    from warpchain.results.columns import metric_names
+    from warpchain.results.columns import OF_MODES, metric_names
 
     names, lines = metric_names(drive), []
+    if study.metrics.modes is not None:
+        from warpchain.modal.metrics import PREFIX, base_modes
+
+        for name in base_modes(drive, study.metrics.modes).names:
+            names += [f"{PREFIX}{name}.{column.name}" for column in OF_MODES]
     for i, pattern in enumerate(study.metrics.keep):
         if not any(fnmatchcase(name, pattern) for name in names):
             lines.append(f'metrics.keep.{i} = "{pattern}": no such metric; there are {some_of(names, 8)}')

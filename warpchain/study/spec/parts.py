@@ -15,7 +15,10 @@ SAMPLED = ("latin-hypercube", "sobol", "halton")
 KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table")
 _KINDS_TEXT = "must be " + ", ".join(f'"{kind}"' for kind in KINDS[:-1]) + f' or "{KINDS[-1]}"'
 
-Count = Annotated[int, Field(strict=True, ge=1, le=100_000_000), Value("must be an integer of at least 1, and at most 100000000")]
+MOST = 100_000_000
+Count = Annotated[
+    int, Field(strict=True, ge=1, le=MOST), Value(f"must be an integer of at least 1, and at most {MOST}")
+]
 Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
 Wholes = Annotated[
     tuple[Annotated[int, Field(strict=True, ge=0)], ...],
@@ -158,9 +161,11 @@ class Keep(Part):
 
     Attributes:
         keep: names of metrics; `*` and `?` stand for any letters, for one letter.
+        modes: how many modes of the base drive at rest are followed, the lowest ones; None is none.
     """
 
     keep: Annotated[Texts, Field(min_length=1)] = ("*",)
+    modes: Count | None = None
 
 
 class Worst(Part):

@@ -1,0 +1,123 @@
+"""Modes over speed: travelling strands, what excites a drive, where it meets the modes, and what is written of it."""
+
+import numpy as np
+import pytest
+from command import run
+from drives import two_sprockets
+
+from warpchain import load_drive
+from warpchain.drive.examples import drive_path
+from warpchain.errors import SimulationError
+from warpchain.modal.campbell import Campbell, assurance, campbell
+from warpchain.modal.figures import campbell_figure, shapes_figure
+from warpchain.modal.modes import modes, modes_of, system
+from warpchain.modal.orders import Order, orders
+from warpchain.modal.page import page
+from warpchain.modal.playback import save_recording
+
+
+@pytest.fixture(scope="module")
+def taut():
+    """Two sprockets of 60 teeth, strands of 60 links at some 8 kN, over speeds up to a third of the wave's."""
+    drive = two_sprockets(teeth=60, links=180, span=60.1, torque=0.0, inertia=200.0, stiffness=1e7)
+    return campbell(drive, [0.0, 1.0, 2.0, 3.0, 4.0], 4)
+
+
+def test_strands_of_a_running_chain_swing_as_travelling_strings(taut):
+    """f_1 = (c^2 - v^2) / (2 L c), c^2 = T / m_l, T as it is at that speed, L from the seat left to the seat reached.
+
+    Of sixty lumps the first mode is (pi/120)^2 / 6 = 0.01 % low; the ends give way on their seats by less than a link's
+    share of the strand, 1 %.
+    """
+    drive = taut.drive
+    assert np.isfinite(taut.frequency).all()
+    for result, speed in zip(taut.modes, taut.speed, strict=True):
+        v = speed * drive.pitch_radius(0)
+        tension = result.tension[50:70].mean()  # a link far from both sprockets
+        c = np.sqrt(tension * drive.chain.pitch / drive.chain.mass)
+        length = 60.1 * drive.chain.pitch
+        strands = [k for k in range(4) if result.across[k] > 0.9][:2]
+        assert len(strands) == 2
+        assert result.frequency[strands] == pytest.approx((c * c - v * v) / (2.0 * length * c), rel=0.01)
+    assert v > 0.2 * c
+
+
+def test_orders_of_the_engine():
+    """20 teeth drive 17, 40 and 40 by 132 links; order 2 of the crankshaft, order 4 of camshafts at half its speed."""
+    found = orders(load_drive(drive_path("engine")))
+    assert [order.value for order in found] == pytest.approx([20 / 132, 0.5, 1.0, 20 / 17, 2.0, 20.0, 40.0])
+    assert "load of exhaust cam" in found[4].cause
+    assert "motion of crankshaft" in found[4].cause
+
+
+def test_unlike_links_excite_half_the_tooth_frequency():
+    drive = two_sprockets(links=58, span=19.03)
+    assert 10.0 not in [order.value for order in orders(drive)]
+    worn = [{"link": i, "elongation": 0.01} for i in range(0, 58, 2)]
+    unlike = drive.with_values({"chain.worn_links": worn})
+    assert Order(10.0, "links of two kinds") in orders(unlike)
+
+
+def test_crossings_and_tongues_lie_where_lines_meet(taut):
+    """Two modes that are straight lines, 10 + s and 30 - s Hz; order 2 pi is s Hz at a speed s [rad/s]."""
+    speed = np.array([0.0, 8.0, 30.0])
+    lines = np.stack([10.0 + speed / 2.0, 30.0 - speed], axis=1)
+    ratio = np.tile([0.01, 0.02], (3, 1))
+    found = Campbell(taut.drive, speed, ("a", "b"), lines, ratio, (Order(2.0 * np.pi, "tooth"),), ())
+    first, second = found.crossings()
+    assert (first.mode, first.speed, first.frequency) == ("b", pytest.approx(15.0), pytest.approx(15.0))
+    assert (second.mode, second.speed, second.frequency) == ("a", pytest.approx(20.0), pytest.approx(20.0))
+    assert second.damping_ratio == pytest.approx(0.01)
+    rate = 60.0 / (2.0 * np.pi)  # tooth frequency over speed
+    near, far = found.tongues()
+    assert near.mode, far.mode == ("a", "b")
+    assert near.speed == pytest.approx(20.0 / (rate - 1.0))
+    assert far.speed == pytest.approx(60.0 / (rate + 2.0))
+    assert (near.threshold, far.threshold) == pytest.approx((0.04, 0.08))
+
+
+def test_a_mode_is_alike_to_itself_alone():
+    """Modes of a drive at rest that hardly damps are orthogonal: but for damping, the assurance is the identity."""
+    found = system(two_sprockets(links=58, span=19.03, damping=0.0, restitution=1.0, gravity=-3.0))
+    result = modes_of(found, 8)
+    assert np.allclose(assurance(result, result, found), np.eye(8), atol=1e-3)
+
+
+def test_speeds_must_ascend():
+    with pytest.raises(SimulationError, match="ascending"):
+        campbell(two_sprockets(), [3.0, 1.0])
+
+
+def test_figures_page_and_recording(taut, tmp_path):
+    result = taut.modes[0].first(3)
+    assert len(result) == 3
+    assert len(shapes_figure(result).axes) == 3
+    assert len(campbell_figure(taut).axes) == 1
+    text = page(result, taut)
+    assert text.count("<img ") == 2
+    assert all(name.replace(">", "&gt;") in text for name in result.names)
+    assert save_recording(result, tmp_path / "modes.rrd").read_bytes()[:3] == b"RRF"
+
+
+def test_the_command_prints_the_table_and_writes_arrays(tmp_path, capsys):
+    target = tmp_path / "modes.npz"
+    status, said, _ = run(capsys, "modes", "industrial", "--count", "3", "-o", target)
+    assert status == 0
+    assert any("motor->conveyor 1" in line for line in said)
+    stored = np.load(target)
+    assert stored["shape"].shape == (3, 118, 2)
+    assert np.allclose(stored["frequency"], modes(load_drive(drive_path("industrial")), 3).frequency, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--speed", "1", "2", "3"], "must be one or two speeds"),
+        (["-o", "modes.pdf"], "must end in .html"),
+        (["--set", "sprockets.conveyor.load.torque=1e7"], "does not settle"),
+    ],
+)
+def test_mistakes_are_said_in_one_line(words, line, capsys):
+    status, _, (said,) = run(capsys, "modes", "industrial", *words)
+    assert status == 2
+    assert line in said

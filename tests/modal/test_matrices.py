@@ -1,0 +1,134 @@
+"""Stiffness and damping by differences against closed forms of a lumped strand, and against plain differences."""
+
+import numpy as np
+import pytest
+from drives import two_sprockets
+from raw import chain
+
+from warpchain.engine.probe import Probe
+from warpchain.engine.standing import standing
+from warpchain.modal.coordinates import coordinates
+from warpchain.modal.matrices import SPEED, colors, damping, stiffness
+from warpchain.modal.pencil import eigenpairs, travelling
+
+MASS, PITCH, STIFFNESS, DAMPING, TENSION = 0.7, 0.05, 2e7, 300.0, 900.0
+LENGTH = PITCH + TENSION / STIFFNESS
+
+
+@pytest.fixture(scope="module")
+def strand():
+    """K and C of `n` rollers between two that are held, at tension T: the way out of a chain that lies out and back."""
+
+    def made(n):
+        place = np.concatenate([np.arange(n + 2), np.arange(n, 0, -1)])[:, None] * [LENGTH, 0.0]
+        packed = chain(
+            place, np.zeros_like(place), mass=MASS, pitch=PITCH, stiffness=STIFFNESS, damping=DAMPING, step=1.0, steps=1
+        )
+        packed.drives["sprockets"] = packed.drives["bodies"] = 0
+        probe = Probe(packed)
+        at = coordinates(probe, probe.start())
+        inner = slice(2, 2 * n + 2)
+        pair = stiffness(probe, at, probe.start(), PITCH), damping(probe, at, probe.start()), at.masses
+        probe.close()
+        return [matrix[inner, inner] for matrix in pair]
+
+    return made
+
+
+@pytest.mark.parametrize("n", [9, 10, 11, 80])
+def test_a_strand_has_the_frequencies_of_its_lumps(strand, n):
+    """(1/pi) sqrt(T / (m p)) sin(k pi / (2 (n + 1))) across, (1/pi) sqrt(k / m) sin(...) along.
+
+    Rounding in a link's force, k eps p, over the step of 1e-7 p is 2e-9 of k, or 5e-5 of T / p; of its square root
+    half as much in a mode that feels it all, less in others.
+    """
+    k, c, m = strand(n)
+    value, _ = eigenpairs(m, 0.0 * c, k, n, np.sqrt(STIFFNESS / MASS) / n)
+    found = np.abs(value) / (2 * np.pi)
+    sines = np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1))) / np.pi
+    across, along = np.sqrt(TENSION / (MASS * LENGTH)) * sines, np.sqrt(STIFFNESS / MASS) * sines
+    expected = np.sort(np.concatenate([across, along]))[: len(found)]
+    assert np.allclose(np.sort(found)[: len(expected)], expected, rtol=1e-5)
+    assert len(found) >= n
+
+
+def test_links_damp_along_only(strand):
+    """Along: zeta = c omega / (2 k); across, none: 300 N s/m against a velocity step's rounding, 1e-9 of it."""
+    n = 12
+    k, c, m = strand(n)
+    value, _ = eigenpairs(m, c, k, n, np.sqrt(STIFFNESS / MASS) / n)
+    size, ratio = np.abs(value), -value.real / np.abs(value)
+    along = 2.0 * np.sqrt(STIFFNESS / MASS) * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1)))
+    for omega in along:
+        one = np.argmin(np.abs(size - omega))
+        assert size[one] == pytest.approx(omega, rel=1e-6)
+        assert ratio[one] == pytest.approx(DAMPING * omega / (2 * STIFFNESS), rel=1e-5)
+    across = size < 2.0 * np.sqrt(TENSION / (MASS * LENGTH))
+    assert across.sum() >= n
+    assert np.abs(ratio[across]).max() < 1e-8
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6])
+def test_a_strand_that_travels_swings_as_a_travelling_string(strand, share):
+    """f_n = n (c^2 - v^2) / (2 L c), c^2 = T / m_l; lumps of L / 81 miss by (n pi / 81)^2 / 24 and the like."""
+    n = 80
+    k, c, m = strand(n)
+    wave = np.sqrt(TENSION * LENGTH / MASS)
+    speed = share * wave
+    rate = speed / LENGTH
+    # what `engine.standing` does to links, eq. (a): their force on straight strands is -m f^2 D2
+    second = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    k = k - MASS * rate**2 * np.kron(second, np.eye(2))
+    travel = travelling(n, MASS, rate, np.arange(n) < n - 1, 2 * n)
+    value, _ = eigenpairs(m, travel, type(m)(k), 3, 2 * np.pi * wave / (2 * n * LENGTH))
+    length = (n + 1) * LENGTH
+    expected = np.arange(1, 4) * (wave**2 - speed**2) / (2 * length * wave)
+    assert np.allclose(np.abs(value[:3]) / (2 * np.pi), expected, rtol=2e-3)
+
+
+def test_rollers_moved_together_are_three_apart():
+    for n in range(9, 16):
+        sets = colors(n)
+        assert sorted(np.concatenate(sets)) == list(range(n))
+        for some in sets:
+            gaps = np.diff(np.append(some, some[0] + n))
+            assert gaps.min() >= 3
+
+
+def plain(at, probe, base, moved, steps):
+    """The derivative of the forces column by column, without any of its structure."""
+    change = np.diag(steps)
+    both = at.forces(probe, moved(base, np.concatenate([change, -change])))
+    return -0.5 * ((both[: at.count] - both[at.count :]) / steps[:, None]).T
+
+
+@pytest.mark.parametrize("mount", ['{ kind = "fixed" }', '{ kind = "slider", direction = [1.0, 0.3], stiffness = 1e6,'
+                                   ' damping = 500.0 }', '{ kind = "elastic", stiffness = [1e7, 2e7], damping = [100.0,'
+                                   ' 0.0] }'], ids=["fixed", "slider", "elastic"])  # fmt: skip
+def test_structure_changes_nothing(mount):
+    """Against plain differences: a step in x of 2^-25 m leaves 1e-8 of k, and no contact is just closed."""
+    import tomllib
+
+    kind = tomllib.loads(f"mount = {mount}")["mount"]
+    drive = two_sprockets(torque=100.0, links=58, span=19.03).with_values(
+        {
+            "sprockets.driven.mass": 5.0,
+            "sprockets.driven.mount": kind,
+            "sprockets.driven.balance_wheel": {"mass": 0.5, "radius": 0.1, "phase": 0.4},
+        }
+    )
+    packed = standing(drive)
+    probe = Probe(packed)
+    try:
+        base = probe.start()
+        at = coordinates(probe, base)
+        step = 2.0**-25
+        k = plain(at, probe, base, at.moved, np.full(at.count, step))
+        c = plain(at, probe, base, at.moving, np.full(at.count, SPEED))
+        own = stiffness(probe, at, base, drive.chain.pitch).toarray()
+        assert at.count - 2 * at.rollers == {"fixed": 1, "slider": 2, "elastic": 3}[kind["kind"]]
+        assert np.abs(own - k).max() < 1e-6 * np.abs(k).max()
+        assert np.abs(damping(probe, at, base).toarray() - c).max() < 1e-6 * np.abs(c).max()
+        assert np.abs(c).max() > 0.0
+    finally:
+        probe.close()

@@ -1,0 +1,182 @@
+"""Modes of whole drives: against closed forms, and against runs in time."""
+
+import numpy as np
+import pytest
+from drives import two_sprockets
+from scipy.optimize import least_squares
+
+from warpchain import load_drive
+from warpchain.assembly.timestep import step_limit
+from warpchain.drive.examples import drive_path
+from warpchain.engine.cpu import CpuEngine
+from warpchain.errors import SimulationError
+from warpchain.modal.modes import modes, modes_of, system
+
+KICK = 1e-9
+"""Amplitude [m]: less than what holds any contact closed."""
+
+
+def swung(found, result, chosen, cycles=2.5):
+    """Eigenvalues [1/s] that a run shows when the standing drive is let go displaced and kicked as one of its modes.
+
+    What the drive does without a kick (it stands to 1e-6 of its tension, no better) is taken off.
+    """
+    step = 0.5 * step_limit(found.drive)
+    packed = found.packed.taken([0] * (len(chosen) + 1))
+    packed.drives["step"], packed.drives["steps"] = step, 2**30
+    packed.drives["window_start"] = packed.drives["window_end"] = 2**30
+    weights = []
+    for v, k in enumerate(chosen):
+        shape, bodies, s = result.shape[k], result.bodies[k], result.eigenvalue[k]
+        size = KICK / np.abs(shape).max()
+        packed.rows(v)[0:2] += size * shape.T.real
+        packed.rows(v)[2:4] = size * (s * shape).T.real
+        mine = packed.bodies[v * len(bodies) : (v + 1) * len(bodies)]
+        mine["center"] += size * bodies[:, :2].real
+        mine["angle"] += size * bodies[:, 2].real
+        mine["velocity"], mine["speed"] = size * (s * bodies[:, :2]).real, size * (s * bodies[:, 2]).real
+        weights.append(shape.T.real / np.abs(shape).max() / KICK)
+    engine = CpuEngine(packed, 1)
+    frames = engine.frame_buffer(1)
+    rows = engine.state.rollers.numpy().reshape(len(chosen) + 1, 6, -1)
+    slowest, fastest = result.frequency[chosen].min(), result.frequency[chosen].max()
+    every = int(1.0 / (40.0 * fastest * step))
+    signals = []
+    for _ in range(int(cycles / (slowest * every * step))):
+        signals.append([(weight * (row[:2] - rows[-1, :2])).sum() for weight, row in zip(weights, rows, strict=False)])
+        for future in engine.advance(every, frames):
+            future.result()
+    engine.close()
+    assert not engine.progress()["diverged"].any()
+    times = every * step * np.arange(len(signals))
+    return [fitted(times, signal, result.eigenvalue[k]) for k, signal in zip(chosen, np.array(signals).T, strict=True)]
+
+
+def fitted(times, signal, guess):
+    """The s of the decaying oscillation Re(a exp(s t)) nearest to a signal, over `guess`'s first two and a half cycles
+    or the time in which it decays to a tenth."""
+    until = min(2.5 * 2.0 * np.pi / guess.imag, 2.3 / max(-guess.real, 1e-12))
+    times, signal = times[times <= until], signal[times <= until]
+
+    def misses(s):
+        waves = np.exp(s[0] * guess.imag * times)[:, None] * np.stack(
+            [np.cos(s[1] * guess.imag * times), np.sin(s[1] * guess.imag * times)], axis=1
+        )
+        return waves @ np.linalg.lstsq(waves, signal, rcond=None)[0] - signal
+
+    found = least_squares(misses, [guess.real / guess.imag, 1.0]).x
+    return guess.imag * complex(*found)
+
+
+@pytest.mark.parametrize(
+    ("name", "chosen"), [("engine", [0, 6, 11, 18]), ("industrial", [0, 5, 12]), ("motorcycle", [0, 5, 17])]
+)
+def test_a_kicked_drive_swings_as_its_modes(name, chosen):
+    """Frequency and damping to a tenth of the 2 % that are asked for, on drives whose contacts do not damp.
+
+    Hysteretic contacts at rest damp as at their floor of impact speed, so strongly that no run's step follows it.
+    """
+    drive = load_drive(drive_path(name)).with_values({"contact.sprocket.restitution": 1.0})
+    if drive.guides:
+        drive = drive.with_values({"contact.guide.restitution": 1.0})
+    found = system(drive)
+    result = modes_of(found, 20)
+    run = np.array(swung(found, result, chosen))
+    assert (np.abs(run - result.eigenvalue[chosen]) < 2e-3 * np.abs(run)).all()
+
+
+def test_a_driven_sprocket_between_two_strands():
+    """R sqrt(k_1 + k_2) / (2 pi sqrt J), the strands' links in series with the seated rollers at both of their ends.
+
+    From the roller seated last, the arc is a ladder of seats kappa and links k', whose stiffness without its first seat
+    is (-kappa + sqrt(kappa^2 + 4 k' kappa)) / 2. Without clearance a seat is a spring kappa in any direction, and a
+    link on the arc also draws its roller inwards: 1/k' = 1/k + (2 pi / z)^2 / kappa. Left out are the chain's own
+    inertia, 0.4 % of the sprocket's, of which less than half turns with it, and the lever's cos(pi/z), 0.3 % at most.
+    """
+    teeth, k, kappa, inertia = 40, 5e7, 5e6, 2000.0
+    drive = two_sprockets(
+        teeth=teeth, links=80, span=20.04, stiffness=k, contact=kappa, torque=0.0, inertia=inertia, clearance=0.0,
+        seat_angle=145.0,
+    )  # fmt: skip
+    result = modes(drive, 5)
+    first = int(np.argmax(result.participation[:, result.parts.index("driven")]))
+    give = 1.0 / (1.0 / k + (2.0 * np.pi / teeth) ** 2 / kappa)
+    arc = 0.5 * (-kappa + np.sqrt(kappa**2 + 4.0 * give * kappa)) + kappa
+    strand = 1.0 / (20.0 / k + 2.0 / arc)
+    expected = drive.pitch_radius(1) * np.sqrt(2.0 * strand / inertia) / (2.0 * np.pi)
+    assert result.frequency[first] == pytest.approx(expected, rel=4e-3)
+    assert result.names[first] == "driven 1"
+
+
+def test_shares_sum_to_one_and_shapes_are_of_unit_modal_mass():
+    result = modes(two_sprockets(links=58, span=19.03, gravity=-9.81), 6)
+    assert np.allclose(result.participation.sum(axis=1), 1.0)
+    rollers = (np.abs(result.shape) ** 2).sum(axis=(1, 2))
+    assert np.allclose(rollers + 2.0 * np.abs(result.bodies[:, 1, 2]) ** 2, 1.0)
+    assert result.names[0].rpartition(" ")[0] in result.parts
+
+
+def test_a_chain_without_tension_has_motions_that_nothing_restores():
+    result = modes(two_sprockets(links=58, span=18.9, torque=0.0), 6)
+    assert result.zeros > 0
+    assert len(result) == 6
+    assert result.frequency.min() > 0.1
+
+
+def test_a_drive_that_does_not_settle_is_refused_in_one_line():
+    with pytest.raises(SimulationError, match="does not settle") as caught:
+        modes(two_sprockets(links=58, span=19.03, torque=1e6))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_strand_with_a_moving_end_runs_away_within_its_tongue():
+    """Its tension swings by e at nearly 2 f: growth omega (sqrt(e^2 / 16 - d^2) - zeta), d = f_end / (2 f) - 1.
+
+    So the threshold is e = 4 zeta at d = 0, and the tongue's half width e / 4. The share e is the mode's own, from its
+    frequency with the end moved out and in; the chain damps the mode by 2e-6 only. Left out is what is of second order
+    in e = 0.04, and what of the start still decays off the tongue's middle, 3 % of the growth rate there.
+    """
+    amplitude = 5e-5
+
+    def drive(offset):
+        mount = {"kind": "prescribed", "direction": [1.0, 0.0], "offset": offset, "frequency": 0.0}
+        base = two_sprockets(span=20.03, torque=0.0, restitution=1.0, stiffness=5e6)
+        return base.with_values({"sprockets.driven.mass": 5.0, "sprockets.driven.mount": mount})
+
+    found = system(drive(0.0))
+    result = modes_of(found, 2)
+    frequency = result.frequency[0]
+    inner, outer = (modes(drive(offset), 1).frequency[0] for offset in (-amplitude, amplitude))
+    share = (outer**2 - inner**2) / (2.0 * frequency**2)
+    detuned = np.array([0.0, 0.15, -0.15, 0.4]) * share
+    packed = found.packed.taken([0] * len(detuned))
+    step = 0.5 * step_limit(found.drive)
+    packed.drives["step"], packed.drives["steps"] = step, 2**30
+    packed.drives["window_start"] = packed.drives["window_end"] = 2**30
+    shape = result.shape[0].real
+    for v, off in enumerate(detuned):
+        packed.rows(v)[0:2] += 1e-6 * shape.T / np.abs(shape).max()
+        mount = packed.mounts[2 * v + 1]
+        mount["amplitude"], mount["frequency"] = amplitude, 4.0 * np.pi * frequency * (1.0 + off)
+    engine = CpuEngine(packed, 1)
+    frames = engine.frame_buffer(1)
+    rows = engine.state.rollers.numpy().reshape(len(detuned), 6, -1)
+    still = found.state.position[0].T
+    omega, size = 2.0 * np.pi * frequency, []
+    every, spells = int(0.5 / (frequency * step)), 100
+    for _ in range(spells):
+        for future in engine.advance(every, frames):
+            future.result()
+        place = ((rows[:, 0:2] - still) * shape.T).sum(axis=(1, 2))
+        speed = (rows[:, 2:4] * shape.T).sum(axis=(1, 2)) / omega
+        size.append(np.hypot(place, speed))
+    engine.close()
+    late = np.log(np.array(size))[spells // 2 :]
+    times = every * step * np.arange(len(late))
+    growth = np.array([np.polyfit(times, one, 1)[0] for one in late.T])
+    expected = omega * np.sqrt(np.maximum(share**2 / 16.0 - detuned**2, 0.0))
+    assert growth[0] == pytest.approx(expected[0], rel=0.01)
+    assert growth[1:3] == pytest.approx(expected[1:3], rel=0.03)
+    beats = np.array(size)[:, 3]
+    assert beats.max() < 2.0 * beats[0]
+    assert np.array(size)[-1, 0] > 20.0 * size[0][0]

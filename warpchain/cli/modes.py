@@ -1,0 +1,84 @@
+"""What `warpchain modes` prints and writes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpchain.drive import Drive
+from warpchain.errors import WarpchainError
+
+if TYPE_CHECKING:
+    from warpchain.modal.campbell import Campbell
+    from warpchain.modal.modes import Modes
+
+KINDS = (".html", ".png", ".svg", ".rrd", ".npz")
+
+
+def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
+    """Finds the modes, writes what was asked for, and returns the lines to print."""
+    from warpchain.modal.modes import modes
+    from warpchain.modal.text import campbell_lines, lines
+
+    path, speeds = arguments.output, arguments.speed
+    if path is not None and path.suffix not in KINDS:
+        raise WarpchainError(f"-o {path}: must end in {', '.join(KINDS)}")
+    if len(speeds) > 2 or min(speeds) < 0.0:
+        raise WarpchainError(f"--speed {' '.join(map('{:g}'.format, speeds))}: must be one or two speeds of at least 0")
+    found = None
+    if len(speeds) == 2:
+        found = _campbell(drive, speeds, arguments.points, arguments.count)
+        result = found.modes[0].first(arguments.count)
+    else:
+        result = modes(drive, arguments.count, speeds[0])
+    said = lines(result) + (campbell_lines(found) if found is not None else [])
+    if path is not None:
+        _write(path, result, found)
+        said.append(str(path))
+    return said
+
+
+def _campbell(drive: Drive, speeds: list[float], points: int, count: int) -> Campbell:
+    """A Campbell diagram, with a bar while it is made."""
+    import numpy as np
+    from tqdm import tqdm
+
+    from warpchain.modal.campbell import campbell
+
+    between = np.linspace(speeds[0], speeds[1], max(points, 2)).tolist()
+    with tqdm(total=len(between), desc="modes", unit="speed", file=sys.stderr, dynamic_ncols=True) as bar:
+        return campbell(drive, between, count, lambda done, _: bar.update(done - bar.n))
+
+
+def _write(path: Path, result: Modes, found: Campbell | None) -> None:
+    """Writes modes, or a Campbell diagram, as the path's ending says."""
+    from warpchain.errors import ArchiveError
+    from warpchain.files import refusals, whole_file, write_text
+    from warpchain.modal import figures
+
+    def figure() -> Any:
+        return figures.shapes_figure(result) if found is None else figures.campbell_figure(found)
+
+    def save(write: Callable[[Any], None]) -> None:
+        with refusals(path, ArchiveError), whole_file(path) as file:
+            write(file)
+
+    if path.suffix == ".html":
+        from warpchain.modal.page import page
+
+        with refusals(path, ArchiveError):
+            write_text(path, page(result, found))
+    elif path.suffix == ".rrd":
+        from warpchain.modal.playback import save_recording
+
+        save_recording(result, path)
+    elif path.suffix == ".npz":
+        import numpy as np
+
+        arrays: Any = result.arrays()
+        save(lambda file: np.savez(file, **arrays))
+    else:
+        save(lambda file: figure().savefig(file, format=path.suffix[1:], dpi=130))

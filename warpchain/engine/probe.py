@@ -1,0 +1,155 @@
+"""The forces of a drive in states that the caller gives: accelerations of many perturbed copies, by the CPU kernel.
+
+A copy at rest or in motion takes one leapfrog step, whose first kick is half of it: a = (v' - v) / (h / 2), with the
+forces of exactly the given state. The step is 2^21 s, a power of two, so that nothing is rounded, and so long that what
+is bounded by the force that would stop a body within a step (dry friction) is nothing. Contacts are found closed at the
+floor of their impact speed. Where the copies drift to in that step is not read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.fill import INTEGRATORS
+from warpchain.engine.packed import Packed
+from warpchain.kernels.rows import STATE_ROWS
+
+Array = NDArray[np.float64]
+
+STEP = 2.0**21
+COPIES = 32
+"""Copies that are evaluated in one launch."""
+
+
+@dataclass
+class States:
+    """Copies of a drive of N rollers and B bodies, each in a state of its own.
+
+    Attributes:
+        position, velocity: (copies, N, 2) of the rollers [m], [m/s].
+        bodies: (copies, B, 3) centers and angles (x, y, theta) [m], [rad].
+        rates: (copies, B, 3) their rates [m/s], [rad/s].
+    """
+
+    position: Array
+    velocity: Array
+    bodies: Array
+    rates: Array
+
+
+@dataclass(frozen=True)
+class BodyRow:
+    """How one body is held, and its inertia.
+
+    Attributes:
+        free: (3, k) directions of (x, y, theta) in which it is free, as columns.
+        inertia: (3, 3) its mass matrix in (x, y, theta) where it stands, with the coupling of a balance wheel.
+    """
+
+    free: Array
+    inertia: Array
+
+
+class Probe:
+    """Accelerations of one drive's rollers and bodies in given states.
+
+    Args:
+        packed: one variant that stands, in float64, as from `standing.standing`.
+        workers: CPU threads.
+    """
+
+    def __init__(self, packed: Packed, workers: int = 1) -> None:
+        base = replace(packed, drives=packed.drives.copy())
+        row = base.drives[0]
+        row["integrator"], row["step"], row["steps"] = INTEGRATORS["leapfrog"], STEP, 2
+        row["window_start"], row["window_end"], row["sample_every"] = 3, 3, 0
+        self.base = base
+        self.rollers = int(base.drives["rollers"][0])
+        self.sprockets = int(base.drives["sprockets"][0])
+        self.body_count = int(base.drives["bodies"][0])
+        self._engine = CpuEngine(base.taken([0] * COPIES), workers)
+        self._frames = self._engine.frame_buffer(1)
+        self._rollers = self._engine.state.rollers.numpy().reshape(COPIES, STATE_ROWS, self.rollers)
+        self._bodies = self._engine.state.bodies.numpy()[: COPIES * self.body_count].reshape(COPIES, self.body_count)
+        self._progress = self._engine.state.progress.numpy()
+        self._seat = self._engine.state.seat.numpy()
+        self._impact_speed = self._engine.state.impact_speed.numpy()
+        self._start_seat = self._seat.copy()
+
+    def start(self) -> States:
+        """The packed state, at rest, as one copy."""
+        rows, bodies = self.base.rows(0), self.base.bodies
+        place = np.column_stack([bodies["center"], bodies["angle"]])
+        position = np.ascontiguousarray(rows[0:2].T)
+        return States(position[None], np.zeros_like(position)[None], place[None], np.zeros_like(place)[None])
+
+    def packed(self, states: States) -> Packed:
+        """The variant in the first of the states, at rest."""
+        still = replace(self.base, bodies=self.base.bodies.copy(), rollers=self.base.rollers.copy())
+        still.rows(0)[0:2] = states.position[0].T
+        still.bodies["center"], still.bodies["angle"] = states.bodies[0, :, :2], states.bodies[0, :, 2]
+        return still
+
+    def body(self, b: int, angle: float) -> BodyRow:
+        """How body `b` is held, and its inertia at an angle [rad]."""
+        motion, mount = self.base.motions[b], self.base.mounts[b]
+        turns = np.zeros((3, 0)) if motion["prescribed"] else np.array([[0.0], [0.0], [1.0]])
+        if not mount["active"]:
+            inverse = float(motion["inverse_inertia"])
+            return BodyRow(turns, np.diag([0.0, 0.0, 1.0 / inverse if inverse else 0.0]))
+        share, along = np.linalg.eigh(mount["inverse_mass"])
+        slides = np.zeros((3, int((share > 0.0).sum())))
+        slides[:2] = along[:, share > 0.0]
+        if slides.shape[1] == 2:
+            slides = np.eye(3)[:, :2]
+        w, (c, s) = mount["wheel"], (np.cos(angle), np.sin(angle))
+        q = np.array([-(w[0] * s + w[1] * c), w[0] * c - w[1] * s])
+        inertia = np.diag([mount["mass"], mount["mass"], mount["inertia"]])
+        inertia[:2, 2] = inertia[2, :2] = q
+        return BodyRow(np.hstack([slides, turns]), inertia)
+
+    def __call__(self, states: States) -> tuple[Array, Array]:
+        """Accelerations of rollers (copies, N, 2) [m/s^2] and of bodies' (x, y, theta) (copies, B, 3).
+
+        NaN for a copy that has left the drive's box.
+        """
+        count = len(states.position)
+        straight, turned = np.empty_like(states.position), np.empty_like(states.bodies)
+        for first in range(0, count, COPIES):
+            part = slice(first, min(first + COPIES, count))
+            some = States(states.position[part], states.velocity[part], states.bodies[part], states.rates[part])
+            straight[part], turned[part] = self._evaluate(some)
+        return straight, turned
+
+    def _evaluate(self, states: States) -> tuple[Array, Array]:
+        count = len(states.position)
+        rows, bodies = self._rollers[:count], self._bodies[:count]
+        rows[:, 0:2], rows[:, 2:4], rows[:, 4:6] = states.position.mT, states.velocity.mT, 0.0
+        bodies["center"], bodies["angle"] = states.bodies[..., :2], states.bodies[..., 2]
+        bodies["velocity"], bodies["speed"] = states.rates[..., :2], states.rates[..., 2]
+        self._seat[:], self._impact_speed[:] = self._start_seat, 0.0
+        self._progress["step"], self._progress["diverged"] = 0, 0
+        self._progress["diverged"][count:] = 1
+        for future in self._engine.advance(1, self._frames):
+            future.result()
+        kick = 0.5 * STEP
+        straight = (rows[:, 2:4].mT - states.velocity) / kick
+        after = np.concatenate([bodies["velocity"], bodies["speed"][..., None]], axis=-1)
+        turned = (after - states.rates) / kick
+        gone = self._progress["diverged"][:count] == 1
+        straight[gone], turned[gone] = np.nan, np.nan
+        return straight, turned
+
+    def contacts(self, states: States) -> NDArray[np.bool_]:
+        """Which rollers touch what in the first of the states, (S + G, N): sprockets, then guide-bars."""
+        self._evaluate(States(states.position[:1], states.velocity[:1], states.bodies[:1], states.rates[:1]))
+        partners = self.sprockets + int(self.base.drives["guides"][0])
+        return np.array(self._impact_speed[: partners * self.rollers].reshape(partners, self.rollers) > 0.0)
+
+    def close(self) -> None:
+        """Ends the threads."""
+        self._engine.close()

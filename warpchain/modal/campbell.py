@@ -1,0 +1,165 @@
+r"""How the modes of a drive move with its speed, and where they meet what excites them.
+
+Modes of neighboring speeds are the same where their shapes agree best: by the modal assurance criterion
+|a* M b|^2 / (a* M a)(b* M b), one to one.
+
+A chain's tension swings with every tooth, at the tooth frequency f_t; a strand whose tension swings by the share e is a
+Mathieu oscillator x'' + 2 zeta omega x' + omega^2 (1 + e cos(2 pi f_t t)) x = 0. Near f_t = 2 f_n it runs away where
+
+    e > 4 zeta,    |f_t / (2 f_n) - 1| < sqrt(e^2 / 16 - zeta^2)     (to first order in e and zeta).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from warpchain.drive import Drive
+from warpchain.errors import SimulationError
+from warpchain.modal.modes import Modes, System, modes_of, system
+from warpchain.modal.orders import Order, orders
+
+SPARE = 10
+"""Modes beyond those asked for that are found at each speed, so that those asked for can be followed."""
+ALIKE = 0.35
+"""Least modal assurance with which a mode is followed from one speed to the next."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A speed at which a mode meets an order."""
+
+    mode: str
+    order: Order
+    speed: float  # of the driver [rad/s]
+    frequency: float  # [Hz]
+    damping_ratio: float
+
+
+@dataclass(frozen=True)
+class Tongue:
+    """A speed at which the tooth frequency is twice a mode's: an instability of the mode grows there for e > 4 zeta."""
+
+    mode: str
+    speed: float  # of the driver [rad/s]
+    frequency: float  # of the mode [Hz]
+    threshold: float  # e = 4 zeta, share by which the tension swings
+
+
+@dataclass(frozen=True)
+class Campbell:
+    """Modes over speed.
+
+    Attributes:
+        drive: the drive.
+        speed: (P,) of the driver [rad/s], ascending.
+        names: (K,) of the modes, as at the lowest speed.
+        frequency: (P, K) undamped natural frequencies [Hz]; NaN where a mode could not be followed.
+        damping_ratio: (P, K).
+        orders: what excites the drive.
+        modes: (P,) the modes at each speed.
+    """
+
+    drive: Drive
+    speed: Array
+    names: tuple[str, ...]
+    frequency: Array
+    damping_ratio: Array
+    orders: tuple[Order, ...]
+    modes: tuple[Modes, ...]
+
+    def crossings(self) -> list[Crossing]:
+        """Where modes meet orders, by speed; straight lines between the speeds."""
+        found = []
+        for order in self.orders:
+            for k, speed, frequency, ratio in self._meeting(order.value, 1.0):
+                found.append(Crossing(self.names[k], order, speed, frequency, ratio))
+        return sorted(found, key=lambda crossing: crossing.speed)
+
+    def tongues(self) -> list[Tongue]:
+        """Where the tooth frequency is twice that of a mode, by speed."""
+        teeth = float(self.drive.sprockets[self.drive.driver].teeth)
+        met = self._meeting(teeth, 2.0)
+        return sorted((Tongue(self.names[k], s, f, 4.0 * r) for k, s, f, r in met), key=lambda tongue: tongue.speed)
+
+    def _meeting(self, order: float, multiple: float) -> list[tuple[int, float, float, float]]:
+        """Modes whose frequency times `multiple` meets an order: mode, speed, frequency, damping ratio."""
+        gap = multiple * self.frequency - order * self.speed[:, None] / (2.0 * np.pi)
+        result = []
+        for p, k in zip(*np.nonzero((gap[:-1] > 0.0) != (gap[1:] > 0.0)), strict=True):
+            if np.isfinite(gap[p : p + 2, k]).all():
+                share = gap[p, k] / (gap[p, k] - gap[p + 1, k])
+                at = [float(a[p] + share * (a[p + 1] - a[p])) for a in (self.speed, self.frequency[:, k])]
+                ratio = self.damping_ratio[:, k]
+                result.append((int(k), at[0], at[1], float(ratio[p] + share * (ratio[p + 1] - ratio[p]))))
+        return result
+
+
+def campbell(
+    drive: Drive, speeds: Sequence[float], count: int = 20, report: Callable[[int, int], None] | None = None
+) -> Campbell:
+    """The modes of a drive over speed.
+
+    Args:
+        speeds: of the driver [rad/s], at least two, ascending from 0 or more.
+        count: modes, the lowest at the first speed.
+        report: called with (done, all) speeds.
+
+    Raises:
+        DriveError: a chain that does not fit.
+        SimulationError: speeds that do not ascend, or a drive that does not settle at one of them; one line.
+    """
+    if len(speeds) < 2 or speeds[0] < 0.0 or not (np.diff(speeds) > 0.0).all():
+        raise SimulationError("speeds: must be at least two, ascending, of at least 0")
+    found: list[System] = []
+    shown: list[Modes] = []
+    frequency, ratio = np.full((2, len(speeds), count), np.nan)
+    which = np.arange(count)
+    for p, speed in enumerate(speeds):
+        found = [*found[-1:], system(drive, float(speed), found[-1].packed if found else None)]
+        shown.append(modes_of(found[-1], count + SPARE))
+        if p > 0:
+            which = followed(shown[-2], shown[-1], which, found[-1])
+        seen = which >= 0
+        frequency[p, seen], ratio[p, seen] = (
+            shown[-1].frequency[which[seen]],
+            shown[-1].damping_ratio[which[seen]],
+        )
+        if report is not None:
+            report(p + 1, len(speeds))
+    return Campbell(
+        drive, np.asarray(speeds, float), shown[0].names[:count], frequency, ratio, orders(drive), tuple(shown)
+    )
+
+
+def followed(before: Modes, after: Modes, which: NDArray[np.int64], at: System) -> NDArray[np.int64]:
+    """The modes `after` that those of indices `which` (-1: lost) became; -1 where none is alike."""
+    kept = np.flatnonzero(which >= 0)
+    result = np.full(len(which), -1)
+    result[kept] = matched(before.chosen(which[kept]), after, at)
+    return result
+
+
+def matched(these: Modes, those: Modes, at: System) -> NDArray[np.int64]:
+    """(K,) which of `those` modes each of `these` is, one to one, by the largest sum of assurance; -1 where none is
+    alike."""
+    alike = assurance(these, those, at)
+    rows, columns = linear_sum_assignment(-alike)
+    result = np.full(len(these), -1)
+    good = alike[rows, columns] >= ALIKE
+    result[rows[good]] = columns[good]
+    return result
+
+
+def assurance(a: Modes, b: Modes, at: System) -> Array:
+    """(K, L) modal assurance between the modes of two states of one drive, with the masses of `at`."""
+    first, second = (at.at.vector(modes.shape, modes.bodies) for modes in (a, b))
+    weighted = (at.mass @ second.T).T
+    size = [np.einsum("ij,ij->i", v.conj(), (at.mass @ v.T).T).real for v in (first, second)]
+    return np.asarray(np.abs(first.conj() @ weighted.T) ** 2 / np.outer(*size))
