@@ -4,7 +4,8 @@ The rollers move from rest under link elasticity, elastic contact, guides and gr
 passed a peak, all velocities are set to zero. A little damping in the links keeps fast axial oscillation from
 setting the peaks; it does not change the equilibrium. A restart takes half a kick: a whole one would feed the
 fastest oscillations. The state is settled when no roller's net force exceeds a fraction of the largest link force
-(or of a roller's weight).
+(or of a roller's weight, or of the force that stretches a link by a nanometer: a slack chain without weight has
+neither).
 """
 
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import warp as wp
 
 ENERGY_EVERY = wp.constant(4)  # steps between two checks of the kinetic energy
+LEAST_STRETCH = wp.constant(wp.float64(1.0e-9))  # of a link [m], whose force is the least that counts
 
 
 @wp.struct
@@ -37,16 +39,19 @@ def finite_size(acceleration: Any):
 
 
 @wp.func
-def relative_residual(worst: wp.float64, tension: wp.float64, mass: wp.float64, gravity: wp.vec2d):
-    """Largest net force on a roller over the largest link force or a roller's weight.
+def relative_residual(
+    worst: wp.float64, tension: wp.float64, mass: wp.float64, gravity: wp.vec2d, stiffness: wp.float64
+):
+    """Largest net force on a roller over the largest link force, a roller's weight, or the least force that counts.
 
     Args:
         worst: largest acceleration of a roller [m/s^2].
         tension: largest link force, in size [N].
         mass: of a roller [kg].
         gravity: [m/s^2].
+        stiffness: of a link [N/m].
     """
-    scale = wp.max(tension, mass * wp.length(gravity))
+    scale = wp.max(wp.max(tension, mass * wp.length(gravity)), stiffness * LEAST_STRETCH)
     if scale == wp.float64(0.0):
         return worst
     return mass * worst / scale

@@ -43,7 +43,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
 
     @wp.func
     def residual(w: wp.array[Real], n: int, chain: kinds.Chain):
-        """Largest net force on a roller over the largest link force or a roller's weight."""
+        """Largest net force on a roller, relative as in `relative_residual`."""
         worst = Real(0.0)
         tension = Real(0.0)
         i = int(0)
@@ -52,7 +52,8 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
             tension = wp.max(tension, wp.abs(load_row(w, TENSION + i)))
             i = i + 1
         gravity = wp.vec2d(wp.float64(chain.gravity[0]), wp.float64(chain.gravity[1]))
-        return relative_residual(wp.float64(worst), wp.float64(tension), wp.float64(chain.mass), gravity)
+        stiffness = wp.float64(chain.stiffness)
+        return relative_residual(wp.float64(worst), wp.float64(tension), wp.float64(chain.mass), gravity, stiffness)
 
     @wp.kernel(enable_backward=False, module="unique")
     def relax(

@@ -89,7 +89,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         gravity = wp.vec2d(wp.float64(chain.gravity[0]), wp.float64(chain.gravity[1]))
         energy = wp.float64(0.5) * mass * block_total(shared, square, i)
         worst = block_largest(shared, size, i)
-        return energy, relative_residual(worst, block_largest(shared, most, i), mass, gravity)
+        most_tension = block_largest(shared, most, i)
+        return energy, relative_residual(worst, most_tension, mass, gravity, wp.float64(chain.stiffness))
 
     @wp.func
     def stop(shared: kinds.Shared, i: int):

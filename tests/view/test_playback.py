@@ -1,5 +1,7 @@
 """Recordings: thinned out without losing peaks, columns as Rerun builds them, variants compared, the ensemble shown."""
 
+import dataclasses
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -135,7 +137,11 @@ def test_a_moving_sprockets_name_goes_with_its_center(run):
 def test_every_group_of_curves_has_a_view(run):
     from warpchain.view.rerun.series import GROUPS
 
-    assert {group for group, _, _ in curves(run[0])} == set(GROUPS)
+    assert {group for group, _, _ in curves(run[0])} == set(GROUPS) - {"friction"}
+    power = np.arange(1.0, 5.0) * np.ones((len(run[0].time), 4))
+    rubbing = dataclasses.replace(run[0], joint_friction_power=power)
+    (total,) = (values for group, _, values in curves(rubbing) if group == "friction")
+    np.testing.assert_array_equal(total, 10.0)
 
 
 def test_variants_to_compare(run, tmp_path):

@@ -85,9 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         exact_positions=arguments.exact_positions,
         split_size=arguments.split_size,
     )
-    record = Record(rate=arguments.rate)
-    if arguments.channels is not None:
-        record = Record(rate=arguments.rate, channels=arguments.channels)
+    record = Record(rate=arguments.rate, channels=_channels(arguments.channels))
     start_warp()
     drive = _load(arguments)
     run = simulate(
@@ -111,6 +109,13 @@ def run(arguments: argparse.Namespace) -> int:
     if run.info.ended != "complete":
         print(f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)")
     return UNFINISHED if row["diverged"] or run.info.ended != "complete" else DONE
+
+
+def _channels(words: list[str]) -> tuple[str, ...]:
+    """The channels that words name, each once; "default" stands for those that are not on request."""
+    from warpchain.results.channels import DEFAULT
+
+    return tuple(dict.fromkeys(name for word in words for name in (DEFAULT if word == "default" else (word,))))
 
 
 def _limits(words: list[str]) -> Any:

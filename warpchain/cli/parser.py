@@ -126,8 +126,9 @@ def _run(commands: Any) -> None:
     parser.add_argument(
         "--channels",
         nargs="+",
+        default=["default"],
         metavar="NAME",
-        help="what to record (docs/archive.md); default all but those on request, such as joint_friction_power",
+        help="what to record (docs/archive.md); default stands for all but those on request, joint_friction_power",
     )
     parser.add_argument("--memory", type=gibibytes, metavar="GIB", default="2", help="memory budget in GiB (default 2)")
     parser.add_argument("--compression", default="zstd", choices=["zstd", "lz4", "none"], help="default zstd")
