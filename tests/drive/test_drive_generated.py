@@ -17,7 +17,8 @@ from warpchain.errors import DriveError
 positive = st.floats(1e-6, 1e9)
 not_negative = st.floats(0.0, 1e9)
 number = st.floats(-1e6, 1e6)
-pairs = st.tuples(number, number)
+place = st.floats(-1e4, 1e4)
+pairs = st.tuples(place, place)
 names = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8).filter(is_name)
 harmonics = st.lists(st.fixed_dictionaries({"order": positive, "amplitude": number, "phase": number}), max_size=2)
 loads = st.fixed_dictionaries(

@@ -50,7 +50,7 @@ def test_a_run_beyond_a_limit_is_suspect_and_told_once_with_its_number(precision
 
 
 def test_diverged_and_suspect_stand_beside_ok():
-    wild = two_sprockets(floor=1e-9, torque=1e9, settle="false", step=5.0e-5)
+    wild = two_sprockets(floor=1e-9, viscous=1e9, settle="false", step=5.0e-5)
     run, ((kind, line),) = run_of([two_sprockets(), wild], duration=0.05)
     assert run.metrics["status"].to_pylist() == ["ok", "diverged"]
     assert run.metrics["reason"][1].as_py().startswith("diverged at ")

@@ -3,6 +3,7 @@
 from study_helpers import STUDY, write_study
 
 from warpchain import run_study
+from warpchain.results.columns import column_of
 from warpchain.study.columns import BOOKKEEPING
 from warpchain.study.results import read_results
 from warpchain.study.spec.factor import TAKEN
@@ -28,7 +29,9 @@ def test_every_column_of_a_table_is_of_one_kind(tmp_path):
     text = STUDY.replace('"links"', '"damping"').replace("chain.links", "chain.damping").replace("44, 45", "10.0, 20.0")
     outcome = run_study(write_study(tmp_path, MORE, points=2, text=text), tmp_path / "out", workers=1)
     results = read_results(outcome.table)
-    kinds = [set(results.factors), set(results.metrics), set(BOOKKEEPING) & set(results.table.column_names)]
+    names = results.table.column_names
+    aside = {name for name in names if (column := column_of(name)) and column.aside}
+    kinds = [set(results.factors), set(results.metrics), set(BOOKKEEPING) & set(names), aside]
     assert set().union(*kinds) == set(results.table.column_names)
     assert sum(map(len, kinds)) == results.table.num_columns  # none is of two kinds
     assert set(BOOKKEEPING) - kinds[2] == {"diverged", "diverged_time"}  # the status says it; none diverged

@@ -62,7 +62,7 @@ TABLE = """teeth,links,step,torque
 12,60,1e-5,1.0
 12,44,1e-3,1.0
 4,44,1e-5,1.0
-12,44,1e-5,1e6
+12,44,1e-5,1e308
 20,48,1e-5,1.0
 12,43,5e-6,1.0
 90,100,1e-5,1.0
@@ -97,7 +97,7 @@ def test_every_row_ends_with_a_status_and_a_reason(tmp_path):
         2: "chain.links = 60: does not fit the path, strain -",
         3: "run.step = 0.001: must be above 0 and below ",
         4: "sprockets.s0.teeth = 4: must be an integer of at least 5",
-        5: "diverged at 0.00032 s: take a smaller step",
+        5: "diverged at 0.00032 s: ",
         8: 'sprockets "s0" and "s1": pitch circles overlap',
     }
     for number, row in enumerate(rows):
@@ -297,7 +297,7 @@ def test_a_folder_belongs_to_one_study(tmp_path):
 
 
 def test_metric_names_are_those_of_simulate():
-    run = simulate(tiny_drive(), duration=0.001, step=1e-5, record=Record("none"))
+    run = simulate(tiny_drive(), duration=0.01, step=1e-5, record=Record("none"))  # enough steps for batches
     others = ("variant", "status", "reason", "diverged", "diverged_time", "window_start", "window_end")
     assert metric_names(tiny_drive()) == [name for name in run.metrics.column_names if name not in others]
 
