@@ -323,7 +323,9 @@ FORMS = {
     "moving": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True), 4, FRAME),
     "few": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
     "rk4": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True, rk4=True), 4, FRAME),
-    "bending": lambda real: block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True, bending=True), 8, frame_of(NAMES)),
+    "bending": lambda real: block_kernel(
+        BlockKind(real, 32, 4, 2, 1, measuring=True, bending=True), 8, frame_of(NAMES)
+    ),
     "rubbing": lambda real: block_kernel(
         BlockKind(real, 32, 4, 2, 1, moving=True, measuring=True, sliding=True), 12, FRAME
     ),
