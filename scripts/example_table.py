@@ -31,17 +31,16 @@ OLD_TEETH: Mapping[str, Any] = {
     "contact.sprocket.bush_stiffness": None,
 }
 BEFORE: Mapping[str, Mapping[str, Any]] = {
-    "marine": SMOOTH_BARS
-    | {
+    "marine": {
         "chain.damping": 3.0e4,
         "sprockets.tightener.center": [1.203057, 3.0],
         "sprockets.crankshaft.prescribed.ramp_time": None,
     },
-    "engine": SMOOTH_BARS | {"sprockets.crankshaft.prescribed.ramp_time": None},
+    "engine": {"sprockets.crankshaft.prescribed.ramp_time": None},
     "industrial": {"sprockets.motor.prescribed.ramp_time": None},
     "motorcycle": {"sprockets.gearbox.prescribed.ramp_time": None},
 }
-"""What undoes how the drives became real ones, friction and teeth aside."""
+"""What they had before they became real drives, friction and teeth aside."""
 
 
 def without_friction(drive: Drive) -> Drive:
@@ -49,9 +48,16 @@ def without_friction(drive: Drive) -> Drive:
     return drive.with_values({**NO_FRICTION, **(SMOOTH_BARS if drive.guides else {})})
 
 
-def before(name: str, drive: Drive) -> Drive:
-    """An example as it was before it had friction, the preload of real drives and bushes that give."""
-    return drive.with_values({**NO_FRICTION, **OLD_TEETH, **BEFORE[name]})
+def cases(name: str) -> Mapping[str, Drive]:
+    """An example as it was and as it is, each without friction and with it; it was without."""
+    drive = load_drive(drive_path(name))
+    old = drive.with_values({**OLD_TEETH, **BEFORE[name]})
+    return {
+        "before": without_friction(old),
+        "before, with friction": old,
+        "now, without friction": without_friction(drive),
+        "now": drive,
+    }
 
 
 def copies(drive: Drive, count: int) -> list[Drive]:
@@ -110,8 +116,8 @@ def line(name: str, values: Sequence[float]) -> str:
     """A row of the table."""
     mean, scatter, low, middle, high, least, most, of_most, share, efficiency, residual = values
     forces = [f"{v / 1e3:.3g}" for v in (mean, low, middle, high, least, most)]
-    shares = [f"{of_most:.1%}", f"{share:.2f}", f"{efficiency:.4f}", f"{residual:.1e}"]
-    return " | ".join([name, forces[0], f"{scatter:.2%}", *forces[1:], *shares])
+    shares = [f"{100.0 * of_most:.2g} %", f"{share:.2f}", f"{efficiency:.4f}", f"{residual:.1e}"]
+    return " | ".join([name, forces[0], f"{100.0 * scatter:.2g} %", *forces[1:], *shares])
 
 
 def parser() -> argparse.ArgumentParser:
@@ -128,9 +134,8 @@ def main() -> None:
     print(f"| {HEAD} |")
     print("|" + "---|" * HEAD.count("|") + "---|")
     for name in options.drives or DRIVES:
-        drive = load_drive(drive_path(name))
-        for when, made in (("before", before(name, drive)), ("now", drive), ("no friction", without_friction(drive))):
-            print(f"| {line(f'{name}, {when}', row(made, options.copies))} |", flush=True)
+        for case, drive in cases(name).items():
+            print(f"| {line(f'{name}, {case}', row(drive, options.copies))} |", flush=True)
 
 
 if __name__ == "__main__":

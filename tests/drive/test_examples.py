@@ -140,7 +140,7 @@ def test_engines_tensioner_holds_its_preload():
     damped = mount.damping * 2.0 * row["tensioner.travel_max"] / 0.1
     assert force == pytest.approx(mount.preload + mount.stiffness * row["tensioner.travel_x_mean"], abs=damped)
     assert force == pytest.approx(mount.preload, rel=0.02)
-    assert row["tensioner.travel_max"] < 1e-3
+    assert row["tensioner.travel_max"] < 1.5e-3
     path, speed = (
         chain_path(drive),
         drive.sprockets[0].prescribed.speed * drive.sprockets[0].teeth * pitch / (2 * np.pi),
