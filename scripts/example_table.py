@@ -1,9 +1,11 @@
 """Each example drive as it was, as it is, and without friction: copies 1e-9 apart in speed, and how far they scatter.
 
     python scripts/example_table.py [--copies 8] [DRIVE ...]
+    python scripts/example_table.py --nearby
 
 Copies would agree to nine digits if the motion were regular. Where impacts make it chaotic they are draws from one
-distribution, and their scatter is what a single run's number may be off by.
+distribution, and their scatter is what a single run's number may be off by. --nearby
+prints mean tensions of marine drives with loads up to 1 % apart.
 """
 
 import argparse
@@ -120,17 +122,32 @@ def line(name: str, values: Sequence[float]) -> str:
     return " | ".join([name, forces[0], f"{100.0 * scatter:.2g} %", *forces[1:], *shares])
 
 
+def nearby(count: int) -> None:
+    """Prints the marine drive's mean tensions at `count` loads from -1 to +1 %."""
+    path = "sprockets.camshaft.load.torque"
+    for case, drive in cases("marine").items():
+        torques = drive.get_value(path) * np.linspace(0.99, 1.01, count)
+        run = simulate([drive.with_values({path: float(torque)}) for torque in torques], record=Record("none"))
+        print(
+            f"{case}:", " ".join(f"{value:.0f}" for value in run.metrics["tension_mean"].to_pylist()), "N", flush=True
+        )
+
+
 def parser() -> argparse.ArgumentParser:
     """The command's words."""
     made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.add_argument("drives", nargs="*", metavar="DRIVE", help=f"of {', '.join(DRIVES)}; default: all")
     made.add_argument("--copies", type=int, default=8)
+    made.add_argument("--nearby", action="store_true", help="loads up to 1 %% apart instead of copies")
     return made
 
 
 def main() -> None:
     """Prints the table."""
     options = parser().parse_args()
+    if options.nearby:
+        nearby(options.copies)
+        return
     print(f"| {HEAD} |")
     print("|" + "---|" * HEAD.count("|") + "---|")
     for name in options.drives or DRIVES:
