@@ -29,13 +29,13 @@ def picture(run: Run) -> Figure:
 
 
 def table(name: str, run: Run) -> str:
-    """One row: rollers, simulated and wall time, extremes and mean of the tension, its largest strand mean."""
+    """One row: rollers, simulated time, means of the slackest and tightest strand, extremes of the tension."""
     row = run.metrics.to_pylist()[0]
     drive = run[0].drive
     strands = [row[f"{strand}.tension_mean"] for strand in drive.strand_names]
     return (
-        f"| {name} | {drive.chain.links} | {drive.run.duration:g} | {run.info.wall_time:.1f} | {min(strands):.0f} "
-        f"| {max(strands):.0f} | {row['tension_min']:.0f} | {row['tension_max']:.0f} |"
+        f"| {name} | {drive.chain.links} | {drive.run.duration:g} | {min(strands):.0f} | "
+        f"{max(strands):.0f} | {row['tension_min']:.0f} | {row['tension_max']:.0f} |"
     )
 
 
@@ -50,9 +50,9 @@ def main() -> None:
     """Runs the examples and draws them."""
     names = parser().parse_args().names or example_names()
     channels = ("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center")
-    head = "drive | links | simulated [s] | took [s] | slackest strand [N] | tightest strand [N] | least [N] | most [N]"
+    head = "drive | links | simulated [s] | slackest strand [N] | tightest strand [N] | least [N] | most [N]"
     print(f"| {head} |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|")
     for name in names:
         run = simulate(load_drive(drive_path(name)), record=Record(channels=channels))
         picture(run).savefig(FOLDER / f"{name.replace('_', '-')}-drive.png", dpi=90)

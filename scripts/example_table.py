@@ -1,9 +1,11 @@
-"""Each example drive with and without friction: copies that differ by 1e-9 in speed, and how far their answers scatter.
+"""Each example drive as it was, as it is, and without friction: copies 1e-9 apart in speed, and how far they scatter.
 
     python scripts/example_table.py [--copies 8] [DRIVE ...]
+    python scripts/example_table.py --nearby
 
 Copies would agree to nine digits if the motion were regular. Where impacts make it chaotic they are draws from one
-distribution, and their scatter is what a single run's number may be off by.
+distribution, and their scatter is what a single run's number may be off by. --nearby
+prints mean tensions of marine drives with loads up to 1 % apart.
 """
 
 import argparse
@@ -12,21 +14,52 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-import warpchain
 from warpchain import Drive, Record, Trajectory, load_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.examples import drive_path
 
 DRIVES = ("marine", "engine", "industrial", "motorcycle")
-CHANNELS = ("position", "tension", "sprocket_force", "sprocket_center")
 NUDGE = 1e-9
 """By which two neighboring copies' speeds differ, relative."""
-QUANTILES = (0.001, 0.5, 0.999)
+METRICS = ("tension_mean", "tension_min", "tension_max", "efficiency", "energy_residual_relative")
+QUANTILES = ("tension_q001", "tension_q50", "tension_q999")
 
-BEFORE: Mapping[str, Mapping[str, Any]] = {name: {} for name in DRIVES}
-"""What the drives were before they had friction and the preload of real ones."""
+NO_FRICTION: Mapping[str, Any] = {"chain.joint": None, "contact.sprocket.friction": 0.0}
+SMOOTH_BARS: Mapping[str, Any] = {"contact.guide.friction": 0.0, "contact.guide.rolling": False}
+OLD_TEETH: Mapping[str, Any] = {
+    "contact.sprocket.restitution": 0.3,
+    "contact.sprocket.restitution_means": "parameter",
+    "contact.sprocket.bush_stiffness": None,
+}
+BEFORE: Mapping[str, Mapping[str, Any]] = {
+    "marine": {
+        "chain.damping": 3.0e4,
+        "sprockets.tightener.center": [1.203057, 3.0],
+        "sprockets.crankshaft.prescribed.ramp_time": None,
+    },
+    "engine": {"sprockets.crankshaft.prescribed.ramp_time": None},
+    "industrial": {"sprockets.motor.prescribed.ramp_time": None},
+    "motorcycle": {"sprockets.gearbox.prescribed.ramp_time": None},
+}
+"""What they had before they became real drives, friction and teeth aside."""
+
+
+def without_friction(drive: Drive) -> Drive:
+    """The drive with every coefficient of friction zero."""
+    return drive.with_values({**NO_FRICTION, **(SMOOTH_BARS if drive.guides else {})})
+
+
+def cases(name: str) -> Mapping[str, Drive]:
+    """An example as it was and as it is, each without friction and with it; it was without."""
+    drive = load_drive(drive_path(name))
+    old = drive.with_values({**OLD_TEETH, **BEFORE[name]})
+    return {
+        "before": without_friction(old),
+        "before, with friction": old,
+        "now, without friction": without_friction(drive),
+        "now": drive,
+    }
 
 
 def copies(drive: Drive, count: int) -> list[Drive]:
@@ -37,25 +70,21 @@ def copies(drive: Drive, count: int) -> list[Drive]:
 
 
 def contact_share(trajectory: Trajectory) -> float:
-    """The part of the time that a roller in a sprocket's wrap, a pitch from its ends at least, touches a tooth."""
+    """The part of the run's second half that a roller in a sprocket's wrap, a pitch from its ends at least, touches."""
     assert trajectory.position is not None and trajectory.sprocket_force is not None
     assert trajectory.sprocket_center is not None
-    path = assemble(trajectory.drive).path
+    path, later = assemble(trajectory.drive).path, trajectory.time >= 0.5 * trajectory.time[-1]
+    position, force = trajectory.position[later], trajectory.sprocket_force[later]
     touching, inside = 0, 0
     for s, sprocket in enumerate(trajectory.drive.sprockets):
-        arm = trajectory.position - trajectory.sprocket_center[:, None, s]
+        arm = position - trajectory.sprocket_center[later, None, s]
         near = np.abs(np.hypot(arm[..., 0], arm[..., 1]) - path.radius[s]) < 0.5 * trajectory.drive.chain.pitch
         turned = sprocket.sign * (np.arctan2(arm[..., 1], arm[..., 0]) - path.arrival_angle[s]) % (2.0 * math.pi)
         margin = 2.0 * math.pi / sprocket.teeth
         on = near & (turned > margin) & (turned < path.wrap_angle[s] - margin)
-        touching += int((trajectory.sprocket_force[on] > 0.0).sum())
+        touching += int((force[on] > 0.0).sum())
         inside += int(on.sum())
     return touching / inside
-
-
-def second_half(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """The frames of the window that metrics are taken over."""
-    return trajectory.time >= 0.5 * trajectory.time[-1]
 
 
 def row(drive: Drive, count: int) -> list[float]:
@@ -63,34 +92,20 @@ def row(drive: Drive, count: int) -> list[float]:
 
     Scatter is the standard deviation between copies over the mean.
     """
-    run = simulate(copies(drive, count), record=Record(channels=CHANNELS))
-    table = run.metrics
-    mean = np.asarray(table["tension_mean"], float)
-    kept = [trajectory_of(run, k) for k in range(count)]
-    spread = np.array([np.quantile(np.asarray(t.tension), QUANTILES) for t in kept])
-    share = [contact_share(t) for t in kept]
-    output, given = np.asarray(table["output_work"], float), np.asarray(table["input_work"], float)
-    residual = np.abs(np.asarray(table["energy_residual_relative"], float)).max()
-    low, high = np.asarray(table["tension_min"], float), np.asarray(table["tension_max"], float)
+    run = simulate(copies(drive, count), record=Record(channels=("position", "sprocket_force", "sprocket_center")))
+    values = {name: np.asarray(run.metrics[name], float) for name in (*METRICS, *QUANTILES)}
+    mean, most = values["tension_mean"], values["tension_max"]
     return [
         mean.mean(),
         mean.std(ddof=1) / mean.mean(),
-        *spread.mean(axis=0),
-        low.min(),
-        high.max(),
-        high.std(ddof=1) / high.mean(),
-        float(np.mean(share)),
-        float((output / given).mean()),
-        residual,
+        *(values[name].mean() for name in QUANTILES),
+        values["tension_min"].min(),
+        most.max(),
+        most.std(ddof=1) / most.mean(),
+        float(np.mean([contact_share(run[k]) for k in range(count)])),
+        values["efficiency"].mean(),
+        np.abs(values["energy_residual_relative"]).max(),
     ]
-
-
-def trajectory_of(run: warpchain.Run, k: int) -> Trajectory:
-    """Variant k's frames within the window."""
-    whole = run[k]
-    chosen = second_half(whole)
-    values = {name: value[chosen] for name, value in whole.channels().items()}
-    return Trajectory(drive=whole.drive, time=whole.time[chosen], **values)
 
 
 HEAD = (
@@ -103,28 +118,41 @@ def line(name: str, values: Sequence[float]) -> str:
     """A row of the table."""
     mean, scatter, low, middle, high, least, most, of_most, share, efficiency, residual = values
     forces = [f"{v / 1e3:.3g}" for v in (mean, low, middle, high, least, most)]
-    shares = [f"{of_most:.1%}", f"{share:.2f}", f"{efficiency:.4f}", f"{residual:.1e}"]
-    return " | ".join([name, forces[0], f"{scatter:.2%}", *forces[1:], *shares])
+    shares = [f"{100.0 * of_most:.2g} %", f"{share:.2f}", f"{efficiency:.4f}", f"{residual:.1e}"]
+    return " | ".join([name, forces[0], f"{100.0 * scatter:.2g} %", *forces[1:], *shares])
+
+
+def nearby(count: int) -> None:
+    """Prints the marine drive's mean tensions at `count` loads from -1 to +1 %."""
+    path = "sprockets.camshaft.load.torque"
+    for case, drive in cases("marine").items():
+        torques = drive.get_value(path) * np.linspace(0.99, 1.01, count)
+        run = simulate([drive.with_values({path: float(torque)}) for torque in torques], record=Record("none"))
+        print(
+            f"{case}:", " ".join(f"{value:.0f}" for value in run.metrics["tension_mean"].to_pylist()), "N", flush=True
+        )
 
 
 def parser() -> argparse.ArgumentParser:
     """The command's words."""
     made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    made.add_argument("drives", nargs="*", default=DRIVES, help="examples or drive files; default: all")
+    made.add_argument("drives", nargs="*", metavar="DRIVE", help=f"of {', '.join(DRIVES)}; default: all")
     made.add_argument("--copies", type=int, default=8)
+    made.add_argument("--nearby", action="store_true", help="loads up to 1 %% apart instead of copies")
     return made
 
 
 def main() -> None:
     """Prints the table."""
     options = parser().parse_args()
+    if options.nearby:
+        nearby(options.copies)
+        return
     print(f"| {HEAD} |")
     print("|" + "---|" * HEAD.count("|") + "---|")
-    for name in options.drives:
-        drive = load_drive(drive_path(name))
-        for when, values in (("before", BEFORE.get(name)), ("now", {})):
-            if values is not None:
-                print(f"| {line(f'{name}, {when}', row(drive.with_values(values), options.copies))} |", flush=True)
+    for name in options.drives or DRIVES:
+        for case, drive in cases(name).items():
+            print(f"| {line(f'{name}, {case}', row(drive, options.copies))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -4,8 +4,8 @@
 
 As in the paper, the bar presses the strand in by the mean of the displacement that it has without the bar. The bar is
 the one of marine.toml, moved along its normal; it stands outside the loop and presses to the left of travel. Speed and
-load come on within 6 s, so that the strand's swing is not that of a sudden start, which hardly dies away (22 mm rms
-with the drive file's own start). Shown and averaged are the 6 s from 8 s on.
+load come on within 6 s, so that little is left of the swing of the start: joint friction takes a constant amount off it
+a cycle. Shown and averaged are the 6 s from 8 s on.
 """
 
 import argparse
@@ -78,14 +78,14 @@ def main() -> None:
             axis.axhline(1e3 * mean, color="tab:brown", lw=1.5, label="roller on the bar's face")
         axis.set(title=title, xlabel="time [s]")
         axis.grid(alpha=0.3)
-        axis.legend(loc="upper right", fontsize=9)
+        axis.legend(loc="lower right" if run is free else "center right", fontsize=9)
         row = run.metrics.to_pylist()[0]
         name = run[0].drive.strand_names[STRAND]
         force = run[0].guide_force
         assert force is not None
         print(
-            f"{title}: mean {values.mean():+.2f} mm, rms about it {values.std():.2f} mm, {values.min():+.1f} to "
-            f"{values.max():+.1f} mm; strand tension mean {1e-3 * row[f'{name}.tension_mean']:.1f} kN, largest "
+            f"{title}: mean {values.mean():+.2f} mm, rms about it {values.std():.2f} mm, {values.min():+.2f} to "
+            f"{values.max():+.2f} mm; strand tension mean {1e-3 * row[f'{name}.tension_mean']:.1f} kN, largest "
             f"{1e-3 * row[f'{name}.tension_max']:.1f} kN; largest guide force on a roller {1e-3 * force.max():.2f} kN"
         )
     axes[0].set_ylabel("displacement at mid-span [mm]\n(left of travel +)")

@@ -23,9 +23,9 @@ def test_example_prints_what_it_says(capsys, tmp_path, monkeypatch):
     lines = [line for line in capsys.readouterr().out.splitlines() if re.fullmatch(r"[\d. ]+", line)]
     found, said = (np.array([line.split() for line in part], dtype=float) for part in (lines, printed.split("\n")[:3]))
     np.testing.assert_allclose(found[:, 0], said[:, 0])
-    # chaotic motion: a mean over one second of it differs by some per cent between machines; the moment is the load's
-    np.testing.assert_allclose(found[:, 1], said[:, 1], rtol=0.15)
-    np.testing.assert_allclose(found[:, 2], said[:, 2], rtol=0.02)
+    # copies 1e-9 apart agree to 1e-6; 1e-3 leaves room for other machines' compilers, and for what rounds tables
+    np.testing.assert_allclose(found[:, 1], said[:, 1], rtol=1e-3)
+    np.testing.assert_allclose(found[:, 2], said[:, 2], rtol=1e-3)
     assert (tmp_path / "torques.mcap").exists()
 
 

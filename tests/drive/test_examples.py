@@ -1,6 +1,8 @@
 """The example drives of the package: each loads, fits, and runs; what their comments claim holds."""
 
+import importlib.util
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,15 +48,53 @@ def test_check_works(name, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_all_run():
-    """Each for 4 ms in one ensemble: nothing diverges, the chain stays in one piece."""
-    drives = [load(name).with_values({"run.duration": 4e-3, "run.step": 2e-6}) for name in NAMES]
-    run = simulate(drives, record=Record(channels=("position", "tension")))
-    for i, (name, row) in enumerate(zip(NAMES, run.metrics.to_pylist(), strict=True)):
-        assert not row["diverged"], name
-        x = run[i].position.astype(float)
-        length = np.hypot(*np.moveaxis(np.roll(x, -1, axis=1) - x, -1, 0))
-        assert length == pytest.approx(drives[i].chain.pitch, rel=2e-3), name
+@pytest.fixture(scope="module")
+def table():
+    """The script of docs/examples.md's table."""
+    path = Path(__file__).parents[2] / "scripts" / "example_table.py"
+    spec = importlib.util.spec_from_file_location("example_table", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def runs(table):
+    """Every example for 0.6 of its time, and after them two more copies of the marine drive 1e-9 and 2e-9 faster."""
+    drives = [load(name) for name in NAMES] + table.copies(load("marine"), 3)[1:]
+    drives = [drive.with_values({"run.duration": 0.6 * drive.run.duration}) for drive in drives]
+    channels = ("position", "tension", "sprocket_force", "sprocket_center")
+    return simulate(drives, record=Record(range(len(NAMES)), rate=1000.0, channels=channels))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_runs_that_can_be_believed(runs, name):
+    """Judged ok, steady over its window, the energy balance within 1e-3 of the turnover; no link is pulled by 0.5 %."""
+    i = NAMES.index(name)
+    row, trajectory = runs.metrics.to_pylist()[i], runs[i]
+    assert (row["status"], row["reason"]) == ("ok", "")
+    assert row["steady"]
+    assert abs(row["energy_residual_relative"]) < 1e-3
+    x = trajectory.position.astype(float)
+    length = np.hypot(*np.moveaxis(np.roll(x, -1, axis=1) - x, -1, 0))
+    assert length == pytest.approx(trajectory.drive.chain.pitch, rel=5e-3)
+
+
+def test_marine_copies_agree(runs):
+    """Speeds 1e-9 apart: without friction and bushes that give, mean tensions came out 1.3 % apart."""
+    rows = runs.metrics.to_pylist()
+    copies = [rows[NAMES.index("marine")], *rows[len(NAMES) :]]
+    mean = np.array([row["tension_mean"] for row in copies])
+    assert len(mean) == 3 and np.ptp(mean) < 5e-3 * mean[0]
+    assert mean[0] == pytest.approx(20e3, rel=0.05)
+    for row in copies:
+        assert row["tension_min"] > 0.0
+        assert row["tension_max"] < 60e3
+
+
+def test_marine_chain_stays_in_its_gaps(runs, table):
+    """Four fifths of the time at least; it was a third."""
+    assert table.contact_share(runs[NAMES.index("marine")]) > 0.8
 
 
 def test_conveyor_balances_its_load():
@@ -100,7 +140,7 @@ def test_engines_tensioner_holds_its_preload():
     damped = mount.damping * 2.0 * row["tensioner.travel_max"] / 0.1
     assert force == pytest.approx(mount.preload + mount.stiffness * row["tensioner.travel_x_mean"], abs=damped)
     assert force == pytest.approx(mount.preload, rel=0.02)
-    assert row["tensioner.travel_max"] < 1e-3
+    assert row["tensioner.travel_max"] < 1.5e-3
     path, speed = (
         chain_path(drive),
         drive.sprockets[0].prescribed.speed * drive.sprockets[0].teeth * pitch / (2 * np.pi),

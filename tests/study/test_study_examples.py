@@ -41,7 +41,7 @@ def test_the_study_reader_takes_them(name):
     assert [factor.name for factor in loaded.factors] == [factor["name"] for factor in study(name)["factors"]]
 
 
-@pytest.mark.parametrize("indentation", [-0.04, 0.0, 0.012])
+@pytest.mark.parametrize("indentation", [-0.01, 0.0, 0.036])
 def test_the_bar_stands_where_the_study_says(indentation):
     """At indentation d the rollers of the straight strand would be d deep in the bar's face, at both of its ends."""
     values = study("guide-indentation")
