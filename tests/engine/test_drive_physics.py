@@ -158,19 +158,17 @@ def test_marine_drive_carries_about_20_kn_and_its_load():
 
 @pytest.mark.usefixtures("device")
 def test_marine_metrics_in_float32_are_those_of_float64():
-    # the motion is chaotic, and settling has two ends that round-off chooses between: one run's metrics scatter by
-    # 1.6 %, 1.9 %, 0.15 % and 0.0014 % (40 runs whose stiffness differs by 1e-13); means of four by half of it, and
-    # their difference is held to three of its standard deviations
-    drives = [load_drive(MARINE).with_values({"chain.stiffness": 1.5e9 * (1 + 1e-13 * i)}) for i in range(4)]
+    # joint friction keeps the motion regular: stiffnesses 1e-13 apart give means 6e-14 apart, and float32 is 1e-4 off
+    drive = load_drive(MARINE)
     options = {"record": Record(variants="none"), "window": (0.5, 2.0)}
-    exact = simulate(drives, **options).metrics
-    single = simulate(drives, precision="float32", **options).metrics
+    exact = simulate(drive, **options).metrics
+    single = simulate(drive, precision="float32", **options).metrics
     for name, tolerance in (
-        ("tension_mean", 0.035),
-        ("tension_std", 0.04),
-        ("camshaft.moment_mean", 3.5e-3),
-        ("camshaft.speed_mean", 3e-5),
+        ("tension_mean", 1e-3),
+        ("tension_std", 1e-3),
+        ("camshaft.moment_mean", 1e-5),
+        ("camshaft.speed_mean", 1e-6),
     ):
-        assert np.mean(single[name]) == pytest.approx(np.mean(exact[name]), rel=tolerance), name
-    residuals = [np.abs(metrics["energy_residual_relative"]).max() for metrics in (exact, single)]
-    assert residuals[1] < 2 * residuals[0]
+        assert single[name][0].as_py() == pytest.approx(exact[name][0].as_py(), rel=tolerance), name
+    for metrics in (exact, single):  # some 3e-7 of either
+        assert abs(metrics["energy_residual_relative"][0].as_py()) < 1e-5

@@ -140,18 +140,13 @@ def test_float32_follows_a_moving_sprocket():
 @pytest.mark.usefixtures("device")
 def test_energy_closes_with_moving_sprockets(case):
     # spring, preload, kinetic energy and gravity of sprocket and wheel, the damper, and the work of what prescribes:
-    # leapfrog's residual falls with the step (dissipation and rotation are read half a step late), rk4's is smaller
+    # dissipation at the mean of the speeds around a step leaves some 1e-6, of contacts that begin and end within one
     drives = [
         two_sprockets(step=step, duration=0.1, gravity=-9.81, integrator=integrator).with_values(CASES[case])
         for step, integrator in ((8e-6, "leapfrog"), (4e-6, "leapfrog"), (4e-6, "rk4"))
     ]
-    coarse, fine, rk4 = (
-        abs(row["energy_residual_relative"])
-        for row in simulate(drives, record=Record(variants="none")).metrics.to_pylist()
-    )
-    assert fine < 1e-4
-    assert fine < 0.7 * coarse
-    assert rk4 < 1e-5
+    for row in simulate(drives, record=Record(variants="none")).metrics.to_pylist():
+        assert abs(row["energy_residual_relative"]) < 1e-5
 
 
 @pytest.mark.usefixtures("device")

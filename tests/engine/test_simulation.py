@@ -193,8 +193,8 @@ def test_bad_options_are_one_line(options, message):
 
 @pytest.mark.usefixtures("device")
 def test_step_beyond_the_limit_states_the_limit():
-    with pytest.raises(DriveError, match=r"variant 1: run\.step = 9e-05: must be above 0 and below 7\.3\d*e-05 s"):
-        simulate([short(), short(stiffness=1.5e8, contact=1.5e8)], step=9e-5)
+    with pytest.raises(DriveError, match=r"variant 1: run\.step = 8e-05: must be above 0 and below 6\.3\d*e-05 s"):
+        simulate([short(), short(stiffness=1.5e8, contact=1.5e8)], step=8e-5)
 
 
 def test_bad_records():
