@@ -57,21 +57,18 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         rows = shared.rows
         tension = of_each()
         rate = of_each()
-        pull_x = of_each()
-        pull_y = of_each()
         bend_x = of_each()
         bend_y = of_each()
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
             tension_k, rate_k, force = link_of(shared, j, n, load_row(lengths, j))
+            set_force(shared, j, force)
             d, w = across(shared, j, n)
             lever, turn = turning(d, w)
             store_row(rows, FIRST + j, tension_k)
             store_row(rows, SECOND + j, turn)
             tension[k] = tension_k
             rate[k] = rate_k
-            pull_x[k] = force[0]
-            pull_y[k] = force[1]
             bend_x[k] = lever[0]
             bend_y[k] = lever[1]
         barrier()
@@ -83,18 +80,18 @@ def block_joints(kind: BlockKind) -> JointFunctions:
             force = couple_force(moment, next_moment, vec2(bend_x[k], bend_y[k]))
             bend_x[k] = force[0]
             bend_y[k] = force[1]
-            pull_x[k] = pull_x[k] + force[0]
-            pull_y[k] = pull_y[k] + force[1]
-            set_force(shared, j, vec2(pull_x[k], pull_y[k]))
+            set_force(shared, j, force_on(shared, j) + force)
         barrier()
+        pull_x = of_each()
+        pull_y = of_each()
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
             if wp.static(kind.measuring):
                 store_row(rows, FIRST + j, bend_x[k])
                 store_row(rows, SECOND + j, bend_y[k])
-            force = force_on(shared, before(j, n))
-            pull_x[k] = pull_x[k] - force[0]
-            pull_y[k] = pull_y[k] - force[1]
+            force = force_on(shared, j) - force_on(shared, before(j, n))
+            pull_x[k] = force[0]
+            pull_y[k] = force[1]
         barrier()
         for k in range(wp.static(per)):
             set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
