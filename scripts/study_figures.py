@@ -110,7 +110,7 @@ def pitch_elongation(results: Results) -> Figure:
         axis.plot([x[group == g].mean() for g in groups], [y[group == g].mean() for g in groups], color=RED, lw=1.5)
         axis.set_ylabel(label)
     axes[-1].set_xlabel("elongation of the chain's pitch [%]")
-    axes[0].set_title(f"Marine drive, tightener set to 48 kN at assembly; {int(ok.sum())} of {len(ok)} variants can be set")
+    axes[0].set_title(f"Marine drive, 20 kN at assembly: {int(ok.sum())} of {len(ok)} variants can be set")
     figure.colorbar(dots, ax=axes, label="camshaft torque [kN m]", shrink=0.5)
     return figure
 
