@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ RUNS = {"engine": (0.1, 0.2), "industrial": (0.5, 1.0), "marine": (1.0, 2.0), "m
 """Window of each run's metrics [s]."""
 
 SMOOTH = {"chain.joint": None, "contact.sprocket.friction": 0.0, "contact.guide": None, "guides": ()}
-MARINE = {
+MARINE: dict[str, dict[str, Any]] = {
     "as it is": {},
     "joints rub twice as much": {"chain.joint.friction": 0.14},
     "crankshaft at 1 rad/s": {"sprockets.crankshaft.prescribed.speed": 1.0},
