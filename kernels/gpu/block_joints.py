@@ -17,6 +17,10 @@ from .block_rows import block_rows
 from .exchange import SEEN, shared_rows
 
 
+REGISTERED = 4
+"""Rollers of a thread whose link forces wait in registers; of more they wait in their rows, which spills less."""
+
+
 @dataclass(frozen=True)
 class JointFunctions:
     """What is done about joints, as functions of kernels."""
@@ -33,6 +37,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
     kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
     of_each = wp.types.vector(per, Real)
+    crowded = per > REGISTERED
     row = block_rows(kind)
     barrier, link_of, across, before = row.sharing.barrier, row.link_of, row.across, row.before
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
@@ -59,10 +64,16 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         rate = of_each()
         bend_x = of_each()
         bend_y = of_each()
+        pull_x = of_each()
+        pull_y = of_each()
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
             tension_k, rate_k, force = link_of(shared, j, n, load_row(lengths, j))
-            set_force(shared, j, force)
+            if wp.static(crowded):
+                set_force(shared, j, force)
+            else:
+                pull_x[k] = force[0]
+                pull_y[k] = force[1]
             d, w = across(shared, j, n)
             lever, turn = turning(d, w)
             store_row(rows, FIRST + j, tension_k)
@@ -80,18 +91,26 @@ def block_joints(kind: BlockKind) -> JointFunctions:
             force = couple_force(moment, next_moment, vec2(bend_x[k], bend_y[k]))
             bend_x[k] = force[0]
             bend_y[k] = force[1]
-            set_force(shared, j, force_on(shared, j) + force)
+            if wp.static(crowded):
+                force = force + force_on(shared, j)
+            else:
+                force = force + vec2(pull_x[k], pull_y[k])
+                pull_x[k] = force[0]
+                pull_y[k] = force[1]
+            set_force(shared, j, force)
         barrier()
-        pull_x = of_each()
-        pull_y = of_each()
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
             if wp.static(kind.measuring):
                 store_row(rows, FIRST + j, bend_x[k])
                 store_row(rows, SECOND + j, bend_y[k])
-            force = force_on(shared, j) - force_on(shared, before(j, n))
-            pull_x[k] = force[0]
-            pull_y[k] = force[1]
+            if wp.static(crowded):
+                own = force_on(shared, j)
+                pull_x[k] = own[0]
+                pull_y[k] = own[1]
+            force = force_on(shared, before(j, n))
+            pull_x[k] = pull_x[k] - force[0]
+            pull_y[k] = pull_y[k] - force[1]
         barrier()
         for k in range(wp.static(per)):
             set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))

@@ -187,10 +187,11 @@ def test_file_keeps_all_but_the_center(copy, capsys):
     command = ["fit", str(copy), "--sprocket", "tightener", "--along=-1,0", "--preload", "5000"]
     assert cli.main(command) == 0
     old, new = MARINE.read_text().splitlines(), copy.read_text().splitlines()
-    assert [a for a, b in zip(old, new, strict=True) if a != b] == ["center = [1.203057, 3.0]"]
+    (changed,) = (a for a, b in zip(old, new, strict=True) if a != b)
+    assert changed.startswith("center = [1.193057, 3.0]")
     assert derive(load_drive(copy))["preload"] == pytest.approx(5000.0, abs=0.1)
     out = capsys.readouterr().out
-    assert "preload 5000 N" in out and "(was [1.203057, 3.0])" in out and f"written: {copy}" in out
+    assert "preload 5000 N" in out and "(was [1.193057, 3.0])" in out and f"written: {copy}" in out
 
 
 def test_links_and_sprocket_together(copy, capsys):

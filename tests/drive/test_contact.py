@@ -80,7 +80,9 @@ def test_bush_and_tooth_in_series():
     both = drive(**{"contact.sprocket.bush_stiffness": 8e8})
     series = 1.0 / (1.0 / tooth + 1.0 / 8e8)
     assert both.sprocket_stiffness(0) == pytest.approx(series, rel=1e-15)
-    assert step_limit(both) == pytest.approx(2.0 / math.sqrt((4 * 1.5e9 + series) / 6.95), rel=1e-12)
+    assert step_limit(both, damped_links=False) == pytest.approx(
+        2.0 / math.sqrt((4 * 1.5e9 + series) / 6.95), rel=1e-12
+    )
     assert drive(**{"contact.sprocket.bush_stiffness": 1e30}).sprocket_stiffness(0) == pytest.approx(tooth, rel=1e-12)
 
 

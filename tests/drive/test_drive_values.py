@@ -25,7 +25,18 @@ def test_with_values_changes_a_copy_and_shares_the_rest(marine):
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        ("chain", Chain(pitch=1, links=4, roller_mass=1, stiffness=1, damping=0, roller_radius=0.1)),
+        (
+            "chain",
+            Chain(
+                pitch=1,
+                links=4,
+                roller_mass=1,
+                stiffness=1,
+                damping=0,
+                roller_radius=0.1,
+                joint={"friction": 0.1, "pin_radius": 0.05},
+            ),
+        ),
         ("sprockets.2.teeth", 60),
         ("sprockets.camshaft.name", "cam"),
         ("sprockets.camshaft.center.0", 0.31),

@@ -180,7 +180,8 @@ class SprocketContact(ImpactLaw):
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from contact_rules(node)
         exponent = get(node, "exponent")
-        if get(node, "bush_stiffness") is not None and exponent not in (None, 1.0):
+        curved = isinstance(exponent, (int, float)) and exponent > 1.0
+        if get(node, "bush_stiffness") is not None and curved:
             yield Problem(("exponent",), exponent, "must be 1 with bush_stiffness, which is linear")
         if get(node, "profile") == "iso606":
             if get(node, "gap") is None:

@@ -73,7 +73,8 @@ def guide_rules(drive: Any) -> Iterator[Problem]:
 
 def rolling_rules(drive: Any) -> Iterator[Problem]:
     """What rolls on a guide-bar passes on the friction of its bush, which the chain must have."""
-    if get(drive, "chain") is None or get(get(drive, "chain"), "joint") is not None:
+    chain = valid(Chain, get(drive, "chain"))
+    if chain is None or chain.joint is not None:
         return
     text = "must be false without chain.joint, whose friction rolling rollers pass on"
     places: list[tuple[tuple[str | int, ...], Any]] = [(("contact", "guide"), get(get(drive, "contact"), "guide"))]

@@ -12,6 +12,7 @@ from warpchain.assembly.layout import findings
 from warpchain.drive import Drive
 from warpchain.engine.devices import Engine
 from warpchain.engine.packed import Packed
+from warpchain.kernels.relaxation import LEAST_STRETCH
 from warpchain.kernels.rows import STATE_ROWS
 
 ON_TOP = 0.5
@@ -47,7 +48,7 @@ def net_force(packed: Packed, residual: NDArray[np.float64]) -> NDArray[np.float
 
     Args:
         packed: the settled ensemble in float64.
-        residual: (V,) over the largest link force, or a roller's weight if that is larger.
+        residual: (V,) over the largest link force, or if that is larger a roller's weight, or the least that counts.
     """
     largest = np.zeros(packed.variants)
     for alike, at in _rollers(packed):
@@ -57,7 +58,8 @@ def net_force(packed: Packed, residual: NDArray[np.float64]) -> NDArray[np.float
         span -= packed.lengths[first[:, None] + np.arange(at.shape[1])]
         largest[alike] = packed.chains["stiffness"][alike] * np.abs(span).max(axis=1)
     weight = packed.chains["mass"] * np.hypot(*packed.chains["gravity"].T)
-    return residual * np.maximum(largest, weight)
+    least = float(LEAST_STRETCH) * packed.chains["stiffness"]
+    return residual * np.maximum(np.maximum(largest, weight), least)
 
 
 def _rollers(packed: Packed) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64]]]:

@@ -48,7 +48,7 @@ class Limits(Part):
     """
 
     energy_residual: Limit = 0.01
-    settle_residual: Limit = 1e-3
+    settle_residual: Limit = 0.01
     breaking_load: Limit = 1.0
     slips: Limit = 0.0
     missed: Limit = 0.0
@@ -99,11 +99,15 @@ def breaking_load(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDAr
     return np.array([drive.chain.breaking_load for drive in drives], dtype=float)
 
 
+LEAST_STRETCH = 1e-9
+"""Of a link [m]: a force that stretches it by less is none, as in settling (`kernels/relaxation.py`)."""
+
+
 def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:
-    """Largest link force of the window, pulling or pushing [N], NaN where there is none."""
+    """Largest link force of the window, pulling or pushing [N], at least what counts as one."""
     ends = [np.abs(columns[name][0]) for name in ("tension_min", "tension_max") if name in columns]
     largest = np.max(ends, axis=0) if ends else np.zeros(len(drives))
-    return np.where(largest > 0.0, largest, np.nan)
+    return np.maximum(largest, LEAST_STRETCH * np.array([drive.chain.stiffness for drive in drives]))
 
 
 RULES = (
