@@ -16,7 +16,6 @@ from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .exchange import SEEN, shared_rows
 
-
 REGISTERED = 4
 """Rollers of a thread whose link forces wait in registers; of more they wait in their rows, which spills less."""
 

@@ -7,7 +7,6 @@ import pytest
 from drives import MARINE, NOT_NEGATIVE, POSITIVE, errors_of, marine_values, put
 
 from warpchain.drive import (
-    Chain,
     Drive,
     Sprocket,
     SprocketContact,
