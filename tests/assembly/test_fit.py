@@ -72,7 +72,7 @@ def test_moves_back_to_where_it_was():
 @settings(max_examples=15)
 @given(loops(), st.integers(0, 5), st.floats(0.0, 2 * math.pi), st.sampled_from([0.0, 1e-3, -2e-3]))
 def test_any_sprocket_of_any_loop(sprockets, which, angle, strain):
-    """What is found has the strain asked for, to the rounding of centers; what is refused lies outside the range."""
+    """What is found has the strain asked for, to the rounding of centers; what is refused is outside, or jumped."""
     try:
         fitting = chain_path(drive_of(sprockets, 100)).fitting_links()
     except DriveError:
@@ -83,7 +83,7 @@ def test_any_sprocket_of_any_loop(sprockets, which, angle, strain):
         fitted = fit_position(drive, f"s{which % len(sprockets)}", (math.cos(angle), math.sin(angle)), strain=strain)
     except DriveError as error:
         low, high = str(error).split("it can have ")[1].split(", moved")[0].split(" to ")
-        assert not float(low) <= strain <= float(high)
+        assert not float(low) <= strain <= float(high) or str(error).endswith("jumps over that")
     else:
         assert assemble(fitted).strain == pytest.approx(strain, abs=1e-8)
 

@@ -257,6 +257,7 @@ class _Search:
         self.reach = around if travel is None else travel
         self.step = max(0.25 * drive.chain.pitch, 2.0 * self.reach / _PLACES)
         self.amounts: list[tuple[float, float]] = []
+        self.jumped = False  # over what is wanted, where rollers find other seats
 
     def center(self, place: float) -> NDArray[np.float64]:
         """The sprocket's center at a place [m]."""
@@ -316,6 +317,7 @@ class _Search:
             if self.assembled(low) * self.assembled(high) <= 0.0:
                 exact = _root(self.assembled, low, high)
                 if not abs(self.assembled(exact)) <= _EXACT:
+                    self.jumped = True
                     return None
             half *= 2.0
         return exact if exact is not None and abs(exact) <= self.reach else None
@@ -344,10 +346,10 @@ class _Search:
             links, size = self.drive.chain.links, 100.0 * MAX_STRAIN
             return f"{text}; nowhere on the line does a chain of {links} links fit within {size:g} % strain"
         places, values = zip(*sorted(self.amounts), strict=True)
-        unit = self.goal.unit
+        unit, jump = self.goal.unit, ", but jumps over that" if self.jumped else ""
         return (
             f"{text}; it can have {min(values):.4g} to {max(values):.4g}{unit}, moved by {places[0]:+.4g} to "
-            f"{places[-1]:+.4g} m"
+            f"{places[-1]:+.4g} m{jump}"
         )
 
     def _tangent(self, path: ChainPath) -> NDArray[np.float64]:

@@ -104,10 +104,11 @@ LEAST_STRETCH = 1e-9
 
 
 def largest_tension(drives: Sequence[Drive], columns: Mapping[str, Given]) -> NDArray[np.float64]:
-    """Largest link force of the window, pulling or pushing [N], at least what counts as one."""
+    """Largest link force of the window [N], pulling or pushing, at least what counts; NaN where there is none."""
     ends = [np.abs(columns[name][0]) for name in ("tension_min", "tension_max") if name in columns]
     largest = np.max(ends, axis=0) if ends else np.zeros(len(drives))
-    return np.maximum(largest, LEAST_STRETCH * np.array([drive.chain.stiffness for drive in drives]))
+    least = LEAST_STRETCH * np.array([drive.chain.stiffness for drive in drives])
+    return np.where(largest > 0.0, np.maximum(largest, least), np.nan)
 
 
 RULES = (
