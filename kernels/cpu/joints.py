@@ -33,24 +33,17 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
     kinds = types(Real)
     vec2 = kinds.vec2
     part = passes(Real, capacity)
-    apart, close, acceleration = part.apart, part.close, part.acceleration
+    apart, parting, store_link, close, acceleration = (
+        part.apart,
+        part.parting,
+        part.store_link,
+        part.close,
+        part.acceleration,
+    )
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     at = rows(capacity)
     VX, VY, LINK_X, LINK_Y, LENGTH = at.vx, at.vy, at.link_x, at.link_y, at.length
-    TENSION, RATE, TURN, MOMENT, BEND_X, BEND_Y = at.tension, at.rate, at.turn, at.moment, at.bend_x, at.bend_y
-    FX, FY, SPROCKET_FORCE, GUIDE_FORCE = at.fx, at.fy, at.sprocket_force, at.guide_force
-
-    @wp.func
-    def store_link(w: wp.array[Real], i: int, tension: Real, rate: Real, u: vec2):
-        """Link i's tension and force; contact forces start at zero."""
-        store_row(w, TENSION + i, tension)
-        store_row(w, RATE + i, rate)
-        store_row(w, LINK_X + i + 1, tension * u[0])
-        store_row(w, LINK_Y + i + 1, tension * u[1])
-        store_row(w, FX + i, Real(0.0))
-        store_row(w, FY + i, Real(0.0))
-        store_row(w, SPROCKET_FORCE + i, Real(0.0))
-        store_row(w, GUIDE_FORCE + i, Real(0.0))
+    TENSION, TURN, MOMENT, BEND_X, BEND_Y = at.tension, at.turn, at.moment, at.bend_x, at.bend_y
 
     @wp.func
     def store_turning(w: wp.array[Real], i: int, d: vec2, v: vec2):
@@ -66,8 +59,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         close(w, n)
         i = int(0)
         while i < n:
-            d = apart(w, i)
-            v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
+            d, v = apart(w, i), parting(w, i)
             tension, rate, u = link_force(d, v, load_row(w, LENGTH + i), chain.stiffness, chain.damping)
             store_link(w, i, tension, rate, u)
             store_turning(w, i, d, v)
@@ -79,8 +71,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         close(w, n)
         i = int(0)
         while i < n:
-            d = apart(w, i)
-            v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
+            d, v = apart(w, i), parting(w, i)
             mine = link_chain(i, chain, links)
             tension, rate, u = played_force(d, v, load_row(w, LENGTH + i), links.play, mine)
             store_link(w, i, tension, rate, u)
@@ -163,8 +154,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         """Rate at which link i turns [rad/s], `lag` after the velocities' instant."""
         mine = acceleration(w, i, chain.inverse_mass, chain.gravity)
         of_next = acceleration(w, wp.where(i + 1 < n, i + 1, 0), chain.inverse_mass, chain.gravity)
-        v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
-        lever, turn = turning(apart(w, i), v + lag * (of_next - mine))
+        lever, turn = turning(apart(w, i), parting(w, i) + lag * (of_next - mine))
         return turn
 
     @wp.func

@@ -85,6 +85,8 @@ class Passes:
     put_back: wp.Function
     close: wp.Function
     apart: wp.Function
+    parting: wp.Function
+    store_link: wp.Function
     move: wp.Function
     link_pass: wp.Function
     sprocket_pass: wp.Function
@@ -153,6 +155,23 @@ def passes(Real: type, capacity: int) -> Passes:
         return d
 
     @wp.func
+    def parting(w: wp.array[Real], i: int):
+        """Velocity of roller i + 1 relative to roller i [m/s]."""
+        return vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
+
+    @wp.func
+    def store_link(w: wp.array[Real], i: int, tension: Real, rate: Real, u: vec2):
+        """Tension and force of link i; contact forces start at zero."""
+        store_row(w, TENSION + i, tension)
+        store_row(w, RATE + i, rate)
+        store_row(w, LINK_X + i + 1, tension * u[0])
+        store_row(w, LINK_Y + i + 1, tension * u[1])
+        store_row(w, FX + i, Real(0.0))
+        store_row(w, FY + i, Real(0.0))
+        store_row(w, SPROCKET_FORCE + i, Real(0.0))
+        store_row(w, GUIDE_FORCE + i, Real(0.0))
+
+    @wp.func
     def move(w: wp.array[Real], i: int, dx: Real, dy: Real):
         """Roller i by (dx, dy) [m]; what float32 rounds off is kept in the low part."""
         if wp.static(compensated):
@@ -183,17 +202,9 @@ def passes(Real: type, capacity: int) -> Passes:
         close(w, n)
         i = int(0)
         while i < n:
-            d = apart(w, i)
-            v = vec2(load_row(w, VX + i + 1) - load_row(w, VX + i), load_row(w, VY + i + 1) - load_row(w, VY + i))
+            d, v = apart(w, i), parting(w, i)
             tension, rate, u = link_force(d, v, load_row(w, LENGTH + i), chain.stiffness, chain.damping)
-            store_row(w, TENSION + i, tension)
-            store_row(w, RATE + i, rate)
-            store_row(w, LINK_X + i + 1, tension * u[0])
-            store_row(w, LINK_Y + i + 1, tension * u[1])
-            store_row(w, FX + i, Real(0.0))
-            store_row(w, FY + i, Real(0.0))
-            store_row(w, SPROCKET_FORCE + i, Real(0.0))
-            store_row(w, GUIDE_FORCE + i, Real(0.0))
+            store_link(w, i, tension, rate, u)
             i = i + 1
         store_row(w, LINK_X, load_row(w, LINK_X + n))
         store_row(w, LINK_Y, load_row(w, LINK_Y + n))
@@ -371,6 +382,8 @@ def passes(Real: type, capacity: int) -> Passes:
         put_back=put_back,
         close=close,
         apart=apart,
+        parting=parting,
+        store_link=store_link,
         move=move,
         link_pass=link_pass,
         sprocket_pass=sprocket_pass,

@@ -78,7 +78,7 @@ def load_moments(drive: Drive, speed: float) -> Array:
         if load is None or sprocket.prescribed is not None:
             continue
         own = speed * drive.sprockets[drive.driver].teeth / sprocket.teeth
-        found[s] = load.torque + load.viscous * own + load.quadratic * own * own
+        found[s] = load.steady(own)
         if load.table is not None:
             cells = cells_of(load.table, shaft_ratio(drive, s, load.table.shaft))
             found[s] += (cells.integral[-1] - cells.integral[0]) / (cells.spacing * len(cells.coefficients))

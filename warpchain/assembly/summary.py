@@ -43,8 +43,7 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
         load, radius = drive.sprockets[s].load, drive.pitch_radius(s)
         moment = 0.0
         if load is not None and drive.sprockets[s].prescribed is None:
-            speed = chain_speed / radius
-            moment = load.torque + load.viscous * speed + load.quadratic * speed * speed
+            moment = load.steady(chain_speed / radius)
         rise[s] = rise[s - 1] + moment / radius
     mean = sum(n * tension for n, tension in zip(links, rise, strict=True)) / sum(links)
     offset = max(preload - mean, -min(rise))

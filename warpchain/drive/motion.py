@@ -100,6 +100,10 @@ class Load(Part):
     ramp_time: NonNegative = 0.0
     harmonics: Annotated[tuple[Harmonic, ...], _HARMONICS] = ()
 
+    def steady(self, speed: float) -> float:
+        """The moment [N m] at an angular speed [rad/s], without table and harmonics."""
+        return self.torque + self.viscous * speed + self.quadratic * speed * speed
+
 
 class BalanceWheel(Part):
     """An eccentric mass that turns with the sprocket.

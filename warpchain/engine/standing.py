@@ -22,9 +22,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.statics import load_moments
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive import Drive
-from warpchain.drive.table import Table
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.pack import pack
@@ -138,21 +138,13 @@ def _stopped(packed: Packed, drive: Drive, speed: float) -> Packed:
         motion["speed"], motion["ramp_time"], motion["load_ramp_time"] = 0.0, 0.0, 0.0
         motion["drive_harmonics"] = motion["load_harmonics"] = nothing
         motion["drive_table"]["cells"] = motion["load_table"]["cells"] = 0
+    moments = load_moments(drive, speed)
     for s, sprocket in enumerate(drive.sprockets):
         if sprocket.prescribed is None and sprocket.load is not None:
             turning = speed * drive.sprockets[drive.driver].teeth / sprocket.teeth
             load = sprocket.load
-            torque = load.torque + load.viscous * turning + load.quadratic * turning**2
-            if load.table is not None:
-                torque += _mean(load.table)
-            still.motions[s]["load"] = (torque, load.viscous + 2.0 * load.quadratic * turning, 0.0)
+            still.motions[s]["load"] = (moments[s], load.viscous + 2.0 * load.quadratic * turning, 0.0)
     return still
-
-
-def _mean(table: Table) -> float:
-    """Mean of a table over its time or angle."""
-    over, values = np.asarray(table.over), np.asarray(table.values)
-    return float(np.trapezoid(values, over) / (over[-1] - over[0])) if len(over) > 1 else float(values[0])
 
 
 class _Relaxing:
