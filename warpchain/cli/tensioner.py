@@ -51,9 +51,7 @@ def _rides(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 
         labels = [_label(row, shakes) for row in done.rides.to_pylist()]
         title = f"{arguments.name}: \N{PLUS-MINUS SIGN}{1e3 * arguments.amplitude:g} mm{_only(done.rides)}"
-        _write_figure(
-            path, loop_figure(dict(zip(labels, done.samples, strict=True)), arguments.cycles, title)
-        )
+        _write_figure(path, loop_figure(dict(zip(labels, done.samples, strict=True)), arguments.cycles, title))
     return [*said, str(path)]
 
 
@@ -67,7 +65,9 @@ def _sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         if arguments.viscosity:
             raise WarpchainError("--viscosity: not with --sweep temperature, which finds it from the drive's own")
         x = np.linspace(low, high, arguments.points)
-        curves = [(f"{f:g} Hz", _shakes(arguments, [f], _viscosities(drive, arguments, x))) for f in arguments.frequency]
+        curves = [
+            (f"{f:g} Hz", _shakes(arguments, [f], _viscosities(drive, arguments, x))) for f in arguments.frequency
+        ]
         axis = "oil temperature [\N{DEGREE SIGN}C]"
     else:
         x = np.geomspace(low, high, arguments.points)
@@ -75,9 +75,7 @@ def _sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         curves = [(_oil(v), _shakes(arguments, x, [] if v is None else [v])) for v in kinds]
         axis = "frequency [Hz]"
     done = _ridden(drive, arguments, [shake for _, shakes in curves for shake in shakes], samples=False)
-    parts = {
-        label: done.rides.slice(k * len(x), len(x)) for k, (label, _) in enumerate(curves)
-    }
+    parts = {label: done.rides.slice(k * len(x), len(x)) for k, (label, _) in enumerate(curves)}
     said = [line for label, table in parts.items() for line in _listed(label, x, axis, table, len(parts) > 1)]
     path = arguments.output
     if path is None:
@@ -111,6 +109,8 @@ def _range(arguments: argparse.Namespace) -> tuple[float, float]:
     if not bottom < low < high < top:
         allowed = "two frequencies above 0" if math.isinf(top) else f"two temperatures from {bottom:g} to {top:g} C"
         raise WarpchainError(f"--range {low:g} {high:g}: must be {allowed}, the lower first")
+    if not COLDEST <= arguments.at <= HOTTEST:
+        raise WarpchainError(f"--at {arguments.at:g}: must be a temperature from {COLDEST:g} to {HOTTEST:g} C")
     if arguments.points < 2:
         raise WarpchainError(f"--points {arguments.points}: must be at least 2")
     return low, high
@@ -135,9 +135,7 @@ def _ridden(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], sa
 
     hidden = len(shakes) < 5
     with tqdm(total=len(shakes), desc="rig", unit="ride", file=sys.stderr, dynamic_ncols=True, disable=hidden) as bar:
-        return shake(
-            drive, arguments.name, shakes, arguments.cycles, samples, lambda done, _: bar.update(done - bar.n)
-        )
+        return shake(drive, arguments.name, shakes, arguments.cycles, samples, lambda done, _: bar.update(done - bar.n))
 
 
 def _oil(viscosity: float | None) -> str:

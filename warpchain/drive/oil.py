@@ -1,5 +1,7 @@
 r"""What the oil of a hydraulic tensioner does at rest and over temperature, and how stiff it is; plain Python.
 
+Flows through gap and valve are taken at a step's end, so that of the oil only its stiffness E A^2/V limits the step.
+
 The pressure at rest is the one at which the check valve brings in what leaks through the gap, Q_cv(P) = G (P - P_0),
 the laws being those of `kernels/physics/tensioner.py`.
 

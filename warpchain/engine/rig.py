@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 STEPS, SAMPLES = 10_000, 500
-"""Steps and samples of a cycle: force and pressure are then within 2e-4 of those of ever smaller steps at 400 Hz."""
+"""Steps and samples of a cycle: at 400 Hz forces are within 2e-4 of those of ever smaller steps, an error of first order."""
+SWEEP_STEPS = 2_500
+"""Steps of a cycle that is not sampled."""
 MOST_CYCLES = 100_000
 
 SAMPLE_UNITS = {
@@ -171,9 +173,10 @@ def _rows(
     rows = np.zeros(len(shakes), dtype=Tensioner.numpy_dtype())
     for ride, row, one in zip(rides, rows, shakes, strict=True):
         ride["center"], ride["amplitude"] = one.extension, one.amplitude
-        ride["step"] = 1.0 / (one.frequency * STEPS)
-        ride["cycle"], ride["cycles"] = STEPS, cycles
-        ride["every"] = STEPS // SAMPLES if samples else 0
+        steps = STEPS if samples else SWEEP_STEPS
+        ride["step"] = 1.0 / (one.frequency * steps)
+        ride["cycle"], ride["cycles"] = steps, cycles
+        ride["every"] = steps // SAMPLES if samples else 0
         fill_element(row, drive, with_viscosity(tensioner, one.viscosity))
     return rides, rows
 
