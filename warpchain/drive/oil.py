@@ -84,7 +84,7 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
 
 
 def static_pressure(tensioner: Tensioner) -> float:
-    """Absolute pressure [Pa] at rest, Q_cv = Q_leak, to round-off; the ambient one where the valve brings in nothing."""
+    """Absolute pressure [Pa] at rest, Q_cv = Q_leak, to round-off; the ambient one where the valve stays closed."""
     oil = tensioner.oil
     assert oil is not None
     low, high = oil.ambient, oil.supply

@@ -52,10 +52,8 @@ def loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figu
         pressure.plot(turns, upper[shown], color=color, lw=1.1)
         lift.plot(turns, MILLI * of["valve_lift"][shown], color=color, lw=1.1)
     loop.set(xlabel="extension [mm], out \N{RIGHTWARDS ARROW}", ylabel="force [N]", title="last cycle")
-    pressure.set(
-        ylabel="pressure [bar]" if oil else "force [N]",
-        title=f"last {min(SHOWN, cycles)} cycles" if cycles > 1 else "the cycle",
-    )
+    last_cycles = f"last {min(SHOWN, cycles)} cycles" if cycles > 1 else "the cycle"
+    pressure.set(ylabel="pressure [bar]" if oil else "force [N]", title=last_cycles)
     lift.set(xlabel="cycle", ylabel="valve lift [mm]")
     lift.sharex(pressure)
     for axis in axes.values():
