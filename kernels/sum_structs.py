@@ -5,6 +5,8 @@ All in float64 at every precision, in SI units.
 
 import warp as wp
 
+from .structs import TensionerFlows
+
 
 @wp.struct
 class Totals:
@@ -58,6 +60,35 @@ class MountSums:
     force: wp.float64  # magnitude of what holds the center [N s]
     dissipated: wp.float64  # in its damper [J]
     work: wp.float64  # done on sprocket and wheel by what prescribes center and angle [J]
+
+
+@wp.struct
+class ArmSums:
+    """Sums over the window of an arm (time integrals, trapezoidal)."""
+
+    angle_min: wp.float64  # [rad]
+    angle_max: wp.float64
+    angle: wp.float64  # [rad s]
+    angle_square: wp.float64
+    moment: wp.float64  # of contacts about its pivot [N m s]
+    dissipated: wp.float64  # in its damper and stops [J]
+
+
+@wp.struct
+class TensionerSums:
+    """Sums over the window of a tensioner (time integrals, trapezoidal), and what flowed between its ends."""
+
+    force_min: wp.float64  # [N]
+    force_max: wp.float64
+    force: wp.float64  # [N s]
+    pressure_min: wp.float64  # [Pa]
+    pressure_max: wp.float64
+    pressure: wp.float64  # [Pa s]
+    extension_min: wp.float64  # [m]
+    extension_max: wp.float64
+    extension: wp.float64  # [m s]
+    dissipated: wp.float64  # in its damper and stop [J]
+    flows: TensionerFlows
 
 
 @wp.struct
@@ -163,6 +194,8 @@ class Sums:
     strand: wp.array[StrandSums]  # (all sprockets,)
     sprocket: wp.array[SprocketSums]  # (all sprockets,)
     mount: wp.array[MountSums]  # (all sprockets,)
+    arm: wp.array[ArmSums]  # (all arms,)
+    tensioner: wp.array[TensionerSums]  # (all tensioners,)
     contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first
     slip: wp.array[SlipSums]  # (all sprockets,)
     tension_counts: wp.array[wp.int32]  # `tension_bins.BINS` of each strand, then of links on none, variant by variant
