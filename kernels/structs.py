@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .sum_structs import MountSums, SprocketSums, StrandSums, Totals
+from .sum_structs import MountSums, SprocketSums, StrandSums, TensionerFlows, Totals
 
 GROUND = wp.constant(-1)
 """The body of what does not move."""
@@ -144,6 +144,53 @@ class Piece:
     direction: wp.vec2d  # of travel at its start
     curvature: wp.float64  # [1/m], positive where the face is hollow
     place: wp.float64  # of its start along the face [m]
+
+
+@wp.struct
+class Tensioner:
+    """A tensioner: where it touches its body, its spring, oil, valve and ratchet (`physics.tensioner`)."""
+
+    body: wp.int32  # of the drive
+    point: wp.vec2d  # where it touches, from the body's center in the body's frame [m]
+    home: wp.vec2d  # r_0: where that is at the drawing [m]
+    direction: wp.vec2d  # d: in which it pushes, a unit vector
+    stiffness: wp.float64  # k of the spring [N/m]
+    preload: wp.float64  # f_0 of the spring at x = 0 [N]
+    damping: wp.float64  # c [N s/m]
+    hydraulic: wp.int32  # 1: with a chamber of oil; else what follows up to `laminar_limit` is 0
+    area: wp.float64  # A of the plunger [m^2]
+    volume: wp.float64  # V_0 of the chamber at x = 0 [m^3]
+    leak: wp.float64  # G of the gap [m^3/(s Pa)]
+    drag: wp.float64  # pi d h / 2 of the gap [m^2]
+    supply: wp.float64  # P_s [Pa]; pressures are absolute
+    ambient: wp.float64  # P_0 [Pa]
+    vapor: wp.float64  # P_v [Pa]
+    rest: wp.float64  # P at which the valve brings in what leaks [Pa]
+    bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]
+    air: wp.float64  # share a of air at P_0
+    hole_area: wp.float64  # A_b of the valve's seat [m^2]
+    valve_preload: wp.float64  # F_0 [N]
+    valve_stiffness: wp.float64  # k_cv [N/m]
+    lift_max: wp.float64  # y_max [m]
+    seat_width: wp.float64  # 2 r_B tan(g) [m]
+    seat_growth: wp.float64  # sin(g) / cos(g)^2
+    discharge: wp.float64  # C_d
+    density: wp.float64  # rho of the oil [kg/m^3]
+    laminar_limit: wp.float64  # drop of pressure below which the valve's flow is linear in it [Pa]
+    ratchet_pitch: wp.float64  # a [m]; 0: no ratchet
+    backlash: wp.float64  # s [m]
+    bottom: wp.float64  # x_b below which the plunger stands on the chamber's bottom [m]
+    stop_stiffness: wp.float64  # k_s of ratchet and bottom [N/m]
+    stop_damping: wp.float64  # c_s [N s/m]
+
+
+@wp.struct
+class TensionerState:
+    """What a tensioner remembers."""
+
+    content: wp.float64  # mu: logarithm of the mass of oil
+    pressure: wp.float64  # P after the last step [Pa]
+    farthest: wp.float64  # x_max [m]
 
 
 @wp.struct

@@ -5,8 +5,6 @@ All in float64 at every precision, in SI units.
 
 import warp as wp
 
-from .structs import TensionerFlows
-
 
 @wp.struct
 class Totals:
@@ -72,6 +70,18 @@ class ArmSums:
     angle_square: wp.float64
     moment: wp.float64  # of contacts about its pivot [N m s]
     dissipated: wp.float64  # in its damper and stops [J]
+
+
+@wp.struct
+class TensionerFlows:
+    """What flowed through a tensioner in a step, and what became of its energy."""
+
+    leaked: wp.float64  # [m^3]
+    supplied: wp.float64  # [m^3]
+    leak_loss: wp.float64  # [J]
+    valve_loss: wp.float64  # [J]
+    supply_work: wp.float64  # [J]
+    lift: wp.float64  # y of the valve at the step's end [m]
 
 
 @wp.struct

@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from .root import reciprocal
-from .structs import BodyState, Mount, Push, Strand, TensionerFlows
+from .structs import BodyState, Mount, Push, Strand
 from .sum_structs import (
     ArmSums,
     ChainSums,
@@ -21,6 +21,7 @@ from .sum_structs import (
     RollerTally,
     SprocketSums,
     StrandSums,
+    TensionerFlows,
     TensionerSums,
 )
 

@@ -34,8 +34,8 @@ def chain(
 ):
     """One variant: a closed chain of rollers; each sprocket and guide-bar is a dict of the values that it needs.
 
-    After the sprockets' bodies come those of `carriers`, whose rows are left at zero, then those of `arms`. A guide with
-    `pieces`, (start, heading, curvature, length) each, has a profile.
+    After the sprockets' bodies come those of `carriers`, whose rows are left at zero, then those of `arms`. A guide
+    with `pieces`, (start, heading, curvature, length) each, has a profile.
     """
     kinds = structs.types(REAL[precision])
     n, wheels, bars = len(position), len(sprockets), len(guides)

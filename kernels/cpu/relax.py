@@ -44,7 +44,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
 
     @wp.func
     def arms_acceleration(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, chain: kinds.Chain):
-        """Largest net moment on an arm, as the acceleration of a roller that its force at the arm's reach would give."""
+        """Largest net moment on an arm, as the acceleration [m/s^2] of a roller pushed by that over its reach."""
         worst = wp.float64(0.0)
         for a in range(drive.arms):
             arm = ensemble.arms[drive.first_arm + a]

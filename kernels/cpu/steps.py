@@ -173,9 +173,7 @@ def moving(Real: type) -> BodyFunctions:
             return arm_rates(body, heading_of(body), wrench.moment, ensemble.arms[arm])
         motion = ensemble.motions[b]
         load = load_moment(time, body.angle, body.speed, motion, ensemble.curves)
-        return body_rates(
-            time, body, heading_of(body), wrench, load, motion, ensemble.mounts[b], ensemble.curves
-        )
+        return body_rates(time, body, heading_of(body), wrench, load, motion, ensemble.mounts[b], ensemble.curves)
 
     @wp.func
     def flow(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive):
@@ -225,9 +223,7 @@ def moving(Real: type) -> BodyFunctions:
             flow(ensemble, state, drive)
 
     @wp.func
-    def body_now(
-        ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int, time: wp.float64, lag: wp.float64
-    ):
+    def body_now(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int, time: wp.float64, lag: wp.float64):
         """Body `b` of all with its rates at `time`, `lag` after their own instant."""
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)

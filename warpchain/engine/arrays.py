@@ -73,7 +73,7 @@ def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None
     state.wrenches = wp.zeros(len(packed.bodies), dtype=structs.Wrench, device=device)
     state.tensioners = wp.array(packed.oil, dtype=structs.TensionerState, device=device, copy=True)
     state.pushes = wp.zeros(len(packed.oil), dtype=structs.Push, device=device)
-    state.meters = wp.zeros(len(packed.oil), dtype=structs.TensionerFlows, device=device)
+    state.meters = wp.zeros(len(packed.oil), dtype=sum_structs.TensionerFlows, device=device)
     state.progress = wp.zeros(packed.variants, dtype=structs.Progress, device=device)
     return state
 
