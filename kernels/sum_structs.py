@@ -193,7 +193,7 @@ class Tallies:
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
     contact: wp.array[ContactSums]  # (contact memories,)
     roller: wp.array[RollerTally]  # (all rollers,)
-    sprocket: wp.array[RollerTally]  # (all sprockets,): energy only
+    body: wp.array[RollerTally]  # (all bodies,): energy only, of tensioners too
 
 
 @wp.struct

@@ -10,9 +10,9 @@ from ..physics.arm import arm_rates
 from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.contact import carried
 from ..physics.motion import load_moment, prescribed_at
-from ..physics.tensioner import extension, tensioner_force, tensioner_step, tensioner_wrench, touch_of
+from ..physics.tensioner import extension, push_by, tensioner_step, touch_of
 from ..rows import accessors
-from ..structs import GROUND, BodyState, Drive, Pose, Push, Tensioner, TensionerState, Wrench, types
+from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Totals
 from ..sums import metered
 from .guides import guide_passes
@@ -33,21 +33,6 @@ def arm_of(drive: Drive, b: int):
     """Which arm of all body `b` of all is; negative for other bodies."""
     place = b - drive.first_body - (drive.bodies - drive.arms)
     return wp.where(place >= 0, drive.first_arm + place, -1)
-
-
-@wp.func
-def push_by(body: BodyState, remembered: TensionerState, tensioner: Tensioner):
-    """What a tensioner does to its body."""
-    heading = heading_of(body)
-    place, velocity = touch_of(body.center, heading, body.speed, body.velocity, tensioner)
-    push = Push()
-    push.extension = extension(place, tensioner)
-    push.rate = wp.dot(velocity, tensioner.direction)
-    force, pressure = tensioner_force(push.extension, push.rate, remembered, tensioner)
-    push.force = force
-    push.pressure = pressure
-    push.wrench = tensioner_wrench(force, place - body.center, tensioner)
-    return push
 
 
 @dataclass(frozen=True)

@@ -56,8 +56,9 @@ import math
 
 import warp as wp
 
-from ..structs import Push, Tensioner, TensionerState, Wrench
+from ..structs import BodyState, Push, Tensioner, TensionerState, Wrench
 from ..sum_structs import TensionerFlows
+from .body import heading_of
 
 ROUNDS = wp.constant(60)
 """Newton's steps at most; from the pressure before, two or three do."""
@@ -290,6 +291,21 @@ def tensioner_force(x: wp.float64, rate: wp.float64, state: TensionerState, tens
     pressure = pressure_of(x, state, tensioner)
     push = elastic_push(x, pressure, tensioner) - tensioner.damping * rate
     return wp.max(push, wp.float64(0.0)) + stop_force(x, rate, state, tensioner), pressure
+
+
+@wp.func
+def push_by(body: BodyState, remembered: TensionerState, tensioner: Tensioner):
+    """What a tensioner does to its body."""
+    heading = heading_of(body)
+    place, velocity = touch_of(body.center, heading, body.speed, body.velocity, tensioner)
+    push = Push()
+    push.extension = extension(place, tensioner)
+    push.rate = wp.dot(velocity, tensioner.direction)
+    force, pressure = tensioner_force(push.extension, push.rate, remembered, tensioner)
+    push.force = force
+    push.pressure = pressure
+    push.wrench = tensioner_wrench(force, place - body.center, tensioner)
+    return push
 
 
 @wp.func

@@ -121,5 +121,5 @@ def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     tallies.link.fill_(unseen())
     tallies.contact = wp.zeros(len(packed.seat), dtype=sum_structs.ContactSums, device=device)
     tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
-    tallies.sprocket = wp.zeros(len(packed.sprockets), dtype=sum_structs.RollerTally, device=device)
+    tallies.body = wp.zeros(len(packed.bodies), dtype=sum_structs.RollerTally, device=device)
     return tallies
