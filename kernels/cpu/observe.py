@@ -11,7 +11,7 @@ from ..integrate import leapfrog_lag
 from ..physics.arm import arm_dissipation, arm_energy
 from ..physics.body import body_energy, heading_of, held_by
 from ..physics.motion import load_moment, load_moment_at_speed
-from ..physics.tensioner import damper_power, tensioner_energy, touch_of
+from ..physics.tensioner import lost_power, tensioner_energy, touch_of
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums
@@ -154,7 +154,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         body = body_now(ensemble, state, drive, drive.first_body + tensioner.body, at.time, at.lag)
         place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
         rate = wp.dot(velocity, tensioner.direction)
-        power = damper_power(push, rate, state.tensioners[t], tensioner)
+        power = lost_power(push, rate, state.tensioners[t], tensioner)
         added = add_tensioner(sums.tensioner[t], push, power, at.weight)
         if at.step == drive.window_start:
             added.flows = state.meters[t]

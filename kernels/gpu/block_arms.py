@@ -9,7 +9,7 @@ from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
 from ..physics.arm import arm_dissipation, arm_energy, arm_rates
 from ..physics.body import body_at, heading_of, leapfrog_body, pose_of, rk4_body
 from ..physics.tensioner import (
-    damper_power,
+    lost_power,
     extension,
     push_by,
     tensioner_energy,
@@ -86,7 +86,7 @@ def block_arms(kind: BlockKind) -> ArmFunctions:
             if tensioner.body == b:
                 push = state.pushes[t]
                 place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
-                power = damper_power(push, wp.dot(velocity, tensioner.direction), state.tensioners[t], tensioner)
+                power = lost_power(push, wp.dot(velocity, tensioner.direction), state.tensioners[t], tensioner)
                 added = add_tensioner(sums.tensioner[t], push, power, wp.float64(now.weight))
                 if now.flags & START != 0:
                     added.flows = state.meters[t]

@@ -309,7 +309,7 @@ def push_by(body: BodyState, remembered: TensionerState, tensioner: Tensioner):
 
 
 @wp.func
-def damper_power(push: Push, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+def lost_power(push: Push, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
     """Power [W] that the dampers of spring and stop take, and what is lost where a plunger cannot follow.
 
     `rate` is x' at the instant of `push` [m/s], whose own is half a step behind with leapfrog.
@@ -317,6 +317,17 @@ def damper_power(push: Push, rate: wp.float64, state: TensionerState, tensioner:
     depth = wp.max(stop_place(state, tensioner) - push.extension, wp.float64(0.0))
     elastic = elastic_push(push.extension, push.pressure, tensioner) + tensioner.stop_stiffness * depth
     return (elastic - push.force) * rate
+
+
+@wp.func
+def damper_power(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """Power [W] as of `lost_power` at an extension [m] that changes at `rate` [m/s]."""
+    push = Push()
+    push.extension = x
+    force, pressure = tensioner_force(x, rate, state, tensioner)
+    push.force = force
+    push.pressure = pressure
+    return lost_power(push, rate, state, tensioner)
 
 
 @wp.func

@@ -51,9 +51,7 @@ def _rides(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 
         labels = [_label(row, shakes) for row in done.rides.to_pylist()]
         title = f"{arguments.name}: \N{PLUS-MINUS SIGN}{1e3 * arguments.amplitude:g} mm{_only(done.rides)}"
-        _write_figure(
-            path, loop_figure(dict(zip(labels, done.samples, strict=True)), arguments.cycles, title)
-        )
+        _write_figure(path, loop_figure(dict(zip(labels, done.samples, strict=True)), arguments.cycles, title))
     return [*said, str(path)]
 
 
@@ -67,7 +65,9 @@ def _sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         if arguments.viscosity:
             raise WarpchainError("--viscosity: not with --sweep temperature, which finds it from the drive's own")
         x = np.linspace(low, high, arguments.points)
-        curves = [(f"{f:g} Hz", _shakes(arguments, [f], _viscosities(drive, arguments, x))) for f in arguments.frequency]
+        curves = [
+            (f"{f:g} Hz", _shakes(arguments, [f], _viscosities(drive, arguments, x))) for f in arguments.frequency
+        ]
         axis = "oil temperature [\N{DEGREE SIGN}C]"
     else:
         x = np.geomspace(low, high, arguments.points)
@@ -75,9 +75,7 @@ def _sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         curves = [(_oil(v), _shakes(arguments, x, [] if v is None else [v])) for v in kinds]
         axis = "frequency [Hz]"
     done = _ridden(drive, arguments, [shake for _, shakes in curves for shake in shakes], samples=False)
-    parts = {
-        label: done.rides.slice(k * len(x), len(x)) for k, (label, _) in enumerate(curves)
-    }
+    parts = {label: done.rides.slice(k * len(x), len(x)) for k, (label, _) in enumerate(curves)}
     said = [line for label, table in parts.items() for line in _listed(label, x, axis, table, len(parts) > 1)]
     path = arguments.output
     if path is None:
@@ -135,9 +133,7 @@ def _ridden(drive: Drive, arguments: argparse.Namespace, shakes: list[Shake], sa
 
     hidden = len(shakes) < 5
     with tqdm(total=len(shakes), desc="rig", unit="ride", file=sys.stderr, dynamic_ncols=True, disable=hidden) as bar:
-        return shake(
-            drive, arguments.name, shakes, arguments.cycles, samples, lambda done, _: bar.update(done - bar.n)
-        )
+        return shake(drive, arguments.name, shakes, arguments.cycles, samples, lambda done, _: bar.update(done - bar.n))
 
 
 def _oil(viscosity: float | None) -> str:
