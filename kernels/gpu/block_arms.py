@@ -9,8 +9,8 @@ from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
 from ..physics.arm import arm_dissipation, arm_energy, arm_rates
 from ..physics.body import body_at, heading_of, leapfrog_body, pose_of, rk4_body
 from ..physics.tensioner import (
-    lost_power,
     extension,
+    lost_power,
     push_by,
     tensioner_energy,
     tensioner_step,

@@ -220,8 +220,9 @@ class GpuEngine:
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             *flags, arms, tensioners, profiles = kinds
-            of_bodies = arms, tensioners, bool(profiles)
-            buckets.append(Bucket(shape, sprockets, guides, *map(bool, flags), *of_bodies, order, array))
+            moves, rk4, slides, bends, uneven = map(bool, flags)
+            kinds_of = moves, rk4, slides, bends, uneven, arms, tensioners, bool(profiles)
+            buckets.append(Bucket(shape, sprockets, guides, *kinds_of, order, array))
         return buckets
 
     def _kernel(self, name: str, bucket: Bucket) -> Any:

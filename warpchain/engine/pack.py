@@ -33,6 +33,7 @@ from warpchain.engine.fill import (
 from warpchain.engine.fill_bodies import fill_arm, fill_profile, guide_heft, profiled
 from warpchain.engine.fill_tensioner import fill_tensioner
 from warpchain.engine.packed import KINDS, Packed, numbered, state_rows
+from warpchain.engine.resting import lay_to_rest
 from warpchain.engine.tension_scale import tension_scale
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
@@ -129,6 +130,7 @@ def _pack_each(
             )
         for t in range(len(drive.tensioners)):
             fill_tensioner(packed.tensioners[row["first_tensioner"] + t], drive, t)
+    lay_to_rest(packed)
     return packed
 
 
