@@ -98,6 +98,9 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             j = j + wp.static(threads)
         if mine.sprocket >= 0:
             gone = wp.max(gone, body_gone(drive, shared, mine.sprocket))
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                gone = wp.max(gone, body_gone(drive, shared, wp.static(sprockets) + mine.arm))
         return gone
 
     @wp.func

@@ -56,7 +56,9 @@ import math
 
 import warp as wp
 
-from ..structs import Tensioner, TensionerFlows, TensionerState, Wrench
+from ..structs import BodyState, Push, Tensioner, TensionerState, Wrench
+from ..sum_structs import TensionerFlows
+from .body import heading_of
 
 ROUNDS = wp.constant(60)
 """Newton's steps at most; from the pressure before, two or three do."""
@@ -292,11 +294,40 @@ def tensioner_force(x: wp.float64, rate: wp.float64, state: TensionerState, tens
 
 
 @wp.func
+def push_by(body: BodyState, remembered: TensionerState, tensioner: Tensioner):
+    """What a tensioner does to its body."""
+    heading = heading_of(body)
+    place, velocity = touch_of(body.center, heading, body.speed, body.velocity, tensioner)
+    push = Push()
+    push.extension = extension(place, tensioner)
+    push.rate = wp.dot(velocity, tensioner.direction)
+    force, pressure = tensioner_force(push.extension, push.rate, remembered, tensioner)
+    push.force = force
+    push.pressure = pressure
+    push.wrench = tensioner_wrench(force, place - body.center, tensioner)
+    return push
+
+
+@wp.func
+def lost_power(push: Push, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """Power [W] that the dampers of spring and stop take, and what is lost where a plunger cannot follow.
+
+    `rate` is x' at the instant of `push` [m/s], whose own is half a step behind with leapfrog.
+    """
+    depth = wp.max(stop_place(state, tensioner) - push.extension, wp.float64(0.0))
+    elastic = elastic_push(push.extension, push.pressure, tensioner) + tensioner.stop_stiffness * depth
+    return (elastic - push.force) * rate
+
+
+@wp.func
 def damper_power(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
-    """Power [W] that the dampers of spring and stop take, and what is lost where a plunger cannot follow."""
+    """Power [W] as of `lost_power` at an extension [m] that changes at `rate` [m/s]."""
+    push = Push()
+    push.extension = x
     force, pressure = tensioner_force(x, rate, state, tensioner)
-    depth = wp.max(stop_place(state, tensioner) - x, wp.float64(0.0))
-    return (elastic_push(x, pressure, tensioner) + tensioner.stop_stiffness * depth - force) * rate
+    push.force = force
+    push.pressure = pressure
+    return lost_power(push, rate, state, tensioner)
 
 
 @wp.func

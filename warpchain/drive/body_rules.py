@@ -11,7 +11,6 @@ from warpchain.drive.guides import guide_profile
 from warpchain.drive.motion import SliderMount
 from warpchain.drive.part import BARE, Problem, elements, get, is_name, nearest, numbers, valid
 from warpchain.drive.parts import Chain, Sprocket
-from warpchain.drive.profile import Profile
 from warpchain.drive.tensioners import Tensioner
 
 FARTHEST = 1e4
@@ -67,24 +66,25 @@ def profile_rules(drive: Any) -> Iterator[Problem]:
         offset = get(guide, "offset")
         if numbers(offset) and offset > pitch:
             yield Problem(("guides", g, "offset"), offset, f"must be at most a pitch, {pitch:g}")
-        profile = guide_profile(guide, pitch)
-        if profile is not None:
-            yield from (problem.under("guides", g) for problem in _tight(guide, profile, pitch))
+        yield from (problem.under("guides", g) for problem in _tight(guide, pitch))
 
 
-def _tight(guide: Any, profile: Profile, pitch: float) -> Iterator[Problem]:
+def _tight(guide: Any, pitch: float) -> Iterator[Problem]:
     text = f"must be at least a pitch, {pitch:g}; links cannot follow a tighter face"
-    if not any(abs(piece.curvature) * pitch > 1.0 + 1e-9 for piece in profile.face):
-        return
-    if get(guide, "points") is not None:
-        yield Problem(("radius",), get(guide, "radius"), text)
+    radius = get(guide, "radius")
+    if numbers(radius) and 0.0 < radius < pitch:
+        yield Problem(("radius",), radius, text)
     for k, arc in enumerate(elements(guide, "arcs")):
-        if get(arc, "radius") < pitch:
-            yield Problem(("arcs", k, "radius"), get(arc, "radius"), text)
-    if get(guide, "profile") is not None:
+        radius = get(arc, "radius")
+        if numbers(radius) and 0.0 < radius < pitch:
+            yield Problem(("arcs", k, "radius"), radius, text)
+    profile = guide_profile(guide, pitch) if get(guide, "profile") is not None else None
+    if profile is not None:
         worst = max(profile.face, key=lambda piece: abs(piece.curvature))
-        (x, y), radius = worst.at(0.5 * worst.length)[0], 1.0 / abs(worst.curvature)
-        yield Problem(("profile",), None, f"bends with a radius of {radius:.3g} m at [{x:.4g}, {y:.4g}]; {text}", BARE)
+        if abs(worst.curvature) * pitch > 1.0:
+            (x, y), radius = worst.at(0.5 * worst.length)[0], 1.0 / abs(worst.curvature)
+            bends = f"bends with a radius of {radius:.3g} m at [{x:.4g}, {y:.4g}]"
+            yield Problem(("profile",), None, f"{bends}; {text}", BARE)
 
 
 def arm_rules(drive: Any) -> Iterator[Problem]:

@@ -286,7 +286,7 @@ class Drive(Part):
             least = arm.mass * arm.center_radius**2
             if arm.inertia < least:
                 warnings.warn(
-                    f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g} about the pivot",
+                    f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g}",
                     stacklevel=4,
                 )
         for s in drive.catching():
