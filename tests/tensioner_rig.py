@@ -5,6 +5,8 @@ import math
 import numpy as np
 import warp as wp
 
+from warpchain import loads_drive
+from warpchain.drive.examples import FOLDER
 from warpchain.kernels.physics.tensioner import (
     bulk_modulus,
     compression,
@@ -23,6 +25,37 @@ from warpchain.kernels.structs import Tensioner, TensionerState
 DIAMETER, GAP, LENGTH, ECCENTRICITY = 16e-3, 50e-6, 7e-3, 0.9
 HOLE, DENSITY, VISCOSITY = 1.4e-3, 800.0, 8e-5
 COLUMNS = ("x", "force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "lift", "mass")
+
+BLOCK = """
+[[tensioners]]
+name = "element"
+on = "tensioner"
+at = [0.038317, 0.18]
+direction = [-1.0, 0.0]
+kind = "hydraulic"
+spring = { stiffness = 3500.0, preload = 90.0 }
+plunger = { diameter = 0.016, mass = 0.033, gap = 5.0e-5, length = 0.007, eccentricity = 0.9 }
+chamber = { volume = 1.0e-6 }
+valve = { ball_radius = 0.003, seat_diameter = 0.0014, lift = 0.001, stiffness = 75.0, preload = 0.075 }
+oil = { density = 800.0, viscosity = 8.0e-5, bulk_modulus = 8.0e8, air = 0.01, supply = 3.0e5, ambient = 1.0e5 }
+ratchet = { pitch = 0.001, backlash = 2.0e-4 }
+
+[[tensioners]]
+name = "plain"
+on = "tensioner"
+at = [0.038317, 0.18]
+direction = [-1.0, 0.0]
+kind = "spring"
+spring = { stiffness = 3500.0, preload = 90.0, damping = 20.0 }
+"""
+"""Two tensioners on the engine's slider: that of the model's section on bodies with a ratchet, and a spring."""
+
+TEXT = (FOLDER / "engine.toml").read_text() + BLOCK
+
+
+def engine():
+    """The engine with both."""
+    return loads_drive(TEXT)
 
 
 def tensioner(**values):

@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | modes | tensioner | run | view | plot | export | recover | study`.
+"""The command line: `warpchain check | chains | fit | modes | tensioner | run | view | plot | export | ...`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
 user's or a refusal of the machine's, said in one line each.

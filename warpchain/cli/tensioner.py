@@ -31,12 +31,15 @@ def tensioner_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         raise WarpchainError(f"-o {path}: must end in {', '.join(FIGURES + TABLES)}")
     if arguments.sweep is None and arguments.range is not None:
         raise WarpchainError("--range: only with --sweep")
+    arguments.frequency, arguments.viscosity = (
+        list(dict.fromkeys(values)) for values in (arguments.frequency, arguments.viscosity)
+    )
     return _sweep(drive, arguments) if arguments.sweep is not None else _rides(drive, arguments)
 
 
 def _rides(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     """A ride for each frequency and viscosity: extremes and work of the last cycle, and the loops."""
-    shakes = _shakes(arguments, arguments.frequency, arguments.viscosity)
+    shakes = _shakes(arguments, arguments.frequency, arguments.viscosity or [None])
     path = arguments.output
     if path is not None and path.suffix in TABLES and len(shakes) > 1:
         raise WarpchainError(f"-o {path}: holds one ride, not {len(shakes)}; give one frequency and one viscosity")
@@ -50,7 +53,7 @@ def _rides(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         from warpchain.view.figures.tensioner import loop_figure
 
         labels = [_label(row, shakes) for row in done.rides.to_pylist()]
-        title = f"{arguments.name}: \N{PLUS-MINUS SIGN}{1e3 * arguments.amplitude:g} mm{_only(done.rides)}"
+        title = f"{_title(arguments)}{_only(done.rides)}"
         _write_figure(path, loop_figure(dict(zip(labels, done.samples, strict=True)), arguments.cycles, title))
     return [*said, str(path)]
 
@@ -64,15 +67,13 @@ def _sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     if over_temperature:
         if arguments.viscosity:
             raise WarpchainError("--viscosity: not with --sweep temperature, which finds it from the drive's own")
-        x = np.linspace(low, high, arguments.points)
-        curves = [
-            (f"{f:g} Hz", _shakes(arguments, [f], _viscosities(drive, arguments, x))) for f in arguments.frequency
-        ]
+        x = np.linspace(low, high, arguments.points).tolist()
+        oils = _viscosities(drive, arguments, x)
+        curves = [(f"{frequency:g} Hz", _shakes(arguments, [frequency], oils)) for frequency in arguments.frequency]
         axis = "oil temperature [\N{DEGREE SIGN}C]"
     else:
-        x = np.geomspace(low, high, arguments.points)
-        kinds = arguments.viscosity or [None]
-        curves = [(_oil(v), _shakes(arguments, x, [] if v is None else [v])) for v in kinds]
+        x = np.geomspace(low, high, arguments.points).tolist()
+        curves = [(_oil(oil), _shakes(arguments, x, [oil])) for oil in arguments.viscosity or [None]]
         axis = "frequency [Hz]"
     done = _ridden(drive, arguments, [shake for _, shakes in curves for shake in shakes], samples=False)
     parts = {label: done.rides.slice(k * len(x), len(x)) for k, (label, _) in enumerate(curves)}
@@ -85,21 +86,23 @@ def _sweep(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     else:
         from warpchain.view.figures.tensioner import sweep_figure
 
-        title = f"{arguments.name}: \N{PLUS-MINUS SIGN}{1e3 * arguments.amplitude:g} mm"
+        title = _title(arguments)
         if len(parts) == 1:
             title += f", {next(iter(parts))}" if over_temperature or arguments.viscosity else ""
-        _write_figure(path, sweep_figure(parts, x.tolist(), axis, title))
+        _write_figure(path, sweep_figure(parts, x, axis, title))
     return [*said, str(path)]
 
 
-def _shakes(arguments: argparse.Namespace, frequencies: Sequence[float], viscosities: Sequence[float]) -> list[Shake]:
-    """Every frequency with every viscosity; without any, with the drive's own."""
+def _shakes(
+    arguments: argparse.Namespace, frequencies: Sequence[float], viscosities: Sequence[float | None]
+) -> list[Shake]:
+    """Every frequency with every viscosity; None is the drive's own."""
     from warpchain.engine.rig import Shake
 
     return [
-        Shake(arguments.amplitude, float(frequency), arguments.extension, viscosity)
+        Shake(arguments.amplitude, frequency, arguments.extension, viscosity)
         for frequency in frequencies
-        for viscosity in ([float(v) for v in viscosities] or [None])
+        for viscosity in viscosities
     ]
 
 
@@ -109,6 +112,8 @@ def _range(arguments: argparse.Namespace) -> tuple[float, float]:
     if not bottom < low < high < top:
         allowed = "two frequencies above 0" if math.isinf(top) else f"two temperatures from {bottom:g} to {top:g} C"
         raise WarpchainError(f"--range {low:g} {high:g}: must be {allowed}, the lower first")
+    if not COLDEST <= arguments.at <= HOTTEST:
+        raise WarpchainError(f"--at {arguments.at:g}: must be a temperature from {COLDEST:g} to {HOTTEST:g} C")
     if arguments.points < 2:
         raise WarpchainError(f"--points {arguments.points}: must be at least 2")
     return low, high
@@ -148,6 +153,12 @@ def _label(row: dict[str, Any], shakes: Sequence[Shake]) -> str:
     if len({one.viscosity for one in shakes}) > 1:
         words.append(_oil(row["viscosity"]))
     return ", ".join(words) or "ride"
+
+
+def _title(arguments: argparse.Namespace) -> str:
+    """What a figure begins with; a dollar in a name begins no formula."""
+    name = arguments.name.replace("$", r"\$")
+    return f"{name}: \N{PLUS-MINUS SIGN}{1e3 * arguments.amplitude:g} mm"
 
 
 def _only(rides: pa.Table) -> str:

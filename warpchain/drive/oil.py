@@ -1,5 +1,7 @@
 r"""What the oil of a hydraulic tensioner does at rest and over temperature, and how stiff it is; plain Python.
 
+Flows through gap and valve are taken at a step's end, so that of the oil only its stiffness E A^2/V limits the step.
+
 The pressure at rest is the one at which the check valve brings in what leaks through the gap, Q_cv(P) = G (P - P_0),
 the laws being those of `kernels/physics/tensioner.py`.
 
@@ -82,7 +84,7 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
 
 
 def static_pressure(tensioner: Tensioner) -> float:
-    """Absolute pressure [Pa] at rest, Q_cv = Q_leak, to round-off; the ambient one where the valve brings in nothing."""
+    """Absolute pressure [Pa] at rest, Q_cv = Q_leak, to round-off; the ambient one where the valve stays closed."""
     oil = tensioner.oil
     assert oil is not None
     low, high = oil.ambient, oil.supply

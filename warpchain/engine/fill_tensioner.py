@@ -34,9 +34,7 @@ def fill_tensioner(row: Any, drive: Drive, t: int) -> None:
 
 
 def fill_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
-    """Fills what a tensioner is by itself, whatever it touches: spring, oil, valve, ratchet, and stops as stiff as a link
-    of the drive's chain.
-    """
+    """Fills what a tensioner is by itself: spring, oil, valve, ratchet, and stops as stiff as a link of the chain."""
     stiffness, mass = drive.chain.stiffness, max(tensioner.plunger_mass, drive.chain.mass)
     row["stop_stiffness"], row["stop_damping"] = stiffness, 2.0 * STOP_DAMPING * math.sqrt(stiffness * mass)
     row["stiffness"], row["preload"] = tensioner.spring_stiffness, tensioner.spring_preload

@@ -27,7 +27,7 @@ def _columns(table: pa.Table) -> dict[str, NDArray[np.float64]]:
 
 
 def loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figure:
-    """Force over displacement in the last cycle, and pressure and valve lift over the last two.
+    """Force over displacement in the last cycle, and pressure (without oil: force) and valve lift over the last two.
 
     Args:
         tables: samples of rides by their labels, a label for the legend.
@@ -38,6 +38,7 @@ def loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figu
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
     axes = figure.subplot_mosaic([["loop", "pressure"], ["loop", "lift"]], width_ratios=[1.15, 1.0])
     loop, pressure, lift = axes["loop"], axes["pressure"], axes["lift"]
+    oil = any(_columns(table)["pressure"].any() for table in tables.values())
     colors = _colors(len(tables))
     for (label, table), color in zip(tables.items(), colors, strict=True):
         of = _columns(table)
@@ -47,10 +48,12 @@ def loop_figure(tables: Mapping[str, pa.Table], cycles: int, title: str) -> Figu
         _arrow(loop, MILLI * of["extension"][last], of["force"][last], color)
         shown = slice(-min(SHOWN, cycles) * cycle - 1, None)
         turns = np.arange(len(of["time"]))[shown] / cycle
-        pressure.plot(turns, BAR * of["pressure"][shown], color=color, lw=1.1)
+        upper = BAR * of["pressure"] if oil else of["force"]
+        pressure.plot(turns, upper[shown], color=color, lw=1.1)
         lift.plot(turns, MILLI * of["valve_lift"][shown], color=color, lw=1.1)
     loop.set(xlabel="extension [mm], out \N{RIGHTWARDS ARROW}", ylabel="force [N]", title="last cycle")
-    pressure.set(ylabel="pressure [bar]", title=f"last {min(SHOWN, cycles)} cycles" if cycles > 1 else "the cycle")
+    last_cycles = f"last {min(SHOWN, cycles)} cycles" if cycles > 1 else "the cycle"
+    pressure.set(ylabel="pressure [bar]" if oil else "force [N]", title=last_cycles)
     lift.set(xlabel="cycle", ylabel="valve lift [mm]")
     lift.sharex(pressure)
     for axis in axes.values():
@@ -105,8 +108,10 @@ def sweep_figure(rides: Mapping[str, pa.Table], x: Sequence[float], axis: str, t
         panel.grid(alpha=0.3, which="both")
         if "Hz" in axis:
             panel.set_xscale("log")
-    axes[0].set_yscale("log")
-    axes[1].set_yscale("log")
+            panel.xaxis.set_major_formatter("{x:g}")
+    for panel in axes[:2]:
+        panel.set_yscale("log")
+        panel.yaxis.set_major_formatter("{x:g}")
     if len(rides) > 1:
         axes[0].legend(fontsize=9)
     for panel in axes[2:]:
