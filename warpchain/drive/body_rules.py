@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from warpchain.drive.arms import Arm
@@ -99,15 +99,14 @@ def arm_rules(drive: Any) -> Iterator[Problem]:
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:
     """Tensioners push what can give way, and towards the chain."""
-    arms = {get(arm, "name"): arm for arm in elements(drive, "arms")}
-    sprockets = {get(sprocket, "name"): s for s, sprocket in enumerate(elements(drive, "sprockets"))}
+    arms, sprockets = (_by_name(elements(drive, kind)) for kind in ("arms", "sprockets"))
     for t, node in enumerate(elements(drive, "tensioners")):
         on = get(node, "on")
         if not isinstance(on, str):
             continue
         found: Iterator[Problem] = iter(())
         if on in arms:
-            found = _pushes_arm(drive, node, arms[on])
+            found = _pushes_arm(drive, node, elements(drive, "arms")[arms[on]])
         elif on in sprockets:
             found = _pushes_sprocket(drive, node, sprockets[on])
         else:
@@ -115,6 +114,11 @@ def tensioner_rules(drive: Any) -> Iterator[Problem]:
             hint = nearest(on, known) if known else "there are none"
             found = iter([Problem(("on",), on, f"must be the name of an arm, or of a sprocket on a slider; {hint}")])
         yield from (problem.under("tensioners", t) for problem in found)
+
+
+def _by_name(parts: Sequence[Any]) -> dict[str, int]:
+    """Indices of parts by their names, where those are text."""
+    return {name: i for i, part in enumerate(parts) if isinstance(name := get(part, "name"), str)}
 
 
 def _on_sliders(drive: Any) -> list[Any]:

@@ -7,7 +7,7 @@ that biarcs are fitted to.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -54,8 +54,18 @@ Measured = Annotated[
     _Points, Value("must be a list of at least 2 points [x, y] of finite numbers; load_drive alone reads them of files")
 ]
 
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Radii beyond are mistakes [m]."""
+
 SHAPES = ("points", "arcs", "profile")
 """Keys that give a face another shape than that of a bar from start to end."""
+
+
+def _round(node: Any, key: str) -> Iterator[Problem]:
+    """A radius is one that can be calculated with."""
+    value = get(node, key)
+    if isinstance(value, (int, float)) and value > 0.0 and not SMALLEST <= value <= LARGEST:
+        yield Problem((key,), value, f"must be from {SMALLEST:g} to {LARGEST:g} m")
 
 
 class _Arc(Part):
@@ -77,6 +87,7 @@ class _Arc(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from _round(node, "radius")
         begin, end = get(node, "from"), get(node, "to")
         if numbers(begin, end) and not 0.0 < abs(end - begin) < 360.0:
             text = f"must be another angle than from, {begin:g}, less than 360 degrees away"
@@ -165,6 +176,8 @@ class Guide(Part):
                 yield Problem(("end_radius",), None, f"missing; {allowed(cls, 'end_radius')}", BARE)
         if ends and list(elements(node, "start")) == list(elements(node, "end")) != []:
             yield Problem(("end",), get(node, "end"), "must be another point than start")
+        yield from _round(node, "end_radius")
+        yield from _round(node, "radius")
         radius = get(node, "radius")
         if radius is not None and "points" not in shapes:
             yield Problem(("radius",), radius, "only together with points, whose corners it rounds")
