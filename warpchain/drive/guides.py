@@ -30,6 +30,7 @@ from warpchain.drive.part import (
     elements,
     get,
     numbers,
+    too_far,
     valid,
 )
 from warpchain.drive.profile import Piece, Point, Profile, ProfileError, arcs, make_profile, rounded, straight
@@ -87,6 +88,7 @@ class _Arc(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from too_far(("center",), get(node, "center"))
         yield from _round(node, "radius")
         begin, end = get(node, "from"), get(node, "to")
         if numbers(begin, end) and not 0.0 < abs(end - begin) < 360.0:
@@ -176,6 +178,9 @@ class Guide(Part):
                 yield Problem(("end_radius",), None, f"missing; {allowed(cls, 'end_radius')}", BARE)
         if ends and list(elements(node, "start")) == list(elements(node, "end")) != []:
             yield Problem(("end",), get(node, "end"), "must be another point than start")
+        for key in ("points", "profile"):
+            for i, point in enumerate(elements(node, key)):
+                yield from too_far((key, i), point)
         yield from _round(node, "end_radius")
         yield from _round(node, "radius")
         radius = get(node, "radius")
@@ -205,8 +210,11 @@ def _shape_of(node: Any) -> tuple[str | None, tuple[Any, ...]]:
     for key in ("points", "profile"):
         if get(node, key) is not None:
             rows = _plain_points(get(node, key))
-            whole = isinstance(rows, tuple) and len(rows) > 1
-            whole = whole and all(isinstance(row, tuple) and len(row) == 2 and numbers(*row) for row in rows)
+            whole = isinstance(node, Part) or (
+                isinstance(rows, tuple)
+                and len(rows) > 1
+                and all(isinstance(row, tuple) and len(row) == 2 and numbers(*row) for row in rows)
+            )
             if key == "profile":
                 return (key, (rows,)) if whole else (None, ())
             radius = get(node, "radius")
@@ -245,7 +253,11 @@ def guide_profile(node: Any, pitch: float) -> Profile | None:
     if not numbers(end_radius, pitch) or end_radius <= 0.0:
         return None
     try:
-        face = _face(key, values)
+        return _profile(key, values, end_radius, "right" if get(node, "side") == "right" else "left")
     except ProfileError:
         return None
-    return make_profile(face, end_radius, "right" if get(node, "side") == "right" else "left")
+
+
+@lru_cache(maxsize=1024)
+def _profile(key: str, values: tuple[Any, ...], end_radius: float, side: str) -> Profile:
+    return make_profile(_face(key, values), end_radius, side)
