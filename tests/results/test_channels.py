@@ -16,9 +16,9 @@ from warpchain.results.channels import (
     FRAME,
     NAMES,
     OF_ROLLERS,
-    Sizes,
     Channel,
     FrameLayout,
+    Sizes,
     frame_of,
     frame_width,
 )
