@@ -249,5 +249,11 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             b = drive.first_body + s
             body = body_now(ensemble, state, drive, b, at.time, at.lag)
             write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment)
+        for a in range(drive.arms):
+            b = drive.first_body + drive.bodies - drive.arms + a
+            arm = body_now(ensemble, state, drive, b, at.time, at.lag)
+            write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
+        for t in range(drive.tensioners):
+            write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
 
     return Observing(measure=measure, sample=sample, width=width)

@@ -97,10 +97,14 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
             sampling.write_sprocket_frame(ensemble, state, frames, mine, now, since, body, wrench)
             if wp.static(kind.tensioners > 0):
+                sampling.write_push_frames(ensemble, state, frames, mine, now, since, mine.sprocket)
                 arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
-                arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, wrench)
+                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, wrench)
+                b = wp.static(sprockets) + mine.arm
+                sampling.write_arm_frame(ensemble, state, frames, mine, now, since, arm, wrench)
+                sampling.write_push_frames(ensemble, state, frames, mine, now, since, b)
 
     @wp.func
     def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):

@@ -216,13 +216,12 @@ class GpuEngine:
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, *kinds = key
+            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles = key
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            *flags, arms, tensioners, profiles = kinds
-            moves, rk4, slides, bends, uneven = map(bool, flags)
-            kinds_of = moves, rk4, slides, bends, uneven, arms, tensioners, bool(profiles)
-            buckets.append(Bucket(shape, sprockets, guides, *kinds_of, order, array))
+            flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
+            bodies = arms, tensioners, bool(profiles)
+            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array))
         return buckets
 
     def _kernel(self, name: str, bucket: Bucket) -> Any:

@@ -194,9 +194,9 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
 
     Args:
         sums: "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), and where there are
-            any "arm" (V, A) and "tensioner" (V, T) sums of these alone; "batches", those by field with the batches along a last axis, and how long each batch is (V, batches)
-            [s]; "tension", counts in bins (V, S + 1, bins), those of links on no strand last, and the bins' edges
-            (V, bins + 1) [N].
+            any "arm" (V, A) and "tensioner" (V, T) sums of these alone; "batches", those of the first four by field
+            with the batches along a last axis, and how long each batch is (V, batches) [s]; "tension", counts in bins
+            (V, S + 1, bins), those of links on no strand last, and the bins' edges (V, bins + 1) [N].
     """
     drive = ended.drives[0]
     with np.errstate(all="ignore"):
