@@ -17,6 +17,7 @@ from warpchain.drive.biarcs import fitted
 from warpchain.drive.contact import GuideOverrides
 from warpchain.drive.part import (
     BARE,
+    FARTHEST,
     WRONG,
     Allowed,
     Finite,
@@ -178,9 +179,9 @@ class Guide(Part):
                 yield Problem(("end_radius",), None, f"missing; {allowed(cls, 'end_radius')}", BARE)
         if ends and list(elements(node, "start")) == list(elements(node, "end")) != []:
             yield Problem(("end",), get(node, "end"), "must be another point than start")
-        for key in ("points", "profile"):
-            for i, point in enumerate(elements(node, key)):
-                yield from too_far((key, i), point)
+        far = [problem for key in ("points", "profile") for i, point in enumerate(elements(node, key))
+               for problem in too_far((key, i), point)]  # fmt: skip
+        yield from far
         yield from _round(node, "end_radius")
         yield from _round(node, "radius")
         radius = get(node, "radius")
@@ -188,7 +189,7 @@ class Guide(Part):
             yield Problem(("radius",), radius, "only together with points, whose corners it rounds")
         if radius is None and len(elements(node, "points")) > 2:
             yield Problem(("radius",), None, f"missing; {allowed(cls, 'radius')}; needed to round the points", BARE)
-        if len(shapes) == 1 and not ends:
+        if len(shapes) == 1 and not ends and not far:
             yield from _shape_rule(node, shapes[0])
 
 
@@ -214,6 +215,7 @@ def _shape_of(node: Any) -> tuple[str | None, tuple[Any, ...]]:
                 isinstance(rows, tuple)
                 and len(rows) > 1
                 and all(isinstance(row, tuple) and len(row) == 2 and numbers(*row) for row in rows)
+                and not any(abs(x) > FARTHEST for row in rows for x in row)
             )
             if key == "profile":
                 return (key, (rows,)) if whole else (None, ())
