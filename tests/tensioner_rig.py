@@ -10,10 +10,10 @@ from warpchain.drive.examples import FOLDER
 from warpchain.kernels.physics.tensioner import (
     bulk_modulus,
     compression,
-    inner_energy,
     pressure_of,
     resting_state,
     root_of,
+    specific_energy,
     tensioner_energy,
     tensioner_force,
     tensioner_step,
@@ -143,7 +143,8 @@ def look(pressures: wp.array[wp.float64], near: wp.array[wp.float64], t: Tension
     state.content = phi
     state.pressure = near[i]
     out[i, 0] = phi
-    out[i, 1] = inner_energy(pressure, t)
+    energy, density = specific_energy(root_of(pressure, t), t)
+    out[i, 1] = energy / density
     out[i, 2] = bulk_modulus(pressure, t)
     out[i, 3] = flow
     out[i, 4] = flow_slope

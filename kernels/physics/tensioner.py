@@ -63,11 +63,14 @@ from .body import heading_of
 ROUNDS = wp.constant(60)
 """Newton's steps at most; from the pressure before, two or three do."""
 
-CLOSE = wp.constant(wp.float64(1e-9))
+CLOSE = wp.constant(wp.float64(1e-7))
 """A step of Newton's that is smaller than this part of z is the last (the error is then about its square)."""
 
 LARGEST = wp.constant(wp.float64(8.0))
 """z above any pressure: 8^7 is two million times the ambient one."""
+
+SMALL = wp.constant(wp.float64(0.03))
+"""Up to here exp is a polynomial of degree 5, to 1e-12."""
 
 NODES = [0.1834346424956498, 0.525532409916329, 0.7966664774136267, 0.9602898564975363]
 WEIGHTS = [0.362683783378362, 0.3137066458778873, 0.2223810344533745, 0.1012285362903763]
@@ -133,11 +136,10 @@ def compression(z: wp.float64, tensioner: Tensioner):
     one = wp.float64(1.0)
     square = z * z
     sixth = square * square * square
-    stiff = tensioner.ambient / tensioner.bulk_modulus
     share = one / (one + tensioner.air)
-    phi = share * (stiff * sixth * z - tensioner.air * z / sixth)
-    slope = share * (wp.float64(7.0) * stiff * sixth + wp.float64(5.0) * tensioner.air / sixth)
-    return phi, slope
+    stiff = share * tensioner.ambient / tensioner.bulk_modulus * sixth
+    soft = share * tensioner.air / sixth
+    return (stiff - soft) * z, wp.float64(7.0) * stiff + wp.float64(5.0) * soft
 
 
 @wp.func
@@ -205,39 +207,42 @@ def imbalance(z: wp.float64, content: wp.float64, volume: wp.float64, h: wp.floa
 
 
 @wp.func
-def solved_pressure(
+def solved_root(
     content: wp.float64, volume: wp.float64, h: wp.float64, rate: wp.float64, near: wp.float64, tensioner: Tensioner
 ):
-    """P [Pa] of eq. (9), or of eq. (6) where h = 0, not below the vapor pressure; by Newton's method in a bracket.
+    """z of eq. (9), or of eq. (6) where h = 0, not below that of the vapor pressure; by Newton's method in a bracket.
 
     Args:
         content: mu [-].
         volume: V [m^3].
         h: step [s].
         rate: x' [m/s].
-        near: a pressure to begin at [Pa].
+        near: a z to begin at.
     """
-    floor = root_of(tensioner.vapor, tensioner)
-    low = wp.float64(0.0)
+    zero = wp.float64(0.0)
+    floor = zero  # z of the vapor pressure, once it is wanted
+    low = zero
     high = LARGEST
-    z = wp.max(root_of(near, tensioner), floor)
+    z = near
     change = high
     rounds = int(0)
     while rounds < ROUNDS and wp.abs(change) > CLOSE * z:
         rest, slope = imbalance(z, content, volume, h, rate, tensioner)
-        if rest > wp.float64(0.0):
+        if rest > zero:
             high = z
         else:
             low = z
         after = z - rest / slope
-        if after < floor and low < floor:
+        if after <= zero or pressure_at(after, tensioner) < tensioner.vapor:
+            if floor == zero:
+                floor = root_of(tensioner.vapor, tensioner)
             after = floor
-        elif after < low or after > high:
+        if after < low or after > high or (z > floor and low == floor and after == floor):
             after = wp.float64(0.5) * (low + high)
         change = after - z
         z = after
         rounds += 1
-    return pressure_at(z, tensioner)
+    return z
 
 
 @wp.func
@@ -247,7 +252,8 @@ def pressure_of(x: wp.float64, state: TensionerState, tensioner: Tensioner):
     if tensioner.hydraulic == 1:
         zero = wp.float64(0.0)
         volume = chamber_volume(x, tensioner)
-        pressure = solved_pressure(state.content, volume, zero, zero, state.pressure, tensioner)
+        near = root_of(state.pressure, tensioner)
+        pressure = pressure_at(solved_root(state.content, volume, zero, zero, near, tensioner), tensioner)
     return pressure
 
 
@@ -331,40 +337,56 @@ def damper_power(x: wp.float64, rate: wp.float64, state: TensionerState, tension
 
 
 @wp.func
-def compressed(z: wp.float64, tensioner: Tensioner):
-    """(p - P_0) exp(-phi) dphi/dz, what eq. (10) integrates."""
-    phi, slope = compression(z, tensioner)
-    return (pressure_at(z, tensioner) - tensioner.ambient) * wp.exp(-phi) * slope
+def exponential(x: wp.float64):
+    """exp(x), quick where x is small."""
+    one = wp.float64(1.0)
+    value = one + x / wp.float64(5.0)
+    if wp.abs(x) < SMALL:
+        value = one + x * wp.float64(0.25) * value
+        value = one + x * wp.float64(wp.static(1.0 / 3.0)) * value
+        value = one + x * wp.float64(0.5) * value
+        value = one + x * value
+    else:
+        value = wp.exp(x)
+    return value
 
 
 @wp.func
-def inner_energy(pressure: wp.float64, tensioner: Tensioner):
-    """u [Pa] of the oil, eq. (10)."""
-    half = wp.float64(0.5) * (root_of(pressure, tensioner) - wp.float64(1.0))
+def compressed(z: wp.float64, phi_end: wp.float64, tensioner: Tensioner):
+    """(p - P_0) exp(phi_end - phi) dphi/dz, what eq. (10) integrates."""
+    phi, slope = compression(z, tensioner)
+    return (pressure_at(z, tensioner) - tensioner.ambient) * exponential(phi_end - phi) * slope
+
+
+@wp.func
+def specific_energy(z: wp.float64, tensioner: Tensioner):
+    """u exp(phi) [Pa], eq. (10): the energy of the oil by its volume as it is; and exp(phi)."""
+    phi, slope = compression(z, tensioner)
+    half = wp.float64(0.5) * (z - wp.float64(1.0))
     middle = wp.float64(1.0) + half
     total = wp.float64(0.0)
     for i in range(wp.static(len(NODES))):
         reach = wp.float64(wp.static(NODES[i])) * half
-        pair = compressed(middle - reach, tensioner) + compressed(middle + reach, tensioner)
+        pair = compressed(middle - reach, phi, tensioner) + compressed(middle + reach, phi, tensioner)
         total += wp.float64(wp.static(WEIGHTS[i])) * pair
-    return half * total
+    return half * total, wp.exp(phi)
 
 
 @wp.func
-def enthalpy(pressure: wp.float64, tensioner: Tensioner):
+def enthalpy(z: wp.float64, tensioner: Tensioner):
     """H [Pa] of the oil, eq. (10)."""
-    phi, slope = compression(root_of(pressure, tensioner), tensioner)
-    return inner_energy(pressure, tensioner) + (pressure - tensioner.ambient) * wp.exp(-phi)
+    energy, density = specific_energy(z, tensioner)
+    return (energy + pressure_at(z, tensioner) - tensioner.ambient) / density
 
 
 @wp.func
 def oil_energy(x: wp.float64, state: TensionerState, tensioner: Tensioner):
     """U [J], eq. (11); 0 at the ambient pressure."""
     pressure = pressure_of(x, state, tensioner)
-    phi, slope = compression(root_of(pressure, tensioner), tensioner)
-    mass = tensioner.volume * wp.exp(state.content)
-    vapor = chamber_volume(x, tensioner) - mass * wp.exp(-phi)
-    return mass * inner_energy(pressure, tensioner) - (pressure - tensioner.ambient) * vapor
+    energy, density = specific_energy(root_of(pressure, tensioner), tensioner)
+    liquid = tensioner.volume * wp.exp(state.content) / density
+    vapor = chamber_volume(x, tensioner) - liquid
+    return liquid * energy - (pressure - tensioner.ambient) * vapor
 
 
 @wp.func
@@ -400,21 +422,23 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
 def oil_step(x: wp.float64, rate: wp.float64, h: wp.float64, state: TensionerState, tensioner: Tensioner):
     """The oil after a step, and what flowed, eq. (9).
 
-    What flows has the enthalpy of the mean pressure of the step's ends: with it, work on the plunger by the mean of the
-    forces at both ends and what is stored, lost and supplied differ by O(h^2).
+    What flows has the enthalpy at the mean z of the step's ends: with it, work on the plunger by the mean of the forces
+    at both ends and what is stored, lost and supplied differ by O(h^2).
     """
-    pressure = solved_pressure(state.content, chamber_volume(x, tensioner), h, rate, state.pressure, tensioner)
+    before = root_of(state.pressure, tensioner)
+    z = solved_root(state.content, chamber_volume(x, tensioner), h, rate, before, tensioner)
+    pressure = pressure_at(z, tensioner)
     supplied, leaked, slope = inflow(pressure, rate, tensioner)
     flows = TensionerFlows()
     flows.supplied = h * supplied
     flows.leaked = h * leaked
     flows.lift = valve_lift(pressure, tensioner)
-    phi, slope = compression(root_of(pressure, tensioner), tensioner)
+    phi, slope = compression(z, tensioner)
     density = wp.exp(phi)
-    middle = enthalpy(wp.float64(0.5) * (state.pressure + pressure), tensioner)
+    middle = enthalpy(wp.float64(0.5) * (before + z), tensioner)
     flows.leak_loss = middle * density * flows.leaked
     if supplied > wp.float64(0.0):
-        flows.supply_work = enthalpy(tensioner.supply, tensioner) * density * flows.supplied
+        flows.supply_work = enthalpy(root_of(tensioner.supply, tensioner), tensioner) * density * flows.supplied
         flows.valve_loss = flows.supply_work - middle * density * flows.supplied
     mass = wp.exp(state.content) + density * (flows.supplied - flows.leaked) / tensioner.volume
     state.content = wp.log(mass)

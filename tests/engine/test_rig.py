@@ -171,12 +171,12 @@ def test_a_name_that_is_none(drive):
 @pytest.mark.parametrize(
     ("name", "values", "told"),
     [
-        ("element", {"amplitude": 0.0}, "amplitude = 0: must be a finite number above 0"),
-        ("element", {"amplitude": math.nan}, "amplitude = nan: must be a finite number above 0"),
-        ("element", {"frequency": -1.0}, "frequency = -1: must be a finite number above 0"),
-        ("element", {"frequency": math.inf}, "frequency = inf: must be a finite number above 0"),
-        ("element", {"cycles": 0}, "cycles = 0: must be 1 to 100000"),
-        ("element", {"extension": math.nan}, "extension = nan: must be a finite number"),
+        ("element", {"amplitude": 0.0}, "amplitude = 0: must be a number above 0, at most 1 m"),
+        ("element", {"amplitude": math.nan}, "amplitude = nan: must be a number above 0"),
+        ("element", {"frequency": -1.0}, "frequency = -1: must be a number above 0"),
+        ("element", {"frequency": math.inf}, "frequency = inf: must be a number above 0"),
+        ("element", {"cycles": 0}, "cycles = 0: must be 1 to 10000"),
+        ("element", {"extension": math.nan}, "extension = nan: must be a number from -1 to 1 m"),
         ("element", {"amplitude": 0.01}, "above the bottom of its chamber, -0.00497"),
         ("element", {"amplitude": 1e-3, "extension": -0.0045}, "above the bottom of its chamber"),
     ],

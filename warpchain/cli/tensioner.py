@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 FIGURES, TABLES = (".png", ".svg"), (".csv", ".parquet")
 RANGES = {"frequency": (1.0, 500.0), "temperature": (20.0, 140.0)}
 """What is swept unless told otherwise [Hz], [degrees C]."""
+MOST_POINTS = 1000
 COLDEST, HOTTEST = -60.0, 300.0
 """Temperatures that the law of viscosity is taken for [degrees C]."""
 
@@ -114,19 +115,22 @@ def _range(arguments: argparse.Namespace) -> tuple[float, float]:
         raise WarpchainError(f"--range {low:g} {high:g}: must be {allowed}, the lower first")
     if not COLDEST <= arguments.at <= HOTTEST:
         raise WarpchainError(f"--at {arguments.at:g}: must be a temperature from {COLDEST:g} to {HOTTEST:g} C")
-    if arguments.points < 2:
-        raise WarpchainError(f"--points {arguments.points}: must be at least 2")
+    if not 2 <= arguments.points <= MOST_POINTS:
+        raise WarpchainError(f"--points {arguments.points}: must be 2 to {MOST_POINTS}")
     return low, high
 
 
 def _viscosities(drive: Drive, arguments: argparse.Namespace, temperatures: Sequence[float]) -> list[float]:
     """The drive's oil at each temperature [m^2/s]."""
-    from warpchain.drive.oil import viscosity_at
+    from warpchain.drive.oil import THICKEST, THINNEST, viscosity_at
     from warpchain.engine.rig import tensioner_of
 
     oil = tensioner_of(drive, arguments.name).oil
     if oil is None:
         raise WarpchainError(f"--sweep temperature: tensioner {arguments.name!r} has no oil")
+    if not THINNEST <= oil.viscosity <= THICKEST:
+        key = f"tensioners.{arguments.name}.oil.viscosity = {oil.viscosity:g}"
+        raise WarpchainError(f"--sweep temperature: {key}: must be from {THINNEST:g} to {THICKEST:g} m^2/s")
     return [viscosity_at(oil.viscosity, t, arguments.at) for t in temperatures]
 
 

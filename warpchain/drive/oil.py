@@ -33,6 +33,8 @@ WALTHER_SLOPE = 3.1
 REFERENCE = 40.0
 """Temperature [degrees C] at which a drive's viscosity is meant where it is swept over temperature."""
 KELVIN = 273.15
+THINNEST, THICKEST = 0.5e-6, 1.0
+"""Viscosities [m^2/s] that the law holds for, with some margin."""
 
 
 def bulk_modulus(tensioner: Tensioner, pressure: float) -> float:
@@ -117,7 +119,7 @@ def viscosity_at(viscosity: float, temperature: float, at: float = REFERENCE, sl
     """Kinematic viscosity [m^2/s] at a temperature, of an oil that has `viscosity` at another one, (a).
 
     Args:
-        viscosity: [m^2/s], above 0.31e-6.
+        viscosity: [m^2/s], `THINNEST` to `THICKEST`.
         temperature, at: [degrees C].
         slope: B.
     """

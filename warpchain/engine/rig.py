@@ -27,7 +27,10 @@ STEPS, SAMPLES = 10_000, 500
 """Steps and samples of a cycle; at 400 Hz forces are within 2e-4 of those of ever smaller steps."""
 SWEEP_STEPS = 2_500
 """Steps of a cycle that is not sampled."""
-MOST_CYCLES = 100_000
+MOST_CYCLES = 10_000
+"""Cycles of a ride at most, and of all rides together where they are sampled."""
+FARTHEST, FASTEST = 1.0, 1e5
+"""Amplitude and extension [m], and frequency [Hz], at most."""
 
 SAMPLE_UNITS = {
     "time": "s", "extension": "m", "force": "N", "pressure": "Pa", "valve_lift": "m", "leaked": "m^3",
@@ -113,6 +116,9 @@ def shake(
     tensioner = tensioner_of(drive, name)
     for one in shakes:
         _check(tensioner, one, cycles)
+    if samples and len(shakes) * cycles > MOST_CYCLES:
+        text = f"{len(shakes)} rides of {cycles} cycles: must be {MOST_CYCLES} cycles together at most"
+        raise SimulationError(text)
     rides, rows = _rows(drive, tensioner, shakes, cycles, samples)
     count = cycles * SAMPLES + 1 if samples else 1
     values = wp.zeros((len(shakes), count, len(SAMPLE_COLUMNS)), dtype=wp.float64, device="cpu")
@@ -147,16 +153,19 @@ def tensioner_of(drive: Drive, name: str) -> TensionerPart:
 
 def _check(tensioner: TensionerPart, one: Shake, cycles: int) -> None:
     """Refuses what cannot be run."""
-    for word, value in (("amplitude", one.amplitude), ("frequency", one.frequency)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise SimulationError(f"{word} = {value:g}: must be a finite number above 0")
+    for word, value, most, unit in (
+        ("amplitude", one.amplitude, FARTHEST, "m"),
+        ("frequency", one.frequency, FASTEST, "Hz"),
+    ):
+        if not 0.0 < value <= most:
+            raise SimulationError(f"{word} = {value:g}: must be a number above 0, at most {most:g} {unit}")
     if not 1 <= cycles <= MOST_CYCLES:
         raise SimulationError(f"cycles = {cycles}: must be 1 to {MOST_CYCLES}")
-    if not math.isfinite(one.extension):
-        raise SimulationError(f"extension = {one.extension:g}: must be a finite number")
+    if not abs(one.extension) <= FARTHEST:
+        raise SimulationError(f"extension = {one.extension:g}: must be a number from {-FARTHEST:g} to {FARTHEST:g} m")
     if one.viscosity is not None and not tensioner.hydraulic:
         raise SimulationError(f"viscosity = {one.viscosity:g}: tensioner {tensioner.name!r} has no oil")
-    if one.viscosity is not None and not (math.isfinite(one.viscosity) and one.viscosity > 0.0):
+    if one.viscosity is not None and not 0.0 < one.viscosity < math.inf:
         raise SimulationError(f"viscosity = {one.viscosity:g}: must be a finite number above 0 (m^2/s)")
     if tensioner.chamber is not None:
         deepest = tensioner.chamber.volume / tensioner.area
