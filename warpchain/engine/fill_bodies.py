@@ -69,12 +69,13 @@ def _fill_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: f
 
 
 def arm_inertia(drive: Drive, a: int) -> float:
-    """Inertia of arm a about its pivot [kg m^2], with the plungers that move with it."""
+    """Inertia of arm a about its pivot [kg m^2], with the plungers that move with it at their levers."""
     arm, body = drive.arms[a], len(drive.sprockets) + a
     inertia = arm.inertia
     for t, tensioner in enumerate(drive.tensioners):
         if drive.tensioner_body(t) == body:
-            inertia += tensioner.plunger_mass * math.dist(tensioner.at, arm.pivot) ** 2
+            (x, y), (dx, dy) = np.subtract(tensioner.at, arm.pivot), tensioner.unit_direction
+            inertia += tensioner.plunger_mass * (x * dy - y * dx) ** 2
     return inertia
 
 
