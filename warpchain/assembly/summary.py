@@ -344,7 +344,7 @@ def report(values: dict[str, Any]) -> str:
         *_mount_lines(values),
         "",
         f"tooth-passing frequency: {values['tooth_passing_frequency']:.4g} Hz",
-        f"step: {values['step']:.4g} s; automatic {values['automatic_step']:.4g} s, limit {values['step_limit']:.4g} s, "
-        f"by {values['stiffest_part']}",
+        f"step: {values['step']:.4g} s; limit {values['step_limit']:.4g} s, automatic {values['automatic_step']:.4g} s",
+        f"stiffest: {values['stiffest_part']}",
     ]
     return "\n".join(lines)
