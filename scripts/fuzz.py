@@ -401,7 +401,7 @@ class Fuzz:
         if not results.table.equals(self.home[1]):
             raise Broken("the study's table reads back as another one")
         for variant, trajectory in recorded_variants(results, home).items():
-            if not np.array_equal(trajectory.position, self.home[2][variant]):
+            if trajectory.position is None or not np.array_equal(trajectory.position, self.home[2][variant]):
                 raise Broken(f"variant {variant} of the study has other frames")
 
     def _compare(self, path: Path, whole: bool) -> None:

@@ -91,7 +91,7 @@ def simulate(
         SuspectWarning: variants that are not "ok": which, why, and what to change.
     """
     from warpchain.engine.devices import chosen_devices, engine_on, frame_bytes, launch_steps
-    from warpchain.engine.ends import engaged, layout_line, layouts_of, net_force
+    from warpchain.engine.ends import causes_of, engaged, layout_line, layouts_of, net_force
     from warpchain.engine.pack import pack
     from warpchain.engine.packed import real_of
     from warpchain.results.channels import frame_of
@@ -121,7 +121,9 @@ def simulate(
             engine = engine_on(devices, packed.at_precision(precision), cores)
             _march(engine, steps, buffer_values, recorder, report, stop)
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
-        ended = Ended(chosen, schedules, *_ends(engine), settled, engaged(engine, chosen), layouts, left)
+        steps_done, diverged = _ends(engine)
+        causes = causes_of(engine, chosen, diverged)
+        ended = Ended(chosen, schedules, steps_done, diverged, settled, engaged(engine, chosen), layouts, left, causes)
         metrics = _metrics(engine, ended, limits)
         _warn(SuspectWarning, told(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
