@@ -10,6 +10,7 @@ import time
 
 import lz4.frame
 import numpy as np
+import pyarrow as pa
 import pytest
 import zstandard
 from command import run as command
@@ -264,11 +265,76 @@ def test_a_damaged_table_of_metrics(run, tmp_path):
     assert told > 30
 
 
+BOMB = """
+import sys, pyarrow as pa
+kind, path = sys.argv[1:]
+words = pa.dictionary(pa.int32(), pa.string()) if kind == "dictionary" else pa.string()
+schema = pa.schema([("variant", pa.int64()), ("status", words)])
+columns = [pa.array([0]), pa.array(["x" * 2**29])]
+if kind == "dictionary":
+    columns[1] = columns[1].dictionary_encode()
+options = pa.ipc.IpcWriteOptions(compression="lz4" if kind == "lz4" else "zstd")
+with pa.OSFile(path, "wb") as sink, pa.ipc.new_file(sink, schema, options=options) as file:
+    file.write_table(pa.table(columns, schema=schema))
+"""
+"""Writes half a gigabyte of one letter, in some 50 kB."""
+
+
+@pytest.mark.parametrize("kind", ["zstd", "lz4", "dictionary"])
+def test_a_small_table_of_metrics_that_opens_to_gigabytes_is_refused(run, tmp_path, kind):
+    """Its columns' sizes are Arrow's to open; warpchain's own have no compression."""
+    from warpchain.archive import parts
+
+    subprocess.run([sys.executable, "-c", BOMB, kind, tmp_path / "bomb"], check=True)
+    data = (tmp_path / "bomb").read_bytes()
+    assert len(data) < 2**22
+    path = written(tmp_path / "b.mcap", run, lambda patch: patch.setattr(parts, "_arrow_bytes", lambda table: data))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ArchiveError, match=r"its metrics are damaged .its columns are compressed"):
+        read_archive(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**20 // 8  # kilobytes: 128 MiB
+
+
+def test_columns_that_share_their_bytes_are_refused():
+    """Thirty columns in the place of two: a small file of many more would keep its reader busy for long."""
+    from warpchain.archive.arrow import MAGIC, plain_table
+
+    table = pa.table({f"c{k}": np.zeros(1000) for k in range(30)})
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, table.schema) as file:
+        file.write_table(table)
+    data = sink.getvalue().to_pybytes()
+    assert plain_table(data).equals(table)
+    schema, batch = list(pa.ipc.MessageReader.open_stream(pa.py_buffer(data)[len(MAGIC) :]))
+    head = batch.metadata.to_pybytes().replace(struct.pack("<q", 240_000), struct.pack("<q", 16_000))
+    for k in range(2, 30):
+        place = struct.pack("<qq", 8000 * k, 8000)
+        assert head.count(place) == 1
+        head = head.replace(place, struct.pack("<qq", 0, 8000))
+    told = struct.pack("<iI", -1, len(head)) + head + batch.body.to_pybytes()[:16_000] + struct.pack("<ii", -1, 0)
+    with pytest.raises(ValueError, match="share bytes"):
+        plain_table(MAGIC + schema.serialize().to_pybytes() + told)
+
+
 STUDIES = {
     "name-list": ('name = "torque"', "name = []", "factors.0.name"),
     "channels": ("[run]", "[record]\nevery = 1\nchannels = 1.0\n[run]", "record.channels"),
-    "choice": ('kind = "factorial"', 'kind = "plackett-burman"\ncenter = 1000000000', "allowed are at most"),
+    "center": ('kind = "factorial"', 'kind = "plackett-burman"\ncenter = 1000000000', "allowed are at most"),
+    "choice": ("levels = [44, 45]", "choice = 0", "must be a list of at least 2"),
+    "choice of two-level designs": (
+        'kind = "factorial"',
+        'kind = "plackett-burman"\n[[factors]]\nname = "mass"\npath = "chain.roller_mass"\nchoice = 0',
+        "choice = 0: must be a list of at least 2",
+    ),
+    "group": ("levels = [44, 45]", "levels = [44, 45]\ngroup = []", "factors.1.group|factors.links.group"),
     "count": ('kind = "factorial"', 'kind = "sobol"\ncount = 1000000000', "at most 100000000"),
+    "a text and a number": ("levels = [44, 45]", "expression = \"44 + 'x'\"", None),
+    "a list and a number": ("levels = [44, 45]", 'expression = "[1] + 44.0"', "only numbers"),
+    "numbers and switches": (
+        "levels = [44, 45]",
+        'expression = "44 if torque > 0.5 else torque > 0.5"',
+        "several kinds",
+    ),
     "power": ('path = "chain.links"\nlevels = [44, 45]', 'path = "chain.links"\nexpression = "10000**16"', None),
     "kinds": ("levels = [44, 45]", "choice = [44, true]", "of one kind"),
     "zero": ('drive = "tiny.toml"', 'drive = "a\\u0000b.toml"', "zero byte|null byte|must be"),
@@ -316,16 +382,53 @@ def test_design_tables_that_make_no_sense(capsys, tmp_path, case):
     assert all(line.startswith("warpchain: error: ") for line in err)
 
 
-@pytest.mark.parametrize("table", ["time,torque\n0,1\n1," + "1" * 200_000 + "\n", "time,torque\n0,1\n1,2\0\n", "\0"])
-def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table):
-    text = dumps_drive(two_sprockets(duration=0.001, settle="false"))
-    assert "load = {" in text or "[sprockets.load]" in text or "load" in text
-    (tmp_path / "t.csv").write_text(table)
-    drive = tmp_path / "d.toml"
-    drive.write_text(text.replace("prescribed = { speed = 10.0 }", 'prescribed = { table = { file = "t.csv" } }'))
-    status, _, err = command(capsys, "check", drive)
-    assert status == 2 or "t.csv" not in drive.read_text()
-    assert all(line.startswith("warpchain: error: ") for line in err)
+def with_table(tmp_path, table):
+    """A drive file whose driver's speed is a CSV file."""
+    text, led = (
+        dumps_drive(two_sprockets(duration=0.001, settle="false")),
+        "prescribed = { speed = 10.0, ramp_time = 0.0 }",
+    )
+    assert text.count(led) == 1
+    (tmp_path / "t.csv").write_bytes(table)
+    (tmp_path / "d.toml").write_text(text.replace(led, 'prescribed = { table = { file = "t.csv" } }'))
+    return tmp_path / "d.toml"
+
+
+def test_a_table_of_a_drive_is_read(capsys, tmp_path):
+    """What the tables below differ from by one cell."""
+    status, _, err = command(capsys, "check", with_table(tmp_path, b"time,speed\n0,1\n1,2\n"))
+    assert (status, err) == (0, [])
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        (b"time,speed\n0,1\n1," + b"1" * 131_073 + b"\n", "row 3: is not CSV (field larger than field limit"),
+        (b"time,speed\n0,1\n1," + b"1" * 400 + b"\n", "row 3: "),  # a number, but not a finite one
+        (b"time," + b"s" * 200_000 + b"\n0,1\n1,2\n", "row 1: is not CSV"),
+        (b"time,speed\n0,1\n1,2\0\n", "row 3: "),
+        (b"time,sp\0eed\n0,1\n1,2\n", "row 1: "),
+        (b"\0", "row 1: "),
+        (b"time,speed\n0,1\n1,\xff\n", "is not UTF-8"),
+        (b"time,speed\n0,1\n2024-01-01,2\n", '"2024-01-01" is not a finite number'),
+        (b"", "has no rows"),
+    ],
+    ids=[
+        "131,073 digits",
+        "400 digits",
+        "head",
+        "zero byte",
+        "zero byte in the head",
+        "zero",
+        "bytes",
+        "date",
+        "empty",
+    ],
+)
+def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table, told):
+    line = refused(capsys, "check", with_table(tmp_path, table))
+    assert 'driver.prescribed.table.file = "t.csv": ' in line and told in line
+    assert len(line) < 1000
 
 
 def test_a_sprocket_may_be_named_anything_that_can_be_printed(capsys, tmp_path):
