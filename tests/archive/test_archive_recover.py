@@ -239,9 +239,9 @@ def test_topics_that_change_places_under_a_right_checksum_are_not_believed(pair,
     (tmp_path / "b.mcap").write_bytes(data[:start] + summary + struct.pack("<I", zlib.crc32(summary)) + ends)
     with pytest.raises(ArchiveError, match="its digest is wrong"):
         list(read_archive(tmp_path / "b.mcap"))
-    result = recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")
-    assert not result.complete
+    recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")  # by the channels that stand among the frames
     back = read_archive(tmp_path / "c.mcap")
+    assert list(back) == list(run)
     for variant in back:
         np.testing.assert_array_equal(back[variant].position, run[variant].position)
 

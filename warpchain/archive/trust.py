@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from mcap.records import Channel, Schema
 
 from warpchain.archive import schema
-from warpchain.archive.digest import DIGEST, is_right, of_channel
+from warpchain.archive.digest import DIGEST, of_channel
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.mcap_write import McapFile
 
@@ -16,7 +16,7 @@ class Topics:
     """Channels and schemas as they are found, each copied when the first chunk asks for it.
 
     Args:
-        index: a summary that is right, whose channels are where their digests say so; None goes by what `add` is given.
+        index: a summary that is right, whose channels and schemas all are; None goes by what `add` is given.
 
     Attributes:
         sealed: whether the archive has digests.
@@ -26,8 +26,6 @@ class Topics:
         self.sealed = index is not None and index.sealed
         self._channels = dict(index.channels) if index else {}
         self._schemas = dict(index.schemas) if index else {}
-        if self.sealed:
-            self._channels = {n: each for n, each in self._channels.items() if is_right(each, self._schemas)}
         self._variants: dict[int, int | None] = {}
 
     def add_schema(self, found: Schema) -> None:
