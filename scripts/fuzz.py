@@ -1,7 +1,7 @@
 #!/usr/bin/env python
-"""Feeds drive files, study files, tables, archives and folders of studies that were changed at random to their readers.
+"""Feeds files, folders of studies and command lines that were changed at random to what reads them.
 
-    python scripts/fuzz.py --kind drives studies tables archives folders --count 1000 --seed 0
+    python scripts/fuzz.py --kind drives studies tables archives folders commands --count 1000 --seed 0
 
 Each case starts from something right and changes it: bits, bytes, lines, numbers, pieces of others. It is accepted,
 refused (by a `WarpchainError`), or broken: any other exception, more than `PATIENCE` seconds, or an archive or a
@@ -17,6 +17,7 @@ import argparse
 import contextlib
 import datetime
 import faulthandler
+import io
 import re
 import shutil
 import signal
@@ -42,6 +43,7 @@ from warpchain.archive.recover import recover_archive
 from warpchain.archive.schema import TOPICS as SCHEMAS
 from warpchain.assembly import assemble
 from warpchain.assembly.timestep import resolve_step
+from warpchain.cli import main as command_line
 from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
 from warpchain.drive.examples import drive_path
 from warpchain.drive.table import read_csv
@@ -84,6 +86,45 @@ CALLS = ("abs", "ceil", "exp", "floor", "log", "max", "min", "round", "sin", "sq
 CELLS = (
     *("1.0", "1500.0", "74", "76", "x", "", "1e400", "nan", "9" * 40, "2024-01-01", "true"),
     *('"a,b"', '"', "[1]", "1\0", "1;2", "\ufeff1"),
+)
+COMMANDS = (
+    "check marine --set run.duration=1.0",
+    "check engine --json --set run.step=1e-6",
+    "check {folder}/case.toml",
+    "chains",
+    "fit {folder}/case.toml --sprocket camshaft --along 1,0 --preload 1000 -o {folder}/fit.toml --overwrite",
+    "fit {folder}/case.toml --links --overwrite -o {folder}/fit.toml",
+    "export {folder}/zstd.mcap -o {folder}/out.npz --variant 1",
+    "recover {folder}/zstd.mcap -o {folder}/new.mcap --overwrite",
+    "study status {folder}/home",
+    "study merge {folder}/home",
+)
+WORDS = (
+    *NUMBERS,
+    *(
+        "9" * 5000,
+        "x" * 5000,
+        "",
+        "=",
+        ".",
+        "..",
+        "/",
+        "-",
+        "--",
+        "--json",
+        "--set",
+        "-o",
+        "a=b=c",
+        "\udc80",
+        "\n",
+        "[1",
+        "{}",
+    ),
+    *("1,0,0", "nan,1", "1e308,1e308", "0,0", "/dev/null", "marine", "camshaft", "chain.links=0", "chain=1"),
+)
+PATHS = (
+    *("chain.links", "chain.pitch", "run.step", "run.gravity", "sprockets.0.center", "sprockets.camshaft.load.torque"),
+    *("sprockets", "chain", "guides.0.start", "contact.sprocket.law", "x", "sprockets.9", "chain.worn_links", ""),
 )
 STUDY = """
 [study]
@@ -301,6 +342,7 @@ class Fuzz:
         self.with_table = dumps_drive(self.drives[0].with_values({"sprockets.camshaft.load.torque": 0.0}))
         self.design = self.studies[-1].replace("t.csv", "odd.{kind}")
         self.home = a_folder(folder / "home", self.run)
+        (folder / "case.toml").write_text(self.texts[0])
 
     def drive(self, rng: Random) -> None:
         text = changed_text(str(rng.choice(self.texts)), rng)
@@ -404,6 +446,31 @@ class Fuzz:
             if trajectory.position is None or not np.array_equal(trajectory.position, self.home[2][variant]):
                 raise Broken(f"variant {variant} of the study has other frames")
 
+    def command(self, rng: Random) -> None:
+        """A command line whose words are right or not; those that simulate or show are left out."""
+        words = [word.format(folder=self.folder) for word in COMMANDS[int(rng.integers(len(COMMANDS)))].split()]
+        for _ in range(int(rng.integers(3))):
+            at, word = int(rng.integers(len(words))), str(rng.choice(WORDS))
+            head, mark, _ = words[at].partition("=")
+            match int(rng.integers(4)):
+                case 0 if at:
+                    words[at] = f"{head}={word}" if mark else word
+                case 1:
+                    words.insert(at + 1, word)
+                case 2 if mark and "." in head:
+                    words[at] = head.rpartition(".")[0] + "." + word + mark + "1"
+                case 3:
+                    words += ["--set", f"{rng.choice(PATHS)}={word}"]
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as said:
+            try:
+                status = command_line(words)
+            except SystemExit as ended:
+                status = int(ended.code or 0)
+        if status == 2:
+            raise WarpchainError("refused")
+        if status not in (0, 1) or "Traceback" in said.getvalue():
+            raise Broken(f"status {status} of {words}")
+
     def _compare(self, path: Path, whole: bool) -> None:
         """Every frame that is read is its variant's own, and in its place."""
         back = read_archive(path)
@@ -498,12 +565,12 @@ def fuzz(kinds: list[str], count: int, seed: int, folder: Path) -> dict[str, Cou
     state = Fuzz(folder)
     cases: dict[str, Any] = {
         "drives": state.drive, "studies": state.study, "tables": state.a_table, "archives": state.archive,
-        "folders": state.a_folder,
+        "folders": state.a_folder, "commands": state.command,
     }  # fmt: skip
     return {kind: Counter(attempt(cases[kind], seed + k) for k in range(count)) for kind in kinds}
 
 
-KINDS = ("drives", "studies", "tables", "archives", "folders")
+KINDS = ("drives", "studies", "tables", "archives", "folders", "commands")
 
 
 def parser() -> argparse.ArgumentParser:
