@@ -19,12 +19,15 @@ class Accessors:
 
 @cache
 def accessors(Real: type) -> Accessors:
-    """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride."""
+    """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride.
 
-    @wp.func_native("return a.data[i];")
+    In Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
+    """
+
+    @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
     def load_row(a: wp.array[Real], i: int) -> Real: ...
 
-    @wp.func_native("a.data[i] = value;")
+    @wp.func_native("assert(i >= 0 && i < a.shape[0]); a.data[i] = value;")
     def store_row(a: wp.array[Real], i: int, value: Real): ...
 
     return Accessors(load_row=load_row, store_row=store_row)

@@ -179,7 +179,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         variant = order[number]
         mine = mine_of(ensemble.drives[variant], variant, i, forces.body_of(i))
         shared = shared_arrays(state, number)
-        lengths = view(ensemble.lengths, mine.first, mine.rollers)
+        lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
         row.fetch(state, shared, mine)
         now = Now()
         now.step = state.progress[mine.variant].step

@@ -150,7 +150,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         i = wp.tid() % wp.static(threads)
         shared = sharing.shared_arrays(state, number)
         mine = begin(ensemble, state, shared, order[number], i)
-        lengths = sharing.view(ensemble.lengths, mine.first, mine.rollers)
+        lengths = sharing.view(ensemble.lengths, mine.first, wp.static(kind.slots))
         now = settling[mine.variant]
         end = wp.min(now.steps + steps, now.limit)
         barrier()

@@ -42,7 +42,7 @@ GROUP_SUM = """
     return value;
 """
 
-OWN = "return {all.data + first, count};"
+OWN = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"
 """A view of `count` values of a global array from `first` on."""
 
 SHARED_BYTES = 47_000

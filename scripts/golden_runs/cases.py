@@ -38,8 +38,11 @@ from warpchain.cli import main as command_line
 from warpchain.drive.examples import example_names
 from warpchain.results import fatigue, objectives, scene, signals
 
-VOLATILE = ("created", "wall_time", "set", "version", "versions")
-"""Values of an archive's metadata that are not what the project computes."""
+VOLATILE = ("created", "wall_time", "set", "version", "versions", "digest", "run")
+"""Values of an archive's metadata that are not what the project computes, or hang on one that is not.
+
+The digest of a record is over its set's random name; `run` repeats the record at the file's start, digest and all.
+"""
 
 
 # ------------------------------------------------------------------------------------------------ the CPU kernel

@@ -3,8 +3,10 @@
 import os
 import resource
 import signal
+import struct
 import subprocess
 import sys
+import zlib
 
 import numpy as np
 import pytest
@@ -222,6 +224,36 @@ def test_a_topic_that_names_another_variant_is_not_believed(pair, tmp_path, monk
         if not whole:
             assert result.damaged == (1 if digests else 2)  # frames; without digests the outlines, too
             assert result.left_out == ["a record"]
+
+
+@pytest.mark.parametrize("swapped", [("rollers",), ("state",), ("rollers", "state")])
+def test_topics_that_change_places_under_a_right_checksum_are_not_believed(pair, tmp_path, swapped):
+    """In the summary two variants' topics are each other's, and its checksum is made right: only digests tell."""
+    run, data, *_ = pair
+    start = int.from_bytes(data[-28:-20], "little")
+    summary, ends = data[start:-12], data[-8:]
+    for topic in swapped:
+        one, other = (f"/variant/0000{v}/{topic}".encode() for v in range(2))
+        assert summary.count(one) == summary.count(other) == 1
+        summary = summary.replace(one, b"#" * len(one)).replace(other, one).replace(b"#" * len(one), other)
+    (tmp_path / "b.mcap").write_bytes(data[:start] + summary + struct.pack("<I", zlib.crc32(summary)) + ends)
+    with pytest.raises(ArchiveError, match="its digest is wrong"):
+        list(read_archive(tmp_path / "b.mcap"))
+    recover_archive(tmp_path / "b.mcap", tmp_path / "c.mcap")  # by the channels that stand among the frames
+    back = read_archive(tmp_path / "c.mcap")
+    assert list(back) == list(run)
+    for variant in back:
+        np.testing.assert_array_equal(back[variant].position, run[variant].position)
+
+
+def test_two_channels_of_a_topic_are_refused(pair, tmp_path, monkeypatch):
+    """In an archive without digests, one variant's topics named as the other's would hide it."""
+    data = old_archive(pair[0], tmp_path, monkeypatch)
+    start = int.from_bytes(data[-28:-20], "little")
+    summary = data[start:-12].replace(b"/variant/00001/", b"/variant/00000/")
+    (tmp_path / "b.mcap").write_bytes(data[:start] + summary + struct.pack("<I", zlib.crc32(summary)) + data[-8:])
+    with pytest.raises(ArchiveError, match="has two channels /variant/00000/"):
+        list(read_archive(tmp_path / "b.mcap"))
 
 
 def old_archive(run, folder, monkeypatch):

@@ -1,5 +1,6 @@
 """What users get wrong, machines refuse and attackers try, on the command line: one line, exit status 2, at once."""
 
+import datetime
 import os
 import resource
 import signal
@@ -10,10 +11,12 @@ import time
 
 import lz4.frame
 import numpy as np
+import pyarrow as pa
 import pytest
 import zstandard
 from command import run as command
 from drives import two_sprockets
+from pyarrow import parquet
 from study_helpers import write_study
 
 from warpchain import Record, read_archive, simulate, write_archive
@@ -56,6 +59,9 @@ def refused(capsys, *words, limit=30.0):
         (["--rate", "1e-6"], "rate = 1e-06 Hz"),
         (["--rate", "1e-300"], "rate = 1e-300 Hz"),
         (["--set", "run.duration=" + "9" * 5000], "run.duration"),
+        (["--set", "sprockets." + "9" * 5000 + ".teeth=20"], "unknown path"),
+        (["--memory", "1e300"], "must be a finite number above 0 (GiB)"),
+        (["--split-size", "1e304"], "must be a finite number above 0 (MiB)"),
         (["--set", "sprockets.0.center=[1e8, 0.0]"], "must be within 10000 m of the origin"),
         (["--set", "sprockets.0.center=[1e300, 0.0]"], "must be within 10000 m of the origin"),
         (["--set", "sprockets.0.center=[1e308, 1e308]"], "must be within 10000 m of the origin"),
@@ -264,11 +270,76 @@ def test_a_damaged_table_of_metrics(run, tmp_path):
     assert told > 30
 
 
+BOMB = """
+import sys, pyarrow as pa
+kind, path = sys.argv[1:]
+words = pa.dictionary(pa.int32(), pa.string()) if kind == "dictionary" else pa.string()
+schema = pa.schema([("variant", pa.int64()), ("status", words)])
+columns = [pa.array([0]), pa.array(["x" * 2**29])]
+if kind == "dictionary":
+    columns[1] = columns[1].dictionary_encode()
+options = pa.ipc.IpcWriteOptions(compression="lz4" if kind == "lz4" else "zstd")
+with pa.OSFile(path, "wb") as sink, pa.ipc.new_file(sink, schema, options=options) as file:
+    file.write_table(pa.table(columns, schema=schema))
+"""
+"""Writes half a gigabyte of one letter, in some 50 kB."""
+
+
+@pytest.mark.parametrize("kind", ["zstd", "lz4", "dictionary"])
+def test_a_small_table_of_metrics_that_opens_to_gigabytes_is_refused(run, tmp_path, kind):
+    """Its columns' sizes are Arrow's to open; warpchain's own have no compression."""
+    from warpchain.archive import parts
+
+    subprocess.run([sys.executable, "-c", BOMB, kind, tmp_path / "bomb"], check=True)
+    data = (tmp_path / "bomb").read_bytes()
+    assert len(data) < 2**22
+    path = written(tmp_path / "b.mcap", run, lambda patch: patch.setattr(parts, "_arrow_bytes", lambda table: data))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ArchiveError, match=r"its metrics are damaged .its columns are compressed"):
+        read_archive(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**20 // 8  # kilobytes: 128 MiB
+
+
+def test_columns_that_share_their_bytes_are_refused():
+    """Thirty columns in the place of two: a small file of many more would keep its reader busy for long."""
+    from warpchain.archive.arrow import MAGIC, plain_table
+
+    table = pa.table({f"c{k}": np.zeros(1000) for k in range(30)})
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, table.schema) as file:
+        file.write_table(table)
+    data = sink.getvalue().to_pybytes()
+    assert plain_table(data).equals(table)
+    schema, batch = list(pa.ipc.MessageReader.open_stream(pa.py_buffer(data)[len(MAGIC) :]))
+    head = batch.metadata.to_pybytes().replace(struct.pack("<q", 240_000), struct.pack("<q", 16_000))
+    for k in range(2, 30):
+        place = struct.pack("<qq", 8000 * k, 8000)
+        assert head.count(place) == 1
+        head = head.replace(place, struct.pack("<qq", 0, 8000))
+    told = struct.pack("<iI", -1, len(head)) + head + batch.body.to_pybytes()[:16_000] + struct.pack("<ii", -1, 0)
+    with pytest.raises(ValueError, match="share bytes"):
+        plain_table(MAGIC + schema.serialize().to_pybytes() + told)
+
+
 STUDIES = {
     "name-list": ('name = "torque"', "name = []", "factors.0.name"),
     "channels": ("[run]", "[record]\nevery = 1\nchannels = 1.0\n[run]", "record.channels"),
-    "choice": ('kind = "factorial"', 'kind = "plackett-burman"\ncenter = 1000000000', "allowed are at most"),
+    "center": ('kind = "factorial"', 'kind = "plackett-burman"\ncenter = 1000000000', "allowed are at most"),
+    "choice": ("levels = [44, 45]", "choice = 0", "must be a list of at least 2"),
+    "choice of two-level designs": (
+        'kind = "factorial"',
+        'kind = "plackett-burman"\n[[factors]]\nname = "mass"\npath = "chain.roller_mass"\nchoice = 0',
+        "choice = 0: must be a list of at least 2",
+    ),
+    "group": ("levels = [44, 45]", "levels = [44, 45]\ngroup = []", "factors.1.group|factors.links.group"),
     "count": ('kind = "factorial"', 'kind = "sobol"\ncount = 1000000000', "at most 100000000"),
+    "a text and a number": ("levels = [44, 45]", "expression = \"44 + 'x'\"", None),
+    "a list and a number": ("levels = [44, 45]", 'expression = "[1] + 44.0"', "only numbers"),
+    "numbers and switches": (
+        "levels = [44, 45]",
+        'expression = "44 if torque > 0.5 else torque > 0.5"',
+        "several kinds",
+    ),
     "power": ('path = "chain.links"\nlevels = [44, 45]', 'path = "chain.links"\nexpression = "10000**16"', None),
     "kinds": ("levels = [44, 45]", "choice = [44, true]", "of one kind"),
     "zero": ('drive = "tiny.toml"', 'drive = "a\\u0000b.toml"', "zero byte|null byte|must be"),
@@ -295,37 +366,103 @@ def test_study_files_that_make_no_sense(capsys, tmp_path, case):
 
 
 TABLES = {
-    "mixed": "torque,links\n1.0,44\nx,45\n",
-    "date": "torque,links\n2024-01-01,44\n2024-01-02,45\n",
-    "twice": "torque,links,torque\n1.0,44,2.0\n",
-    "huge": "torque,links\n1.0," + "9" * 40 + "\n",
-    "cell": "torque,links\n" + "x" * 200_000 + ",44\n",
-    "zero": "torque,links\n1.0,4\x004\n",
-    "none": "",
+    "mixed": ("torque,links\n1.0,44\nx,45\n", 'sprockets.s1.load.torque = "x": must be a finite number'),
+    "huge": ("torque,links\n1.0," + "9" * 40 + "\n", "chain.links = 1e+40: must be an integer"),
+    "cell": ("torque,links\n" + "x" * 200_000 + ",44\n", " ...: must be a finite number"),
+    "zero": ("torque,links\n1.0,4\x004\n", "must be an integer"),
+    "list": ("torque,links\n[1],44\n", 'sprockets.s1.load.torque = "[1]": must be a finite number'),
+}
+"""Rows that make no drive are infeasible, each with its reason."""
+REFUSED_TABLES = {
+    "date": ("rows.csv", "torque,links\n2024-01-01,44\n2024-01-02,45\n", "column torque: holds date32"),
+    "twice": ("rows.csv", "torque,links,torque\n1.0,44,2.0\n", "several columns of one name"),
+    "none": ("rows.csv", "", "not a table"),
+    "dates": ("rows.parquet", [datetime.date(2024, 1, 1)] * 2, "column torque: holds date32"),
+    "times": ("rows.parquet", [datetime.datetime(2024, 1, 1)] * 2, "column torque: holds timestamp"),
+    "lists": ("rows.parquet", [[1.0], [2.0]], "column torque: holds list"),
+    "tables": ("rows.parquet", [{"a": 1}] * 2, "column torque: holds struct"),
+    "bytes": ("rows.parquet", [b"1", b"2"], "column torque: holds binary"),
+    "nulls": ("rows.parquet", [None, None], "column torque, row 0: empty"),
 }
 
 
-@pytest.mark.parametrize("case", TABLES)
-def test_design_tables_that_make_no_sense(capsys, tmp_path, case):
-    source = write_study(tmp_path)
-    text = source.read_text().replace('kind = "factorial"', 'kind = "table"\nfile = "rows.csv"')
+def of_a_table(folder, name):
+    """A study whose rows stand in a table."""
+    source = write_study(folder)
+    text = source.read_text().replace('kind = "factorial"', f'kind = "table"\nfile = "{name}"')
     source.write_text(text.replace("range = [0.0, 1.0]\npoints = 6\n", "").replace("levels = [44, 45]\n", ""))
-    (tmp_path / "rows.csv").write_text(TABLES[case])
-    status, _, err = command(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
-    assert status == 2 or case in ("mixed", "huge", "cell", "zero")  # or each row that makes no drive is infeasible
-    assert all(line.startswith("warpchain: error: ") for line in err)
+    return source
 
 
-@pytest.mark.parametrize("table", ["time,torque\n0,1\n1," + "1" * 200_000 + "\n", "time,torque\n0,1\n1,2\0\n", "\0"])
-def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table):
-    text = dumps_drive(two_sprockets(duration=0.001, settle="false"))
-    assert "load = {" in text or "[sprockets.load]" in text or "load" in text
-    (tmp_path / "t.csv").write_text(table)
-    drive = tmp_path / "d.toml"
-    drive.write_text(text.replace("prescribed = { speed = 10.0 }", 'prescribed = { table = { file = "t.csv" } }'))
-    status, _, err = command(capsys, "check", drive)
-    assert status == 2 or "t.csv" not in drive.read_text()
-    assert all(line.startswith("warpchain: error: ") for line in err)
+@pytest.mark.parametrize("case", TABLES)
+def test_rows_of_design_tables_that_make_no_sense(capsys, tmp_path, case):
+    rows, told = TABLES[case]
+    source = of_a_table(tmp_path, "rows.csv")
+    (tmp_path / "rows.csv").write_text(rows)
+    status, out, err = command(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
+    assert (status, err) == (1, [])  # no row is ok
+    assert f"{rows.count(chr(10)) - 1} infeasible" in out[0]
+    assert any(told in line for line in out) and max(map(len, out)) < 1000
+
+
+@pytest.mark.parametrize("case", REFUSED_TABLES)
+def test_design_tables_that_make_no_sense(capsys, tmp_path, case):
+    name, rows, told = REFUSED_TABLES[case]
+    source = of_a_table(tmp_path, name)
+    if name.endswith(".csv"):
+        (tmp_path / name).write_text(rows)
+    else:
+        parquet.write_table(pa.table({"torque": rows, "links": [44, 45]}), tmp_path / name)
+    assert told in refused(capsys, "study", "run", source, "-o", tmp_path / "out", "--quiet")
+
+
+def with_table(tmp_path, table):
+    """A drive file whose driver's speed is a CSV file."""
+    text, led = (
+        dumps_drive(two_sprockets(duration=0.001, settle="false")),
+        "prescribed = { speed = 10.0, ramp_time = 0.0 }",
+    )
+    assert text.count(led) == 1
+    (tmp_path / "t.csv").write_bytes(table)
+    (tmp_path / "d.toml").write_text(text.replace(led, 'prescribed = { table = { file = "t.csv" } }'))
+    return tmp_path / "d.toml"
+
+
+def test_a_table_of_a_drive_is_read(capsys, tmp_path):
+    """What the tables below differ from by one cell."""
+    status, _, err = command(capsys, "check", with_table(tmp_path, b"time,speed\n0,1\n1,2\n"))
+    assert (status, err) == (0, [])
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        (b"time,speed\n0,1\n1," + b"1" * 131_073 + b"\n", "row 3: is not CSV (field larger than field limit"),
+        (b"time,speed\n0,1\n1," + b"1" * 400 + b"\n", "row 3: "),  # a number, but not a finite one
+        (b"time," + b"s" * 200_000 + b"\n0,1\n1,2\n", "row 1: is not CSV"),
+        (b"time,speed\n0,1\n1,2\0\n", "row 3: "),
+        (b"time,sp\0eed\n0,1\n1,2\n", "row 1: "),
+        (b"\0", "row 1: "),
+        (b"time,speed\n0,1\n1,\xff\n", "is not UTF-8"),
+        (b"time,speed\n0,1\n2024-01-01,2\n", '"2024-01-01" is not a finite number'),
+        (b"", "has no rows"),
+    ],
+    ids=[
+        "131,073 digits",
+        "400 digits",
+        "head",
+        "zero byte",
+        "zero byte in the head",
+        "zero",
+        "bytes",
+        "date",
+        "empty",
+    ],
+)
+def test_tables_of_a_drive_that_make_no_sense(capsys, tmp_path, table, told):
+    line = refused(capsys, "check", with_table(tmp_path, table))
+    assert 'driver.prescribed.table.file = "t.csv": ' in line and told in line
+    assert len(line) < 1000
 
 
 def test_a_sprocket_may_be_named_anything_that_can_be_printed(capsys, tmp_path):

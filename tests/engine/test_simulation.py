@@ -6,9 +6,13 @@ import threading
 
 import numpy as np
 import pytest
+import warp as wp
 from drives import MARINE, two_sprockets
 
 from warpchain import Record, load_drive, simulate
+from warpchain.engine.arrays import SUMS, empty_sums, sums_bytes
+from warpchain.engine.pack import pack
+from warpchain.engine.simulation import schedules_of
 from warpchain.errors import DriveError, SimulationError
 
 
@@ -189,6 +193,24 @@ def test_bad_options_are_one_line(options, message):
     with pytest.raises(SimulationError, match=message) as caught:
         simulate(short(), **options)
     assert "\n" not in str(caught.value)
+
+
+def test_sums_and_statistics_count_in_the_memory_budget():
+    """What is counted is what is there; what they leave is for the record, of which 20 kB hold no three frames."""
+    drives = [short(), short(teeth=12, links=52), short()]
+    packed = pack(drives, schedules_of(drives, 1e-4, None, Record(), None))
+    sums = empty_sums(packed, "cpu")
+    held = [getattr(sums, name) for name in SUMS]
+    taken = sums_bytes(packed)
+    assert taken == sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in held)
+    assert taken > 3 * 3 * 1000  # about a kilobyte a strand, and of links on none
+    with pytest.raises(
+        SimulationError, match=r"the statistics of 3 variants take .* simulate fewer variants at a time"
+    ):
+        simulate(drives, device="cpu", duration=1e-4, record=Record("none"), memory=taken - 1)
+    assert simulate(drives, device="cpu", duration=1e-4, record=Record("none"), memory=taken).info.ended == "complete"
+    with pytest.raises(SimulationError, match=r"the memory budget of .* GiB"):
+        simulate(drives, device="cpu", duration=1e-4, memory=taken + 20_000)
 
 
 @pytest.mark.usefixtures("device")

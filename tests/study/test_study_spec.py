@@ -257,3 +257,11 @@ def test_paths_are_held_against_the_drive():
     assert lines[2] == (
         'study.toml: adjust.sprocket = "idler": must be a sprocket of the drive: crankshaft, tightener, camshaft'
     )
+
+
+def test_an_empty_list_that_is_not_the_default_is_written():
+    """A study that records no channels is not one that records all."""
+    study = loads_study(WHOLE.partition("[record]")[0] + "[record]\nevery = 2\nchannels = []\n")
+    assert study.record.channels == ()
+    assert "channels = []" in dumps_study(study)
+    assert loads_study(dumps_study(study)) == study

@@ -16,6 +16,7 @@ from warpchain.files import WholeFile
 from warpchain.study.results import read_results
 from warpchain.study.run import merge_study, run_study, study_status
 from warpchain.study.run.folder import open_folder
+from warpchain.study.run.recordings import recorded_variants
 from warpchain.study.store import digest_of, read_table, write_table
 
 
@@ -79,6 +80,30 @@ def test_a_copied_shard_does_not_count_twice(folder):
         merge_study(folder)
     with pytest.raises(StudyError, match="is another table"):
         study_status(folder)
+
+
+def test_a_copied_archive_of_a_shard_is_told(folder):
+    """Of the variants that were recorded, 0 and 5, each is in another shard: either archive alone would be read."""
+    archives = sorted((folder / "shards").glob("*.mcap"))
+    assert [path.name for path in archives] == ["00000.mcap", "00002.mcap"]
+    results = read_results(folder / "results.parquet")
+    own = {variant: one.position for variant, one in recorded_variants(results, folder).items()}
+    assert sorted(own) == [0, 5] and study_status(folder).table == folder / "results.parquet"
+    shutil.copy(*archives)
+    for read in (lambda: merge_study(folder), lambda: recorded_variants(results, folder)):
+        with pytest.raises(StudyError, match=r"00002\.mcap: is the archive of another shard"):
+            read()
+    archives[1].unlink()  # as from a cluster that keeps its recordings
+    merge_study(folder)
+
+
+def test_an_archive_of_another_study_is_told(folder, tmp_path):
+    source = write_study(tmp_path / "other", "[record]\nevery = 5\n", points=3)
+    source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.0004"))
+    run_study(source, tmp_path / "other" / "out")
+    shutil.copy(tmp_path / "other" / "out" / "shards" / "00000.mcap", folder / "shards" / "00000.mcap")
+    with pytest.raises(StudyError, match="or of another study"):
+        merge_study(folder)
 
 
 def test_a_shard_of_another_study_does_not_count(study, folder, tmp_path):

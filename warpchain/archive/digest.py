@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 from mcap.records import Channel, Schema
@@ -18,9 +19,17 @@ from mcap.records import Channel, Schema
 DIGEST = "digest"
 
 
+_TEXT = json.JSONEncoder(separators=(",", ":"), sort_keys=True, ensure_ascii=False)
+
+
+@lru_cache(maxsize=64)
+def _of_bytes(data: bytes) -> str:
+    """Digest of a schema, which many channels share."""
+    return hashlib.sha256(data).hexdigest()
+
+
 def _of(value: Any) -> str:
-    text = json.dumps(value, separators=(",", ":"), sort_keys=True, ensure_ascii=False)
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:16]
+    return hashlib.sha256(_TEXT.encode(value).encode("utf-8", "surrogatepass")).hexdigest()[:16]
 
 
 def plain(values: Mapping[str, str]) -> dict[str, str]:
@@ -35,9 +44,15 @@ def of_metadata(name: str, values: Mapping[str, str]) -> str:
 
 def of_channel(channel: Channel, schema: Schema) -> str:
     """Digest of a channel and its schema."""
-    content = hashlib.sha256(schema.data).hexdigest()
+    content = _of_bytes(bytes(schema.data))
     named = [channel.id, channel.topic, channel.message_encoding, plain(channel.metadata)]
     return _of([*named, schema.name, schema.encoding, content])
+
+
+def is_right(channel: Channel, schemas: Mapping[int, Schema]) -> bool:
+    """Whether a channel has a digest, and it is that of the channel and its schema."""
+    schema = schemas.get(channel.schema_id)
+    return schema is not None and channel.metadata.get(DIGEST) == of_channel(channel, schema)
 
 
 def checked(name: str, values: Mapping[str, str], sealed: bool) -> dict[str, str]:

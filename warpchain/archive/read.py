@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from warpchain.archive import schema
+from warpchain.archive.arrow import plain_table
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.names import archive_files, cut_files
 from warpchain.archive.tracks import LazyDrives, Tracks
@@ -196,11 +198,11 @@ def _metrics(file: McapIndex, variants: int, ended: str) -> pa.Table:
         return pa.table({"variant": pa.array(range(variants), pa.int64())})
     data = file.attachment(schema.METRICS_ATTACHMENT)
     try:
-        table = pa.ipc.open_file(pa.BufferReader(data)).read_all()
-        table.validate(full=True)
+        table = plain_table(data)
         if table.num_rows != variants or "variant" not in table.column_names:
             raise ValueError(f"{table.num_rows} rows for {variants} variants")
-    except (pa.ArrowException, OSError, ValueError, TypeError, MemoryError) as error:
+        table.validate(full=True)
+    except (pa.ArrowException, OSError, ValueError, TypeError, MemoryError, StopIteration, struct.error) as error:
         line = (str(error).splitlines() or [type(error).__name__])[0]
         raise ArchiveError(f"{file.path}: its metrics are damaged ({line}); see warpchain recover") from None
     return table

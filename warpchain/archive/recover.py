@@ -21,7 +21,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from warpchain.archive import schema
-from warpchain.archive.digest import checked
+from warpchain.archive.digest import checked, is_right
 from warpchain.archive.layout import LENGTH_STARTS, MESSAGE
 from warpchain.archive.mcap_read import RECORD, Content, McapIndex, attachment_of, decompressed, records
 from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile
@@ -314,12 +314,13 @@ class _Copy:
 
 
 def _protected(path: Path) -> McapIndex | None:
-    """The summary of a file, if a checksum says that it is right."""
+    """The summary of a file, if a checksum says that it is right, and its channels' digests do not deny it."""
     try:
         index = McapIndex(path)
     except ArchiveError:
         return None
-    return index if index.protected else None
+    right = not index.sealed or all(is_right(channel, index.schemas) for channel in index.channels.values())
+    return index if index.protected and right else None
 
 
 def _is_index(data: Any) -> bool:

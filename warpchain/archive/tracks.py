@@ -12,6 +12,7 @@ import numpy as np
 from mcap.records import Channel
 
 from warpchain.archive import schema
+from warpchain.archive.digest import is_right
 from warpchain.archive.layout import HEADER, LENGTH_STARTS, MESSAGE, Form, FrameLayout, frame_layout
 from warpchain.archive.mcap_read import ChunkEntry, McapIndex, reading, records
 from warpchain.drive import Drive, loads_drive
@@ -21,6 +22,7 @@ from warpchain.results.run import Trajectory
 
 READ = ("rollers", "state", "positions")
 """Topics that hold all there is to read; the others repeat it for viewers."""
+SEE = "see warpchain recover"
 PRECISIONS = ("float64", "float32")
 
 
@@ -92,14 +94,18 @@ class Tracks(Mapping[int, Trajectory]):
 
     @cached_property
     def _places(self) -> dict[int, list[Place]]:
-        """The files that hold each variant's frames."""
+        """The files that hold each variant's frames; in none is a channel that is not what was written."""
         found: dict[int, list[Place]] = {}
         for file in self.files:
-            numbers: dict[int, dict[str, int]] = {}
+            sealed, numbers = file.sealed, dict[int, dict[str, int]]()
             for channel in file.channels.values():
                 named = schema.variant_of(channel.topic)
+                if sealed and not is_right(channel, file.schemas):
+                    raise ArchiveError(f"{file.path}: is damaged ({channel.topic}: its digest is wrong); {SEE}")
                 if named:
-                    numbers.setdefault(named[0], {})[named[1]] = channel.id
+                    topics = numbers.setdefault(named[0], {})
+                    if topics.setdefault(named[1], channel.id) != channel.id:
+                        raise ArchiveError(f"{file.path}: has two channels {channel.topic}; {SEE}")
             here = {}
             for variant, topics in numbers.items():
                 if variant >= len(self._drives):

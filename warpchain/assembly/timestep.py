@@ -111,7 +111,7 @@ def highest_frequency(drive: Drive, damped_links: bool = True) -> float:
         half_rate += (drive.chain.link_damping + drive.chain.outer_damping) / mass
     springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
     square = (springs + stiffest) / mass + max((body.square for body in moving_bodies(drive)), default=0.0)
-    return half_rate + math.sqrt(half_rate**2 + square)
+    return half_rate + math.sqrt(half_rate * half_rate + square)
 
 
 def stiffest_part(drive: Drive) -> str:
@@ -152,7 +152,10 @@ def resolve_step(drive: Drive, step: float | None = None) -> float:
     """
     asked = drive.run.step if step is None else step
     if isinstance(asked, str):
-        return automatic_step(drive)
+        found = automatic_step(drive)
+        if not found > 0.0:
+            raise DriveError(f'run.step = "{asked}": no step is so small; look at stiffness, damping and mass')
+        return found
     limit = step_limit(drive)
     if not (math.isfinite(asked) and 0.0 < asked < limit):
         bodies = " and for bodies on springs" if moving_bodies(drive) else ""

@@ -38,7 +38,7 @@ def number(word: str) -> float:
 def gibibytes(word: str) -> int:
     """A memory budget in GiB as a number of bytes."""
     gib = number(word)
-    if not (math.isfinite(gib) and gib > 0.0):
+    if not (math.isfinite(gib * 2**30) and gib > 0.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (GiB)")
     return int(gib * 2**30)
 
@@ -46,7 +46,7 @@ def gibibytes(word: str) -> int:
 def mebibytes(word: str) -> int:
     """A size in MiB as a number of bytes."""
     mib = number(word)
-    if not (math.isfinite(mib) and mib * 2**20 >= 1.0):
+    if not (math.isfinite(mib * 2**20) and mib * 2**20 >= 1.0):
         raise argparse.ArgumentTypeError(f"{word!r}: must be a finite number above 0 (MiB)")
     return int(mib * 2**20)
 

@@ -50,7 +50,7 @@ def _index(elements: Sequence[Any], key: str, depth: int) -> int:
     for i, element in enumerate(elements):
         if get(element, "name") == key:
             return i
-    if key.isascii() and key.isdigit() and int(key) < len(elements):
+    if key.isascii() and key.isdigit() and len(key) < 10 and int(key) < len(elements):
         return int(key)
     raise _UnknownPath(depth, _words(elements))
 

@@ -86,10 +86,33 @@ SUMS = ("chain", "strand", "sprocket", "mount", "arm", "tensioner", "contact", "
 def empty_sums(packed: Packed, device: str) -> sum_structs.Sums:
     """Sums to which nothing has been added: minima at +infinity, maxima at -infinity."""
     sums = sum_structs.Sums()
+    sums.tension_counts = wp.zeros(_histogram_values(packed), dtype=wp.int32, device=device)
+    for name, struct, count in _sums_of(packed):
+        values = np.zeros(count, dtype=struct.numpy_dtype())
+        for field in values.dtype.names or ():
+            if field.endswith("_min"):
+                values[field] = np.inf
+            elif field.endswith("_max") and (name, field) != ("contact", "force_max"):
+                values[field] = -np.inf
+        setattr(sums, name, wp.array(values, dtype=struct, device=device))
+    return sums
+
+
+def sums_bytes(packed: Packed) -> int:
+    """Bytes that an ensemble's sums and statistics take: about a kilobyte a strand, 136 a sprocket and batch."""
+    held = sum(count * struct.numpy_dtype()["itemsize"] for _, struct, count in _sums_of(packed))
+    return int(held) + 4 * _histogram_values(packed)
+
+
+def _histogram_values(packed: Packed) -> int:
+    """Bins of all strands, and of each variant's links on none."""
+    return (int(packed.drives["sprockets"].sum()) + packed.variants) * int(BINS)
+
+
+def _sums_of(packed: Packed) -> tuple[tuple[str, Any, int], ...]:
+    """Name, struct and number of an ensemble's sums."""
     notes = int(batches.NOTES)
-    histograms = int(packed.drives["sprockets"].sum()) + packed.variants
-    sums.tension_counts = wp.zeros(histograms * int(BINS), dtype=wp.int32, device=device)
-    for name, struct, count in (
+    return (
         ("chain", sum_structs.ChainSums, packed.variants),
         ("strand", sum_structs.StrandSums, len(packed.sprockets)),
         ("sprocket", sum_structs.SprocketSums, len(packed.sprockets)),
@@ -102,15 +125,7 @@ def empty_sums(packed: Packed, device: str) -> sum_structs.Sums:
         ("strand_notes", sum_structs.StrandNote, len(packed.sprockets) * notes),
         ("sprocket_notes", sum_structs.SprocketSums, len(packed.sprockets) * notes),
         ("mount_notes", sum_structs.MountSums, len(packed.sprockets) * notes),
-    ):
-        values = np.zeros(count, dtype=struct.numpy_dtype())
-        for field in values.dtype.names or ():
-            if field.endswith("_min"):
-                values[field] = np.inf
-            elif field.endswith("_max") and (name, field) != ("contact", "force_max"):
-                values[field] = -np.inf
-        setattr(sums, name, wp.array(values, dtype=struct, device=device))
-    return sums
+    )
 
 
 def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:

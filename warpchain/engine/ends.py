@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from warpchain.kernels.rows import STATE_ROWS
 
 ON_TOP = 0.5
 """A roller has left the teeth where its center is this share of its radius beyond their tips; on top of one it is 1."""
+
+TORN = 2.0
+"""A chain with a link longer than this many times its length is none any more."""
 
 
 def layouts_of(drives: Sequence[Drive], assemblies: Sequence[Assembly]) -> list[tuple[str, ...]]:
@@ -95,6 +99,37 @@ def engaged(engine: Engine, drives: Sequence[Drive]) -> NDArray[np.float64]:
             on = (square > inner[alike, s, None] ** 2) & (square < outer[alike, s, None] ** 2)
             found[alike, s] = on.sum(axis=1)
     return found / held
+
+
+def causes_of(engine: Engine, drives: Sequence[Drive], diverged: NDArray[np.bool_]) -> list[str]:
+    """Why each variant diverged (V,): a key of `results.judgement.CAUSES`, "" where it did not.
+
+    Told by where its rollers and bodies are, if they are anywhere, and whether links are as long as they should be.
+    """
+    packed, causes = engine.packed, [""] * len(drives)
+    if not diverged.any():
+        return causes
+    bodies, rows, steps = engine.bodies(), engine.rollers(), engine.progress()["step"]
+    for v in np.flatnonzero(diverged).tolist():
+        row, first = packed.drives[v], STATE_ROWS * int(packed.drives["first_roller"][v])
+        count = int(row["rollers"])
+        place = rows[first : first + 2 * count].reshape(2, count).T.astype(float)
+        mine = bodies[int(row["first_body"]) :][: int(row["bodies"])]
+        with np.errstate(all="ignore"):
+            span = np.hypot(*(np.roll(place, -1, axis=0) - place).T)
+        sound = np.isfinite(mine["angle"] + mine["speed"] + mine["center"].sum(axis=1) + mine["velocity"].sum(axis=1))
+        if not sound.all() or not (span < TORN * drives[v].chain.link_lengths).all():
+            causes[v] = "settling" if steps[v] == 0 and drives[v].run.settle else "torn"
+        elif not _inside(row, place):
+            causes[v] = "left"
+        else:
+            causes[v] = "torn" if _inside(row, mine["center"]) else "center"
+    return causes
+
+
+def _inside(row: Any, places: NDArray[np.float64]) -> bool:
+    """Whether all places (N, 2) are in a drive's box."""
+    return bool(((places > row["low"]) & (places < row["high"])).all())
 
 
 def _reach(

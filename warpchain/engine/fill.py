@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
+from warpchain.assembly.path import MAX_STRAIN
 from warpchain.assembly.tables import TableList, shaft_ratio
 from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
 from warpchain.drive.laws import LAWS
@@ -35,8 +36,7 @@ from warpchain.kernels.structs import GROUND
 INTEGRATORS = {"leapfrog": 0, "rk4": 1}
 FORMS = {force.key: form for form, force in enumerate(FORCES)}
 ESCAPE_PITCHES = 10.0
-"""A roller this many pitches outside the drive's bounding box has left it (the variant diverged)."""
-
+"""A roller has left the drive (the variant diverged) beyond this many pitches outside its box, or `escape` if more."""
 
 SLIDING_STOP = 0.5
 """beta: the part of a sliding speed that friction stops in a step at most."""
@@ -201,13 +201,35 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.arms), len(drive.arms)
     row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
-    margin = ESCAPE_PITCHES * drive.chain.pitch
     reach = np.array([sprocket.center for sprocket in drive.sprockets])
     radius = np.array([drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)])[
         :, None
     ]
-    row["low"] = np.minimum((reach - radius).min(axis=0), assembly.position.min(axis=0)) - margin
-    row["high"] = np.maximum((reach + radius).max(axis=0), assembly.position.max(axis=0)) + margin
+    margin = escape(drive, assembly)
+    row["low"], row["high"] = (reach - radius).min(axis=0) - margin, (reach + radius).max(axis=0) + margin
+    widen_box(row, assembly.position.T, margin)
+
+
+def escape(drive: Drive, assembly: Assembly) -> float:
+    """How far from its place a roller may go whose chain is still on its sprockets [m].
+
+    A strand of chord C whose links are longer by s in all lies within the ellipse about its ends whose axis is C + s:
+    at most sqrt(s (2 C + s)) / 2 off its chord, and less beyond its ends. Here s is what all strands are slack by at
+    assembly, and what their links may be stretched by: `MAX_STRAIN`, as no drive is assembled with more. Long strands
+    sag by their own weight that far, wherever they are slack or not.
+    """
+    path = assembly.path
+    chords = np.hypot(*(path.strand_end - path.strand_start).T)
+    spare = float(chords.sum()) * ((1.0 + MAX_STRAIN) / (1.0 + min(assembly.strain, 0.0)) - 1.0)
+    off = 0.5 * math.sqrt(spare * (2.0 * float(chords.max()) + spare))
+    return max(ESCAPE_PITCHES * drive.chain.pitch, off)
+
+
+def widen_box(row: Any, position: NDArray[np.floating], margin: float) -> None:
+    """Widens a drive's box so that rollers at `position` (2, N) are inside by `margin` [m], if they are anywhere."""
+    if np.isfinite(position).all():
+        row["low"] = np.minimum(row["low"], position.min(axis=1) - margin)
+        row["high"] = np.maximum(row["high"], position.max(axis=1) + margin)
 
 
 def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:

@@ -47,6 +47,23 @@ class Recording:
     overwrite: bool = False
 
 
+def _beside_statistics(packed: Packed, memory: int) -> int:
+    """What an ensemble's sums and statistics leave of a budget [bytes].
+
+    Raises:
+        SimulationError: nothing.
+    """
+    from warpchain.engine.arrays import sums_bytes
+
+    taken = sums_bytes(packed)
+    if taken > memory:
+        raise SimulationError(
+            f"the statistics of {packed.variants} variants take {taken / 2**30:.3g} GiB, more than the memory budget "
+            f"of {memory / 2**30:.3g} GiB; simulate fewer variants at a time, or raise memory"
+        )
+    return memory - taken
+
+
 class Recorder:
     """Lays out the frame buffers, and keeps or writes what they bring.
 
@@ -62,7 +79,7 @@ class Recorder:
         info: RunInfo,
         recording: Recording,
     ) -> None:
-        record, memory = recording.record, recording.memory
+        record, memory = recording.record, _beside_statistics(packed, recording.memory)
         self.drives, self.schedules, self.packed = drives, schedules, packed
         self.channels = tuple(record.channels)
         self.indices = record.indices(len(drives))
@@ -72,11 +89,12 @@ class Recorder:
         self._kept: dict[int, list[Trajectory]] = {v: [] for v in self.indices}
         self._archive: Any = None
         self.archive_path = Path(recording.archive) if recording.archive is not None else None
+        self._budget = recording.memory
         self._buffer_values = int(BUFFER_SHARE * memory) // (2 * self.bytes_per_value)
         if self.widths.sum() > min(self._buffer_values, 2**31 - 1):
             raise SimulationError(
                 f"record: one frame of {len(self.indices)} variants takes more than a quarter of the memory budget of "
-                f"{memory / 2**30:.3g} GiB; record fewer variants or raise memory"
+                f"{self._budget / 2**30:.3g} GiB; record fewer variants or raise memory"
             )
         if self.archive_path is None:
             self._check_memory(memory)
@@ -94,8 +112,8 @@ class Recorder:
         if wanted > memory:
             raise SimulationError(
                 f"record: the trajectories of {len(self.indices)} variants take {wanted / 2**30:.3g} GiB, more than "
-                f"the memory budget of {memory / 2**30:.3g} GiB; write them to an archive, record fewer variants, "
-                "lower the rate, or raise memory"
+                f"the memory budget of {self._budget / 2**30:.3g} GiB leaves; write them to an archive, record fewer "
+                "variants, lower the rate, or raise memory"
             )
 
     def launch_steps(self, limit: int, most: int | None = None) -> int:

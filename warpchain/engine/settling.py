@@ -17,6 +17,7 @@ from warpchain.assembly.timestep import step_limit
 from warpchain.drive import Drive
 from warpchain.engine.alike import alike
 from warpchain.engine.devices import engine_on
+from warpchain.engine.fill import escape, widen_box
 from warpchain.engine.pack import STATE_ROWS
 from warpchain.engine.packed import Packed
 from warpchain.engine.resting import lay_to_rest, springs
@@ -74,7 +75,7 @@ def settle(
     steps: int,
     run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
 ) -> NDArray[Any]:
-    """Settles the variants that ask for it: moves the rollers and arms of `packed`, whose velocities stay.
+    """Settles the variants that ask for it: moves rollers, arms and boxes of `packed`, whose velocities stay.
 
     Args:
         packed: the ensemble in float64.
@@ -112,11 +113,12 @@ def settle(
         moved, bodies = engine.rollers(), engine.bodies()
     finally:
         engine.close()
-    for v in np.flatnonzero(wanted):
-        first, rows = packed.first_value(int(v)), packed.rows(int(v))
+    for v in np.flatnonzero(wanted).tolist():
+        first, rows = packed.first_value(v), packed.rows(v)
         rows[0:2] = moved[first : first + rows.size].reshape(STATE_ROWS, -1)[0:2]
         last = int(packed.drives["first_body"][v] + packed.drives["bodies"][v])
         arms = slice(last - int(packed.drives["arms"][v]), last)
         packed.bodies["angle"][arms] = bodies["angle"][arms]
+        widen_box(packed.drives[v], rows[0:2], escape(drives[v], packed.assemblies[v]))
     lay_to_rest(packed)
     return now

@@ -71,7 +71,7 @@ def simulate(
         record: which trajectories to keep; None keeps all, at each drive's own sample rate.
         window: (start, end) of the time over which metrics are taken [s]; None is the second half of the run.
         progress: True shows a bar; a function is called with (phase, done, total) in roller-steps.
-        memory: budget for state, buffers and kept trajectories [bytes].
+        memory: budget for sums and statistics, buffers and kept trajectories [bytes].
         archive: MCAP file that recorded frames go to while the run goes on, instead of memory; `run[i]` then reads
             from it.
         archive_options: how the archive is written; None takes the defaults.
@@ -91,7 +91,7 @@ def simulate(
         SuspectWarning: variants that are not "ok": which, why, and what to change.
     """
     from warpchain.engine.devices import chosen_devices, engine_on, frame_bytes, launch_steps
-    from warpchain.engine.ends import engaged, layout_line, layouts_of, net_force
+    from warpchain.engine.ends import causes_of, engaged, layout_line, layouts_of, net_force
     from warpchain.engine.pack import pack
     from warpchain.engine.packed import real_of
     from warpchain.results.channels import frame_of
@@ -121,7 +121,9 @@ def simulate(
             engine = engine_on(devices, packed.at_precision(precision), cores)
             _march(engine, steps, buffer_values, recorder, report, stop)
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
-        ended = Ended(chosen, schedules, *_ends(engine), settled, engaged(engine, chosen), layouts, left)
+        steps_done, diverged = _ends(engine)
+        causes = causes_of(engine, chosen, diverged)
+        ended = Ended(chosen, schedules, steps_done, diverged, settled, engaged(engine, chosen), layouts, left, causes)
         metrics = _metrics(engine, ended, limits)
         _warn(SuspectWarning, told(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recorder.finish(metrics, info), info)

@@ -163,8 +163,16 @@ RULES = (
 )
 """What is judged by metrics, in the order of reasons."""
 
-DIVERGED_ADVICE = "take a smaller step (run.step) or a higher impact_speed_floor"
-"""What to do about a variant that diverged."""
+TORN = "torn"
+CAUSES = {
+    TORN: "take a smaller step (run.step) or a higher impact_speed_floor",
+    "left": "its chain came off and left the drive, whole: take more preload (warpchain fit), more wrap, less load, or "
+    "a longer ramp_time",
+    "center": "the center of a sprocket left the drive: take a stiffer mount, less preload of it, or less load",
+    "settling": "settling found no equilibrium: make the chain fit more closely (warpchain fit), or take "
+    "run.settle = false and a later window",
+}
+"""What happened to a variant that diverged, where it is not its step alone, and what to do about it."""
 UNMEASURED = "ended before its window for metrics was over"
 
 
@@ -187,6 +195,7 @@ def judge(
     measured: NDArray[np.bool_],
     limits: Limits | None = None,
     layouts: Sequence[Sequence[str]] | None = None,
+    causes: Sequence[str] | None = None,
 ) -> Judgement:
     """Judges V variants by their metrics.
 
@@ -197,6 +206,7 @@ def judge(
         measured: (V,) which came to the end of their window.
         limits: None takes the defaults.
         layouts: (V,) what is wrong with each drive's layout (`assembly.layout.findings`); None judges none.
+        causes: (V,) which of `CAUSES` made it diverge, "" where it did not; None takes the step for it.
     """
     limits = limits or Limits()
     found: dict[int, list[str]] = {}
@@ -207,7 +217,7 @@ def judge(
     diverged, _ = columns["diverged"]
     times, _ = columns["diverged_time"]
     for v in np.flatnonzero(diverged).tolist():
-        end = "" if v in found else f": {DIVERGED_ADVICE}"
+        end = "" if v in found else f": {CAUSES[causes[v] if causes else TORN]}"
         found.setdefault(v, []).insert(0, f"diverged at {times[v]:.4g} s{end}")
     for v in np.flatnonzero(~measured & ~diverged.astype(bool)).tolist():
         found.setdefault(v, []).append(UNMEASURED)

@@ -53,6 +53,7 @@ class Ended:
             drive with the most sprockets; None where it is not known.
         layouts: (V,) what is wrong with the drives' layouts; None where it is not known.
         settle_force: (V,) largest net force that settling left on a roller [N]; None where it is not known.
+        causes: (V,) why it diverged, of `judgement.CAUSES`, "" where it did not; None where it is not known.
     """
 
     drives: Sequence[Drive]
@@ -63,6 +64,7 @@ class Ended:
     engaged: NDArray[np.float64] | None = None
     layouts: Sequence[Sequence[str]] | None = None
     settle_force: NDArray[np.float64] | None = None
+    causes: Sequence[str] | None = None
 
     def of(self, variants: NDArray[np.intp]) -> Ended:
         """Some of them."""
@@ -76,6 +78,7 @@ class Ended:
             None if self.engaged is None else self.engaged[variants],
             None if self.layouts is None else [self.layouts[v] for v in variants],
             None if self.settle_force is None else self.settle_force[variants],
+            None if self.causes is None else [self.causes[v] for v in variants],
         )
 
     @property
@@ -241,7 +244,7 @@ def metrics_table(
                 numbers, missing = columns[name]
                 numbers[variants[having]] = values.data[having]
                 missing[variants[having]] = False
-    judged = judge(ended.drives, columns, ended.measured, limits, ended.layouts)
+    judged = judge(ended.drives, columns, ended.measured, limits, ended.layouts, ended.causes)
     words = {"status": (judged.status, None), "reason": (judged.reason, None)}
     return _table({name: words.get(name) or columns[name] for name in sorted(columns, key=places.__getitem__)})
 

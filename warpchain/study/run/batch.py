@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly import assemble
 from warpchain.assembly.timestep import resolve_step
@@ -19,6 +19,9 @@ from warpchain.results.run import RunInfo, Trajectory
 from warpchain.study.reasons import reason_of
 from warpchain.study.run.adjust import adjusted
 from warpchain.study.spec import Study
+
+if TYPE_CHECKING:
+    from warpchain.archive.options import ArchiveOptions
 
 Report = Callable[[float], None]
 """Called with the part of the shard's work that is done, 0 to 1."""
@@ -65,7 +68,7 @@ def simulate_variants(
         base: the base drive.
         variants: the rows; they are filled.
         archive: file of the recorded variants.
-        options: `memory` and `workers` of `simulate`.
+        options: `memory`, `workers` and `archive_options` of `simulate`.
         report: called as the work goes on.
 
     Raises:
@@ -77,7 +80,7 @@ def simulate_variants(
         _build(study, base, variant)
     if _held(study, variants, options.get("memory", MEMORY)):
         _simulate(study, variants, None, options, report)
-        _archive(variants, archive)
+        _archive(variants, archive, options.get("archive_options"))
         _follow_modes(study, base, variants)
         return
     streamed = [variant for variant in variants if variant.recorded]
@@ -223,7 +226,7 @@ def _held(study: Study, variants: Sequence[Variant], memory: int) -> bool:
     return 2 * size <= memory
 
 
-def _archive(variants: Sequence[Variant], path: Path) -> None:
+def _archive(variants: Sequence[Variant], path: Path, options: ArchiveOptions | None) -> None:
     """Writes the trajectories that are held, as an archive of their variants alone."""
     from warpchain.archive import write_archive
     from warpchain.results.metrics import table_of
@@ -236,6 +239,6 @@ def _archive(variants: Sequence[Variant], path: Path) -> None:
     metrics = table_of([variant.metrics or {} for variant in held])
     trajectories = {i: v.trajectory for i, v in enumerate(held) if v.trajectory is not None}
     assert held[0].info is not None  # comes with the trajectory
-    write_archive(Run(drives, metrics, trajectories, held[0].info), path, overwrite=True)
+    write_archive(Run(drives, metrics, trajectories, held[0].info), path, True, options)
     for i, variant in enumerate(held):
         variant.archive, variant.trajectory = (path.name, i), None

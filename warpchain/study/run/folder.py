@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.errors import StudyError
 from warpchain.study.spec import Study, dumps_study, load_study
-from warpchain.study.store import file_digest, read_table, write_table, write_text
+from warpchain.study.store import AGAIN, file_digest, read_table, write_table, write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 FORMAT = 1
 FIXED = ("study.toml", "drive.toml", "design.parquet")
 """The files that a plan stands on."""
+MARK = "study.json"
+"""Name of the attachment that says which study and which shard an archive belongs to."""
 WORST = "worst"
 """Name of the shard that records the worst variants in a second pass."""
 
@@ -114,6 +116,29 @@ class Folder:
             StudyError: a folder or disk that refuses.
         """
         write_table(path, table, study=self.identity)
+
+    def mark(self, shard: int | str) -> dict[str, bytes]:
+        """Attachment of a shard's archive that says whose it is."""
+        return {MARK: json.dumps({"study": self.identity, "shard": shard_name(shard)}).encode()}
+
+    def check_archive(self, name: str) -> None:
+        """Holds an archive of recorded variants, if it is there, against its mark; earlier versions set none.
+
+        Args:
+            name: its place in the folder, as the column `archive` has it.
+
+        Raises:
+            StudyError: it is another shard's, or another study's.
+            ArchiveError: it cannot be read.
+        """
+        from warpchain.archive import read_archive
+
+        path = self.path / name
+        if not self.identity or not path.exists():
+            return
+        archive = read_archive(path)
+        if MARK in archive.attachments and archive.attachment(MARK) != self.mark(path.stem)[MARK]:
+            raise StudyError(f"{path}: is the archive of another shard, or of another study; {AGAIN} without its table")
 
     def recorded(self) -> frozenset[int]:
         """Variants that are recorded when they are first simulated."""

@@ -112,6 +112,8 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
                 with workers_named(folder):
                     executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
         table = _with_archives(table, folder.table(WORST))
+    for name in _archives(table):
+        folder.check_archive(name)
     fatigue = folder.study.fatigue
     if fatigue is not None:
         curve = Woehler(fatigue.exponent, fatigue.range, fatigue.cycles)
@@ -119,6 +121,12 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
     folder.write(folder.results, table)
     sweep(leftovers(folder.path))
     return study_status(folder.path)
+
+
+def _archives(table: pa.Table) -> list[str]:
+    """The archives that hold a table's recorded variants."""
+    name, _ = ARCHIVED
+    return sorted(set(table[name].to_pylist()) - {None}) if name in table.column_names else []
 
 
 def _joined(folder: Folder) -> pa.Table:

@@ -11,6 +11,7 @@ from warpchain.results.fatigue import Woehler
 from warpchain.results.run import Trajectory
 from warpchain.study.columns import ARCHIVED
 from warpchain.study.results import Results
+from warpchain.study.run.folder import open_folder
 
 SHOWN = 4
 """Most recorded variants that are taken where none are named."""
@@ -41,7 +42,7 @@ def recorded_variants(
         variants: which; None takes the first `SHOWN` that were recorded.
 
     Raises:
-        StudyError: a variant that was not recorded.
+        StudyError: a variant that was not recorded, an archive that is not this study's or not this shard's.
         ArchiveError: an archive that cannot be read.
     """
     from warpchain.archive import read_archive
@@ -52,7 +53,12 @@ def recorded_variants(
         if variant not in held:
             known = ", ".join(map(str, list(held)[:20])) or "none"
             raise StudyError(f"variant {variant} was not recorded (recorded: {known})")
-    archives = {name: read_archive(Path(folder) / name) for name in {held[v][0] for v in chosen}}
+    names = {held[variant][0] for variant in chosen}
+    if (Path(folder) / "plan.json").exists():
+        opened = open_folder(Path(folder))
+        for name in names:
+            opened.check_archive(name)
+    archives = {name: read_archive(Path(folder) / name) for name in names}
     return {variant: archives[held[variant][0]][held[variant][1]] for variant in chosen}
 
 

@@ -66,7 +66,10 @@ def _write(
     folder: Folder, shard: int | str, rows: pa.Table, recorded: set[int], options: Mapping[str, Any], report: Report
 ) -> None:
     """Simulates rows; the archive lands first, then the table, which says that the shard is done."""
+    from warpchain.archive.options import ArchiveOptions
+
     study = folder.study
+    options = {**options, "archive_options": ArchiveOptions(attachments=folder.mark(shard))}
     found = enumerate(rows.to_pylist())
     variants = [Variant(row, reason=row["reason"], recorded=i in recorded) for i, row in found]
     with warnings.catch_warnings():

@@ -80,6 +80,8 @@ class Expression:
             if isinstance(found, int) and abs(found) >= 2**63:
                 raise _Wrong("a whole number beyond 64 bits")
             return found
+        except RecursionError:
+            raise StudyError("nested too deeply") from None
         except (_Wrong, ArithmeticError, ValueError, TypeError) as error:
             raise StudyError(str(error).splitlines()[0] if str(error) else "no value") from None
 
@@ -156,6 +158,8 @@ def _value(node: ast.expr, values: Mapping[str, Any]) -> Any:
             left = _value(node.left, values)
             for op, part in zip(node.ops, node.comparators, strict=True):
                 right = _value(part, values)
+                if not isinstance(op, ast.Eq | ast.NotEq) and isinstance(left, str) != isinstance(right, str):
+                    raise _Wrong(f"{left!r} and {right!r} have no order")
                 if not _COMPARE[type(op)](left, right):
                     return False
                 left = right

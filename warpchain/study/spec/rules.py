@@ -133,6 +133,8 @@ def design_rules(node: Any) -> Iterator[Problem]:
 
 def _grid_rules(i: int, factor: Any, given: str | None, kind: Any) -> Iterator[Problem]:
     values = get(factor, str(given)) if given in ("levels", "choice") else None
+    if values is not None and not isinstance(values, (list, tuple)):
+        return  # its own rule says so
     points = get(factor, "points")
     if kind == "factorial" and given in NEEDS and points is None:
         text = "missing; must be an integer of at least 2; needed in a factorial design"
@@ -151,12 +153,12 @@ def _size(factor: Any) -> Any:
 
 
 def _group_rules(factors: Any) -> Iterator[Problem]:
-    members = Counter(get(factor, "group") for factor in factors)
+    groups = [get(factor, "group") for factor in factors]
+    members = Counter(group for group in groups if isinstance(group, str))
     sizes: dict[str, Any] = {}
-    for i, factor in enumerate(factors):
-        group = get(factor, "group")
-        if group is None:
-            continue
+    for i, (factor, group) in enumerate(zip(factors, groups, strict=True)):
+        if not isinstance(group, str):
+            continue  # none, or its own rule says so
         if members[group] < 2:
             yield Problem(("factors", i, "group"), group, "has no other factor")
         size = _size(factor)

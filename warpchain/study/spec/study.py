@@ -104,14 +104,16 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 
 def dumps_study(study: Study) -> str:
     """A study as TOML text, which `loads_study` reads back equal."""
-    return drive_toml.dumps(_given(study.model_dump(exclude_none=True)))
+    return drive_toml.dumps(_given(study))
 
 
 def _given(value: Any) -> Any:
-    """Without empty lists and tables, which are the default."""
-    if isinstance(value, dict):
-        inner = {key: _given(part) for key, part in value.items()}
-        return {key: part for key, part in inner.items() if part not in ((), [], {})}
+    """A part as plain values, without empty tables, and without empty lists where they are the default."""
+    if isinstance(value, Part):
+        fields = type(value).model_fields
+        inner = {name: _given(getattr(value, name)) for name in fields}
+        said = {name for name, field in fields.items() if field.default != () and inner[name] == []}
+        return {name: part for name, part in inner.items() if name in said or part not in (None, [], {})}
     return [_given(part) for part in value] if isinstance(value, tuple) else value
 
 

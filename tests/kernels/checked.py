@@ -1,0 +1,192 @@
+"""Runs both kernels in Warp's debug build, in which an access out of an array's bounds ends the process.
+
+    python tests/kernels/checked.py              # the serial kernel and, on fibers, the block kernel, over test drives
+    python tests/kernels/checked.py beyond row   # a kernel that reads beyond a row (array, view): must not end well
+
+A process of its own: the build is chosen where kernels are made.
+"""
+
+import sys
+import time
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import warp as wp
+
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+STEPS = 96
+"""Enough for the window, samples, statistics, looks for divergence, and more than one course of prescribed motion."""
+
+
+def beyond(how: str) -> None:
+    """Reads the value after an array's last, as an array, as a row of one, or as a view that is too long."""
+    from warpchain.kernels.gpu.exchange import OWN
+    from warpchain.kernels.rows import accessors
+
+    load_row = accessors(wp.float64).load_row
+
+    @wp.kernel(module="unique")
+    def reads(values: wp.array[wp.float64], found: wp.array[wp.float64], i: int):
+        found[0] = values[i]
+
+    @wp.func_native(OWN)
+    def view(all: wp.array[wp.float64], first: int, count: int) -> wp.array[wp.float64]: ...
+
+    @wp.kernel(module="unique")
+    def reads_view(values: wp.array[wp.float64], found: wp.array[wp.float64], i: int):
+        found[0] = load_row(view(values, 2, i - 1), i - 2)
+
+    @wp.kernel(module="unique")
+    def reads_row(values: wp.array[wp.float64], found: wp.array[wp.float64], i: int):
+        found[0] = load_row(values, i)
+
+    values, found = (wp.zeros(8, dtype=wp.float64, device="cpu") for _ in range(2))
+    kernel = {"array": reads, "row": reads_row, "view": reads_view}[how]
+    for i in (7, 8):
+        wp.launch(kernel, dim=1, inputs=[values, found, i], device="cpu")
+        print(f"read value {i} of 8", flush=True)
+
+
+def finished(engine, futures) -> None:
+    for future in futures:
+        future.result()
+    engine.close()
+
+
+def on_the_cpu(drives, precision: str) -> None:
+    """Settling, and steps with frames of every channel, by the serial kernels."""
+    from warpchain.engine.cpu import CpuEngine
+    from warpchain.engine.settling import elastic
+
+    packed, values = ensemble_of(drives)
+    engine = CpuEngine(elastic(packed), 1)
+    engine.start_settling(begun(packed))
+    finished(engine, engine.settle(STEPS))
+    engine = CpuEngine(packed.at_precision(precision), 1)
+    finished(engine, engine.advance(STEPS + 1, engine.frame_buffer(values)))
+    ended(engine.progress(), drives)
+
+
+def on_blocks(drives, many: bool, precision: str, shape=None) -> None:
+    """Steps with frames of every channel by the block kernel, its blocks' threads as fibers."""
+    import test_block
+
+    from warpchain.engine.block_shape import block_shape, room_for
+
+    packed, values = ensemble_of(drives)
+    packed = packed.at_precision(precision)
+    rooms = room_for(np.array([drive.chain.links for drive in drives]))
+    frames = wp.empty(values, dtype=packed.real, device="cpu")
+    shape = shape or block_shape(int(rooms.max()), many)
+    state, _ = test_block.run_blocks(packed, shape, [STEPS + 1], list(range(len(drives))), frames)
+    ended(state.progress.numpy(), drives)
+
+
+def settle_on_blocks() -> None:
+    """Relaxation by the block kernel, of a drive with a guide-bar."""
+    import test_block
+
+    from warpchain.engine.arrays import empty_tallies, upload_ensemble, upload_state
+    from warpchain.engine.settling import elastic
+    from warpchain.kernels.gpu.block_kind import BlockKind
+    from warpchain.kernels.gpu.block_relax import block_relax_kernel
+    from warpchain.kernels.relaxation import Settling
+
+    drives = test_block.marine()
+    still = elastic(ensemble_of(drives)[0])
+    settling = wp.array(begun(still), dtype=Settling, device="cpu")
+    ensemble, state = upload_ensemble(still, "cpu"), upload_state(still, "cpu", (0, 0, 0))
+    kind = BlockKind(wp.float64, 32, -(-drives[0].chain.links // 32), len(drives[0].sprockets), len(drives[0].guides))
+    order = wp.array([1, 0], dtype=wp.int32, device="cpu")
+    inputs = [ensemble, state, empty_tallies(still, "cpu"), settling, order, STEPS]
+    wp.launch(block_relax_kernel(kind, 4), dim=64, inputs=inputs, block_dim=32, device="cpu")
+    assert (settling.numpy()["steps"] == STEPS).all()
+
+
+def begun(packed):
+    """Relaxation that is to take `STEPS` steps."""
+    from warpchain.kernels.relaxation import Settling
+
+    start = np.zeros(packed.variants, dtype=Settling.numpy_dtype())
+    start["step"], start["tolerance"], start["limit"] = 1e-6, 1e-3, STEPS
+    return start
+
+
+def ended(progress, drives) -> None:
+    """All steps were taken, but by those that were to diverge, of which some did."""
+    loads = [drive.sprockets[-1].load for drive in drives]
+    wild = np.array([load is not None and load.viscous > 9e4 for load in loads])
+    assert (progress["step"][~wild] == STEPS + 1).all() and progress["diverged"].any() == wild.any()
+
+
+def diverging():
+    """Loads that make the sprocket's angle, and then all that hangs on it, anything."""
+    from drives import two_sprockets
+    from test_bounds import mad
+
+    return [*mad(5), *(two_sprockets(floor=1e-9, viscous=viscous, step=2e-5) for viscous in (1e10, 1e30, 1e300))]
+
+
+def moving_and_diverging():
+    import test_block
+
+    return [*test_block.moving_sprockets(), *diverging()]
+
+
+def ensemble_of(drives):
+    """Drives packed for `STEPS` steps, and how many values their frames take; not one more is there."""
+    from warpchain.engine.pack import pack
+    from warpchain.results.channels import NAMES, frame_of, frame_width
+    from warpchain.results.schedule import Schedule
+
+    packed = pack(drives, [Schedule(drive.run.step, STEPS, 11, STEPS - 5, 8) for drive in drives])
+    packed = replace(packed, frame=frame_of(NAMES if packed.joints["rubs"].any() else ()))
+    widths = [frame_width(drive, packed.frame) * (STEPS // 8 + 1) for drive in drives]
+    packed.drives["first_value"] = np.cumsum([0, *widths[:-1]])
+    return packed, sum(widths)
+
+
+def cases():
+    """What is run, by name."""
+    import test_block as of
+
+    from warpchain.engine.block_shape import BlockShape
+
+    every = (of.marine, of.equal_sprockets, of.moving_sprockets, of.unusual_contacts, of.rk4, of.rubbing, of.bending)
+    every += (of.rubbing_on_moving_sprockets, of.uneven, of.bending_rk4)
+    everyone = [*(drive for some in every for drive in some()), *diverging()]
+    yield "cpu float64", lambda: on_the_cpu(everyone, "float64")
+    yield "cpu float32", lambda: on_the_cpu(everyone, "float32")
+    blocks = [
+        (moving_and_diverging, False, "float64"),
+        (of.rubbing_rk4, False, "float64"),
+        (of.uneven, True, "float64"),
+        (of.rubbing_on_moving_sprockets, True, "float32"),
+        (of.bending, False, "float32"),
+    ]
+    for drives, many, precision in blocks:
+        name = f"blocks {drives.__name__} {'many' if many else 'few'} {precision}"
+        yield name, lambda drives=drives, many=many, precision=precision: on_blocks(drives(), many, precision)
+    yield "blocks settling", settle_on_blocks
+    yield "blocks in global memory", lambda: on_blocks(of.long_chains(), True, "float64", BlockShape(64, 16))
+
+
+def main() -> None:
+    """Runs all; prints a line a case."""
+    warnings.simplefilter("ignore")
+    for name, case in cases():
+        begun = time.perf_counter()
+        case()
+        print(f"{name}: within bounds, {time.perf_counter() - begun:.1f} s", flush=True)
+
+
+if __name__ == "__main__":
+    wp.config.mode = "debug"
+    wp.config.log_level = wp.LOG_ERROR
+    wp.config.enable_cpu_blocks = True
+    if sys.argv[1:]:
+        beyond(sys.argv[-1])
+    else:
+        main()

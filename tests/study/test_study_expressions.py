@@ -1,0 +1,90 @@
+"""Expressions of study files: what values they give, and that any other kind of value is told in one line."""
+
+import sys
+
+import pytest
+
+from warpchain.errors import StudyError
+from warpchain.study.spec.expression import parse
+
+VALUES = {"x": "leapfrog", "y": 2.0, "n": 3, "on": True, "row": [1.0, 2.0], "none": None}
+
+
+def deep(levels, call):
+    """A call from so far down the stack."""
+    return deep(levels - 1, call) if levels else call()
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("y + n", 5.0),
+        ("on + 1", 2),  # a switch counts
+        ("x == 'leapfrog'", True),
+        ("x == 1", False),  # a text is no number, and may be asked whether it is
+        ("1 if x == 'rk4' else n", 3),
+        ("x < 'rk4'", True),
+        ("max(y, n) ** 2", 9),
+    ],
+)
+def test_values(text, value):
+    found = parse(text).value(VALUES)
+    assert found == value and type(found) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("x + 1", "'leapfrog' is not a number"),
+        ("1 + 'x'", "'x' is not a number"),
+        ("'x' * 3", "'x' is not a number"),
+        ("-x", "'leapfrog' is not a number"),
+        ("x % n", "'leapfrog' is not a number"),
+        ("n ** x", "'leapfrog' is not a number"),
+        ("max(x, 1)", "'leapfrog' is not a number"),
+        ("x < n", "'leapfrog' and 3 have no order"),
+        ("1 < n < 'b'", "3 and 'b' have no order"),
+        ("row + 1.0", r"\[1.0, 2.0\] is not a number"),
+        ("y * none", "None is not a number"),
+        ("row < 1", "not supported"),
+        ("round(y, y)", "cannot be interpreted as an integer"),
+        ("max(n)", "not iterable"),
+        ("min()", "at least 1 argument"),
+        ("sqrt(-y)", "domain"),
+        ("n // 0", "zero"),
+        ("10000 ** 16", "64 bits"),
+        ("exp(1000 * n)", "range"),
+        ("round(1e308 * 10)", "infinity"),
+    ],
+)
+def test_what_has_no_value_is_told(text, told):
+    with pytest.raises(StudyError, match=told) as caught:
+        parse(text).value(VALUES)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["[1.0] + 2.0", "{1: 2}", "x.upper()", "row[0]", "lambda: 1", "f'{x}'", "b'x'", "1j", "None"]
+)
+def test_what_is_no_arithmetic_is_told(text):
+    with pytest.raises(StudyError, match=r"allowed|unknown"):
+        parse(text)
+
+
+@pytest.mark.parametrize("sign", ["-", "not ", "n+", "abs("])
+def test_however_deep_it_is_it_has_a_value_or_none(sign):
+    """What parses may be asked for its value from anywhere, and Python's stack is no place to fall from."""
+    told = 0
+    for count in range(10, 990, 35):
+        text = count * sign + "n" + count * ")" * (sign == "abs(")
+        try:
+            found = parse(text)
+        except StudyError:
+            continue
+        for levels in (0, sys.getrecursionlimit() - 350):
+            try:
+                deep(levels, lambda found=found: found.value(VALUES))
+            except StudyError as error:
+                assert "deep" in str(error)
+                told += 1
+    assert told > 0 or sign in ("abs(", "not ")
