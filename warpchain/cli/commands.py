@@ -192,6 +192,7 @@ def view(arguments: argparse.Namespace) -> int:
         web=arguments.web,
         bind=arguments.bind,
         tab=arguments.tab,
+        scale=arguments.scale,
     )
     return DONE
 
@@ -203,7 +204,9 @@ def plot(arguments: argparse.Namespace) -> int:
         paths = plot_sweep([arguments.archive, *arguments.sweep], arguments.output, arguments.format)
     else:
         chosen = {"variant": arguments.variant, "only": arguments.only, "roller": arguments.roller}
-        paths = plot_figures(arguments.archive, arguments.output, kind=arguments.format, **chosen)
+        paths = plot_figures(
+            arguments.archive, arguments.output, kind=arguments.format, scale=arguments.scale, **chosen
+        )
     for path in paths:
         print(path)
     return DONE

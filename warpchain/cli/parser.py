@@ -167,6 +167,11 @@ def _view(commands: Any) -> None:
     parser.add_argument("--frames", type=int, metavar="N", help="frames to draw at most, peaks kept (default 1000)")
     parser.add_argument("--tab", metavar="NAME", help="the tab to open first, such as spectrum")
     parser.add_argument("--web", action="store_true", help="serve the web viewer until Ctrl-C")
+    parser.add_argument(
+        "--scale",
+        metavar="NEWTON",
+        help="tension at the red end of the colors, or breaking; default 99.9 %% of it in the run's latter half",
+    )
     parser.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
 
 
@@ -177,6 +182,11 @@ def _plot(commands: Any) -> None:
     parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
     parser.add_argument("--format", nargs="+", default=["png"], choices=["png", "svg"], help="default png")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="figures to draw, such as order-spectrum")
+    parser.add_argument(
+        "--scale",
+        metavar="NEWTON",
+        help="tension at the red end of the colors, or breaking; default 99.9 %% of it in the run's latter half",
+    )
     parser.add_argument("--roller", type=int, metavar="I", help="whose forces to draw; default the one pressed hardest")
     parser.add_argument(
         "--sweep",
