@@ -20,21 +20,23 @@ from warpchain.view.figures.paper import (
 )
 from warpchain.view.figures.style import save_figures
 from warpchain.view.figures.sweep import SIGNALS, campbell_figure, sweeps
+from warpchain.view.scale import Scale, scale_top
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FIGURES: dict[str, Callable[[Trajectory, int], Figure | None]] = {
-    "drive": lambda t, _: drive_figure(t),
-    "strand-displacement": lambda t, _: displacement_figure(t),
-    "link-tension": tension_figure,
-    "contact-forces": contact_figure,
-    "guide-force": lambda t, _: guide_figure(t) if t.drive.guides else None,
-    "tension-waterfall": lambda t, _: waterfall_figure(t),
-    "order-spectrum": lambda t, _: spectrum_figure(t),
-    "contact-angle": lambda t, _: angle_figure(t),
+FIGURES: dict[str, Callable[[Trajectory, int, float], Figure | None]] = {
+    "drive": lambda t, _, top: drive_figure(t, top=top),
+    "strand-displacement": lambda t, *_: displacement_figure(t),
+    "link-tension": lambda t, roller, _: tension_figure(t, roller),
+    "contact-forces": lambda t, roller, _: contact_figure(t, roller),
+    "guide-force": lambda t, *_: guide_figure(t) if t.drive.guides else None,
+    "tension-waterfall": lambda t, _, top: waterfall_figure(t, top),
+    "order-spectrum": lambda t, *_: spectrum_figure(t),
+    "contact-angle": lambda t, *_: angle_figure(t),
 }
-"""Figures of a variant by name; None where there is nothing to draw: no guide-bar, or too short a run for orders."""
+"""Figures of a variant, a roller and the tension at the colors' red end [N], by name; None where there is nothing to
+draw: no guide-bar, or too short a run for orders."""
 
 RESONANCES = 8.0
 """Multiple of the highest first transverse frequency up to which resonances are shown."""
@@ -47,6 +49,7 @@ def plot_figures(
     kind: str | Sequence[str] = "png",
     only: Sequence[str] = (),
     roller: int | None = None,
+    scale: Scale = None,
 ) -> list[Path]:
     """Draws the figures of one variant.
 
@@ -58,6 +61,7 @@ def plot_figures(
         only: names of `FIGURES` to draw; () is all.
         roller: whose contact forces and link's tension are drawn; None takes the one that guide-bars press hardest, or
             else sprockets.
+        scale: link tension at the red end of the color scale, as `warpchain.view.rerun.view` takes it.
 
     Returns:
         The files.
@@ -74,7 +78,8 @@ def plot_figures(
         roller = telling_roller(trajectory)
     if not 0 <= roller < trajectory.drive.chain.links:
         raise SimulationError(f"roller {roller}: allowed are 0 to {trajectory.drive.chain.links - 1}")
-    drawn = {name: FIGURES[name](trajectory, roller) for name in only or FIGURES}
+    top = scale_top([trajectory], scale)
+    drawn = {name: FIGURES[name](trajectory, roller, top) for name in only or FIGURES}
     return save_figures({name: figure for name, figure in drawn.items() if figure is not None}, folder, kind)
 
 
