@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from warpchain.errors import WarpchainError
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
 
 DONE, UNFINISHED, WRONG = 0, 1, 2
 """Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's."""
@@ -176,8 +179,36 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     efficiency = "" if row.get("efficiency") is None else f", efficiency {row['efficiency']:.4f}"
     rubbing = "" if row.get("joints.friction") is None else f", joint friction {row['joints.friction']:.4g} J"
     lines.append(f"energy: {works}{efficiency}{rubbing}, residual {residual:+.1e}")
-    lines.append(f"status: {row['status']}" + (f": {row['reason']}" if row["reason"] else ""))
-    return lines
+    lines += _loss_lines(drive, row)
+    if row.get("steady") is False:
+        change = row.get("tension_drift")
+        size = "" if change is None else f" (mean tension {change:+.4g} N over the window)"
+        lines.append(f"not steady yet{size}: run longer (--duration) before you take its means for those of the drive")
+    return [*lines, *_status_lines(row)]
+
+
+def _loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
+    """What the drive loses, by group: power, and share of the input."""
+    from warpchain.results.losses import losses
+
+    seconds, works = row["window_end"] - row["window_start"], row["input_work"]
+    found = losses(drive, row)
+    total = sum(found.values())
+    if total <= 0.0 or seconds <= 0.0:
+        return []
+    shares = [
+        f"{group} {energy / seconds:.4g} W" + (f" ({100.0 * energy / works:.2g} %)" if works > 0.0 else "")
+        for group, energy in found.items()
+        if energy != 0.0
+    ]
+    part = f", {100.0 * total / works:.3g} % of the input" if works > 0.0 else ""
+    return [f"losses: {total / seconds:.4g} W{part}: {', '.join(shares)}"]
+
+
+def _status_lines(row: dict[str, Any]) -> list[str]:
+    """What the run is judged to be; where it is not ok, why, and what to do about it: a line for each reason."""
+    first, *further = row["reason"].split("; ")
+    return [f"status: {row['status']}" + (f": {first}" if first else ""), *(f"  and: {reason}" for reason in further)]
 
 
 def view(arguments: argparse.Namespace) -> int:
