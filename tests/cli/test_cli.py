@@ -174,10 +174,8 @@ def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
     status, out, err = run(capsys, *words)
     assert status == 0 and "status: ok" in out and err == []
     (told,) = [line for line in out if line.startswith("losses: ")]
-    assert re.match(r"losses: [\d.]+ W, [\d.e+]+ % of the input: ", told)
     for group in ("joints", "sprocket contacts", "links"):
-        assert re.search(rf"{group} [\d.e-]+ W \([\d.e-]+ %\)", told)
-    assert any("efficiency" in line for line in out)
+        assert re.search(rf"{group} [\d.e-]+ W", told)
     status, out, err = run(capsys, *words, "--overwrite", "--limit", "energy_residual=0", "--limit", "slips=inf")
     assert status == 0
     assert sum(line.startswith("status: suspect: energy residual") for line in out) == 1
