@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from warpchain.assembly import statics
+from warpchain.assembly.advice import advice
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout import findings
@@ -113,6 +114,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "nominal_strain": path.nominal_strain,
         "preload": preload,
         "layout": list(findings(drive, path)),
+        "advice": list(advice(drive, path, [strand["working_tension"] for strand in strands])),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -206,6 +208,8 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
         return []
     largest = max(strand["working_tension"] for strand in values["strands"])
     share = f", {100.0 * largest / values['breaking_load']:.2g} % of it at work"
+    if largest > 0.0:
+        share += f", a safety of {values['breaking_load'] / largest:.3g}"
     lines = [f"size: {values['size']} (ISO 606), breaking load {1e-3 * values['breaking_load']:.4g} kN{share}"]
     if values["stiffness_is_estimate"]:
         lines.append(
@@ -337,6 +341,7 @@ def report(values: dict[str, Any]) -> str:
         f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N at assembly, "
         f"{values['standing_preload']:.4g} N once seated",
         *(f"LAYOUT: {finding}" for finding in values["layout"]),
+        *(f"LOOK AT {finding}" for finding in values["advice"]),
         *_sprocket_lines(values),
         *_strand_lines(values),
         *_guide_lines(values),
