@@ -49,8 +49,8 @@ def _wraps(drive: Drive, path: ChainPath) -> list[str]:
         if sprocket.prescribed is not None or sprocket.load is not None:
             if wrap < LEAST_WRAP:
                 lines.append(
-                    f"sprockets.{sprocket.name}: passes on a moment with {wrap:.0f} degrees of wrap, where {LEAST_WRAP:g} "
-                    f"are the least ({mesh:.1f} teeth in mesh): move it or its neighbors, or add an idler"
+                    f"sprockets.{sprocket.name}: passes on a moment with {wrap:.0f} degrees of wrap, where "
+                    f"{LEAST_WRAP:g} are the least ({mesh:.1f} teeth in mesh): move it or its neighbors"
                 )
         elif mesh < LEAST_TEETH:
             lines.append(
