@@ -39,7 +39,7 @@ def test_a_release_is_made_of_what_is_committed(tmp_path):
     for name in ("scripts/release", "pyproject.toml"):
         (tmp_path / name).write_bytes((ROOT / name).read_bytes())
     setup = tmp_path / "scripts" / "setup"
-    setup.write_text("#!/bin/sh\nmkdir -p .venv/bin && ln -sf \"$(command -v python3)\" .venv/bin/python\n")
+    setup.write_text('#!/bin/sh\nmkdir -p .venv/bin && ln -sf "$(command -v python3)" .venv/bin/python\n')
     for path in (setup, tmp_path / "scripts" / "release"):
         path.chmod(0o755)
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)

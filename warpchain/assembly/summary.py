@@ -113,8 +113,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
-        "layout": list(findings(drive, path)),
-        "advice": list(advice(drive, path, [strand["working_tension"] for strand in strands])),
+        **_looks(drive, assembly, strands),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -161,6 +160,15 @@ def derive(drive: Drive) -> dict[str, Any]:
         "step": resolve_step(drive),
         "step_limit": step_limit(drive),
         "automatic_step": automatic_step(drive),
+    }
+
+
+def _looks(drive: Drive, assembly: Assembly, strands: list[dict[str, Any]]) -> dict[str, list[str]]:
+    """What is wrong with the layout, and what to look at."""
+    tensions = [strand["working_tension"] for strand in strands]
+    return {
+        "layout": list(findings(drive, assembly.path)),
+        "advice": list(advice(drive, assembly.path, tensions)),
     }
 
 

@@ -244,9 +244,17 @@ def plot(arguments: argparse.Namespace) -> int:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    from warpchain.archive.export import export_npz
+    from warpchain.archive.export import export
 
-    print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
+    print(export(arguments.archive, arguments.output, variant=arguments.variant))
+    return DONE
+
+
+def import_signal(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.measured import compare
+
+    for line in compare(arguments):
+        print(line)
     return DONE
 
 
