@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.errors import ArchiveError, WarpchainError
 from warpchain.files import refusals, whole_file
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
     """Writes one variant's trajectory in the format that the file's ending names, one of `FORMATS`.
 
-    All values are in SI units, which each format but .npz tells. In .npz, .h5 and .mat every channel is an array (F, ...)
-    of its name; in .csv and .parquet every number has a column of its own, such as `position.12.x` or
+    All values are in SI units, which each format but .npz tells. In .npz, .h5 and .mat every channel is an array
+    (F, ...) of its name; in .csv and .parquet every number has a column of its own, such as `position.12.x` or
     `sprocket_speed.camshaft`, one row a frame.
 
     Args:
@@ -68,7 +69,8 @@ def flat(trajectory: Trajectory) -> pa.Table:
     it for vectors; fields' metadata have the `unit`."""
     import pyarrow as pa
 
-    names, values, units = ["time"], [trajectory.time], [UNITS["time"]]
+    values: list[NDArray[np.floating]] = [trajectory.time]
+    names, units = ["time"], [UNITS["time"]]
     sprockets = [sprocket.name for sprocket in trajectory.drive.sprockets]
     for channel, array in trajectory.channels().items():
         of = sprockets if CHANNEL[channel].of_sprocket else [str(i) for i in range(array.shape[1])]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.run import Run
+from warpchain.results.signals import TENSION
 from warpchain.view.chosen import NEEDED, Recorded, to_compare
 from warpchain.view.colors import CURVES, Color, thing_colors
 from warpchain.view.rerun.chart import Chart
@@ -21,12 +22,21 @@ from warpchain.view.rerun.drive import log_drive, log_outline, shown_frames
 from warpchain.view.rerun.ensemble import log_ensemble
 from warpchain.view.rerun.layout import blueprint
 from warpchain.view.rerun.save import saved
-from warpchain.view.rerun.series import Line, log_curves, log_spectra, log_tension_image, spectra
+from warpchain.view.rerun.series import (
+    Line,
+    log_curves,
+    log_measured,
+    log_spectra,
+    log_tension_image,
+    spectra,
+)
 from warpchain.view.scale import Scale, scale_top
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
+
+    from warpchain.results.measured import Comparison
 
 FRAMES = 1000
 """Frames that a recording is shown with, unless another number is given."""
@@ -43,6 +53,7 @@ def view(
     bind: str = "127.0.0.1",
     tab: str | None = None,
     scale: Scale = None,
+    measured: Sequence[Comparison] = (),
 ) -> None:
     """Shows recorded variants in Rerun: in its viewer, in a browser, or saved as a Rerun recording.
 
@@ -59,6 +70,7 @@ def view(
         tab: the tab that is open at first, by its name or the beginning of it; None is the first.
         scale: link tension at the red end of the color scale [N], or "breaking", the chain's breaking load; None takes
             99.9 % of the tensions in the latter half of the recording.
+        measured: signals from a rig (`warpchain.results.measured`) that are drawn over the first variant's curves.
 
     Raises:
         ArchiveError: an archive that cannot be read, or a recording that cannot be written.
@@ -69,18 +81,20 @@ def view(
         raise SimulationError(f"frames = {frames}: allowed is a whole number of at least 2")
     shown = to_compare(source, variant, compare, (*NEEDED, "sprocket_speed"))
     if save is not None:
-        _save(shown, Path(save), frames, tab, scale)
+        stream = _stream()
+        with saved(stream, Path(save), ArchiveError):
+            stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
     elif spawn:
         from warpchain.view.rerun.viewer import Viewer
 
         with Viewer(bind, "web" if web else "native") as viewer:
             stream = _stream()
             viewer.connect(stream)
-            stream.send_blueprint(log_recording(stream, shown, frames, tab, scale))
+            stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
             stream.flush()
             stream.disconnect()
     else:
-        log_recording(_stream(), shown, frames, tab, scale)
+        log_recording(_stream(), shown, frames, tab, scale, measured)
 
 
 def log_recording(
@@ -89,6 +103,7 @@ def log_recording(
     frames: int = FRAMES,
     tab: str | None = None,
     scale: Scale = None,
+    measured: Sequence[Comparison] = (),
 ) -> rrb.Blueprint:
     """Logs the variants, with what compares them and the ensemble of the first one's run; returns the layout."""
     several = len(shown) > 1
@@ -104,6 +119,8 @@ def log_recording(
         if several:
             outline = shown_frames(one.trajectory, frames)
             log_outline(stream, entity("overlaid", one.label), outline, color)
+    for line in log_measured(stream, shown[0].label, measured, frames):
+        lines.setdefault(TENSION, []).append(line)
     teeth = [one.trajectory.drive.sprockets[one.trajectory.drive.driver].teeth for one in shown]
     run = shown[0].run
     scatters = log_ensemble(stream, run, [one.index for one in shown if one.run is run])
@@ -131,9 +148,3 @@ def _stream() -> rr.RecordingStream:
     import rerun as rr
 
     return rr.RecordingStream("warpchain", recording_id=None)
-
-
-def _save(shown: Sequence[Recorded], target: Path, frames: int, tab: str | None, scale: Scale) -> None:
-    stream = _stream()
-    with saved(stream, target, ArchiveError):
-        stream.send_blueprint(log_recording(stream, shown, frames, tab, scale))

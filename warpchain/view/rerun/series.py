@@ -29,6 +29,8 @@ from warpchain.view.rerun.columns import Column, entity, rows, send
 if TYPE_CHECKING:
     import rerun as rr
 
+    from warpchain.results.measured import Comparison
+
 GROUPS = {
     "tension": "link tension [N]",
     "strand tension": "tension at the middle of each strand [N]",
@@ -41,6 +43,8 @@ GROUPS = {
     "friction": "friction power of all joints [W]",
 }
 """Groups of curves, each a view, with their titles."""
+DISPLAYED_IN = {"error": 1e3, "displacement": 1e3}
+"""Factors from SI of groups that are shown in another unit."""
 WIDEST = 4096
 """Most columns of an image: a texture's least guaranteed limit is 8192."""
 
@@ -98,6 +102,29 @@ def log_curves(
         scalars = pa.array(np.asarray(values, dtype=np.float64)[frames])
         column = Column(rr.Scalars.descriptor_scalars(), rows(scalars, 1, len(frames)))
         send(stream, path, trajectory.time[frames], [column])
+
+
+def log_measured(stream: rr.RecordingStream, root: str, found: Sequence[Comparison], budget: int) -> list[Line]:
+    """Logs measured signals into the groups of the curves that they are compared with, in white; returns the lines of
+    their spectra that belong among those of strands' tensions."""
+    import pyarrow as pa
+    import rerun as rr
+
+    lines = []
+    for one in found:
+        name = f"measured: {one.measured.name}"
+        path = entity(root, "curves", one.group, name)
+        style = rr.SeriesLines(names=[name], colors=[INK], widths=[1.5])
+        stream.log(path, style, static=True)
+        frames = peak_frames(one.measured.values, budget)
+        values = DISPLAYED_IN.get(one.group, 1.0) * one.measured.values[frames]
+        column = Column(rr.Scalars.descriptor_scalars(), rows(pa.array(values), 1, len(frames)))
+        send(stream, path, one.measured.time[frames], [column])
+        spectrum = one.spectra[1]
+        if one.measured.unit == "N" and spectrum is not None and one.spectra[0] is not None:
+            shown = (spectrum[0] > 0.0) & (spectrum[0] <= one.spectra[0][0][-1])
+            lines.append(Line(name, INK, spectrum[0][shown], spectrum[1][shown]))
+    return lines
 
 
 def axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] | None:
