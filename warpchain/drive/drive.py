@@ -37,6 +37,7 @@ from warpchain.drive.table import with_files
 from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
 from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text
+from warpchain.show import html
 
 
 class Drive(Part):
@@ -58,6 +59,10 @@ class Drive(Part):
     guides: Annotated[tuple[Guide, ...], Allowed("must be a list of guides")] = ()
     contact: Contact
     run: RunSettings
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        return html(self)
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """A changed copy, checked like a file.
