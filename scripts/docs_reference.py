@@ -174,7 +174,7 @@ def metrics_page() -> str:
     return "\n\n".join(
         [
             "# Every metric and channel",
-            "By name; [the metrics](../metrics.md) tells how they are formed. STRAND, SPROCKET and PART stand for names.",
+            "By name; [the metrics](../metrics.md) tells how they come about. STRAND, SPROCKET, PART are names.",
             "## Metrics",
             table(("column", "unit", "what it is"), [tuple(map(escaped, row)) for row in rows]),
             "## Channels",
@@ -192,9 +192,10 @@ def commands_page() -> str:
     def visit(parser: argparse.ArgumentParser, level: int) -> None:
         parser.formatter_class = lambda prog: argparse.RawDescriptionHelpFormatter(prog, width=100)
         lines.extend([f"{'#' * level} {parser.prog}", "", "```text", parser.format_help().rstrip(), "```", ""])
-        for action in parser._subparsers._group_actions if parser._subparsers else []:
-            for inner in (action.choices or {}).values():  # type: ignore[union-attr]
-                visit(inner, level + 1)
+        for action in parser._actions:
+            if isinstance(action.choices, dict):
+                for inner in action.choices.values():
+                    visit(inner, level + 1)
 
     visit(command_line(), 2)
     return "\n".join(lines)
