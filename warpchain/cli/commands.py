@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING, Any
 
 from warpchain.errors import WarpchainError
@@ -70,8 +69,9 @@ def fit(arguments: argparse.Namespace) -> int:
 
 def modes(arguments: argparse.Namespace) -> int:
     from warpchain.cli.modes import mode_lines
+    from warpchain.engine.start import start_warp
 
-    start_warp()
+    start_warp(precompiled=False)
     for line in mode_lines(_load(arguments), arguments):
         print(line)
     return DONE
@@ -80,6 +80,7 @@ def modes(arguments: argparse.Namespace) -> int:
 def run(arguments: argparse.Namespace) -> int:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.simulation import simulate
+    from warpchain.engine.start import start_warp
     from warpchain.results.run import Record
 
     options = ArchiveOptions(
@@ -89,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
         split_size=arguments.split_size,
     )
     record = Record(rate=arguments.rate, channels=_channels(arguments.channels))
-    start_warp()
+    start_warp(precompiled=False)
     drive = _load(arguments)
     run = simulate(
         drive,
@@ -132,25 +133,6 @@ def _limits(words: list[str]) -> Any:
             raise WarpchainError(f"--limit {word}: must be KEY=VALUE, such as energy_residual=0.02")
         changes[key.strip()] = _value(value.strip())
     return Limits(**changes)
-
-
-def start_warp() -> None:
-    """Starts Warp without its messages, such as that there is no GPU: the bar and the summary speak."""
-    import os
-
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_ERROR
-    wp.config.use_precompiled_headers = False  # the CUDA compiler warns of each that does not match
-    sys.stderr.flush()
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        wp.init()
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
 
 
 def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:

@@ -44,11 +44,10 @@ def table_html(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str 
     """A table; cells are escaped, but for those that are `Markup`."""
 
     def line(cells: Sequence[str], tag: str) -> str:
-        inner = "".join(
-            f'<{tag} style="text-align:{"left" if k == 0 else "right"}">{c if isinstance(c, Markup) else escape(c)}</{tag}>'
-            for k, c in enumerate(cells)
-        )
-        return f"<tr>{inner}</tr>"
+        words = [cell if isinstance(cell, Markup) else escape(cell) for cell in cells]
+        sides = ["left", *["right"] * (len(words) - 1)]
+        inner = (f'<{tag} style="text-align:{side}">{w}</{tag}>' for w, side in zip(words, sides, strict=True))
+        return f"<tr>{''.join(inner)}</tr>"
 
     title = f"<caption>{escape(caption)}</caption>" if caption else ""
     body = "".join(line(row, "td") for row in rows)
