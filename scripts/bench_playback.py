@@ -18,11 +18,12 @@ import rerun as rr
 
 from warpchain import Record, Trajectory, loads_drive, simulate
 from warpchain.view.chosen import recorded
-from warpchain.view.colors import CURVES
+from warpchain.view.colors import thing_colors
 from warpchain.view.rerun.columns import TIMELINE, flipped
-from warpchain.view.rerun.drive import log_drive, tension_top
+from warpchain.view.rerun.drive import log_drive
 from warpchain.view.rerun.playback import log_recording, log_variant
 from warpchain.view.rerun.series import log_curves, log_spectra, log_tension_image, spectra
+from warpchain.view.scale import scale_top
 
 DRIVE = """
 [chain]
@@ -90,13 +91,13 @@ def main() -> None:
     drive = loads_drive(DRIVE)
     one = recorded(simulate(drive, record=Record()), None)
     trajectory, frames = one.trajectory, len(one.trajectory.time)
-    top = tension_top(trajectory)
+    top, colors = scale_top([trajectory]), thing_colors(trajectory.drive)
     parts: dict[str, Callable[[rr.RecordingStream], object]] = {
         "drive in motion": lambda stream: log_drive(stream, "a", trajectory, top),
-        "curves": lambda stream: log_curves(stream, "a", trajectory, frames, CURVES, False),
+        "curves": lambda stream: log_curves(stream, "a", trajectory, frames, colors, False),
         "tension image": lambda stream: log_tension_image(stream, "a", trajectory, trajectory, frames, top),
         "a variant (the three)": lambda stream: log_variant(stream, one, frames, top),
-        "spectra": lambda stream: log_spectra(stream, spectra(trajectory, CURVES), [30]),
+        "spectra": lambda stream: log_spectra(stream, spectra(trajectory, colors), [30]),
         "whole recording with layout": lambda stream: log_recording(stream, [one], frames),
         "rollers by archetypes' columns": lambda stream: archetypes(stream, trajectory),
         "rollers frame by frame": lambda stream: frame_by_frame(stream, trajectory),

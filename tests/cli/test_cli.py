@@ -1,6 +1,7 @@
 """The command line as a user meets it: what it prints, its exit status, and one line for each mistake."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from waiting import bytes_in, wait_for
 
 from warpchain import load_drive, read_archive
 from warpchain.assembly.summary import derive, strand_frequency
+from warpchain.cli.commands import _status_lines
 from warpchain.drive.examples import drive_path
 
 
@@ -171,9 +173,15 @@ def test_a_run_tells_what_it_is_judged_to_be(capsys, tmp_path):
     words = ["run", "marine", "-o", tmp_path / "a.mcap", "--quiet", "--duration", "0.004", "--set", "run.settle=false"]
     status, out, err = run(capsys, *words)
     assert status == 0 and "status: ok" in out and err == []
+    (told,) = [line for line in out if line.startswith("losses: ")]
+    for group in ("joints", "sprocket contacts", "links"):
+        assert re.search(rf"{group} [\d.e-]+ W", told)
     status, out, err = run(capsys, *words, "--overwrite", "--limit", "energy_residual=0", "--limit", "slips=inf")
     assert status == 0
     assert sum(line.startswith("status: suspect: energy residual") for line in out) == 1
+    # what to do stands behind each reason, a line each
+    lines = _status_lines({"status": "suspect", "reason": "energy residual 2 %: take a smaller step; slipped: preload"})
+    assert lines == ["status: suspect: energy residual 2 %: take a smaller step", "  and: slipped: preload"]
     assert len(err) == 1 and err[0].startswith("warpchain: warning: suspect: energy residual")
     status, _, err = run(capsys, *words, "--overwrite", "--limit", "energy=0")
     assert status == 2 and "limits: energy = 0: unknown key; allowed are energy_residual, " in err[0]

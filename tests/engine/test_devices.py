@@ -1,5 +1,7 @@
 """Devices by name, and an ensemble cut into parts on several engines."""
 
+import subprocess
+import sys
 from itertools import pairwise, product
 
 import numpy as np
@@ -228,3 +230,29 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision):
     assert ends[0][2] != ends[1][2]  # different kernels
     np.testing.assert_array_equal(ends[0][0], ends[1][0])
     assert ends[0][1] == ends[1][1]
+
+
+def said(code):
+    """What a script of its own prints and says."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout, done.stderr
+
+
+SCRIPT = """
+import sys
+sys.path.insert(0, "tests")
+from drives import two_sprockets
+from warpchain import simulate
+print(simulate(two_sprockets(duration=0.0005, settle="false")).metrics["status"].to_pylist())
+"""
+
+
+def test_a_script_prints_what_it_prints_and_nothing_of_warp():
+    assert said(SCRIPT) == ("['ok']\n", "")
+
+
+def test_warps_messages_come_where_they_are_asked_for():
+    out, err = said("import warp\nwarp.config.log_level = warp.LOG_DEBUG\n" + SCRIPT)
+    assert "Warp" in out + err
+    out, err = said("import warp\nwarp.init()\n" + SCRIPT)
+    assert "Warp" in out + err and "load on device" in out + err

@@ -6,12 +6,12 @@ from command import run
 from drives import two_sprockets
 
 from warpchain import load_drive
+from warpchain.assembly.orders import Order, orders
 from warpchain.drive.examples import drive_path
 from warpchain.errors import SimulationError
 from warpchain.modal.campbell import Campbell, assurance, campbell
 from warpchain.modal.figures import campbell_figure, shapes_figure
 from warpchain.modal.modes import modes, modes_of, system
-from warpchain.modal.orders import Order, orders
 from warpchain.modal.page import page
 from warpchain.modal.playback import save_recording
 

@@ -1,14 +1,21 @@
 """Figures and playback: they are drawn, they show the chain, and they refuse in one line."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from drives import two_sprockets
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.quiver import Quiver
 from PIL import Image
 
 from warpchain import Record, load_drive, simulate, write_archive
+from warpchain.assembly.orders import excited_orders
 from warpchain.drive.examples import drive_path
 from warpchain.errors import ArchiveError, SimulationError
-from warpchain.view.figures.sweep import Sweep, campbell_figure, excited_orders, sweeps
+from warpchain.view.figures.chain import angle_figure
+from warpchain.view.figures.paper import displacement_figure, drive_figure, tension_figure
+from warpchain.view.figures.sweep import Sweep, campbell_figure, sweeps
 from warpchain.view.figures.write import plot_figures, plot_sweep
 from warpchain.view.rerun.drive import shown_frames
 from warpchain.view.rerun.playback import FRAMES, view
@@ -134,7 +141,7 @@ def test_a_campbell_diagram_of_a_table_has_its_lines_where_they_are():
 
 def test_excited_orders_count_the_drivers_revolutions():
     drive = load_drive(drive_path("marine"))
-    assert excited_orders(drive) == [6.0]
+    assert [order.value for order in excited_orders(drive)] == [6.0]
     # a load of order 6 on a sprocket of twice the teeth comes three times a revolution of the driver
     slow = two_sprockets().with_values(
         {
@@ -143,4 +150,58 @@ def test_excited_orders_count_the_drivers_revolutions():
             "sprockets.driven.load.harmonics": [{"order": 6, "amplitude": 5.0}],
         }
     )
-    assert excited_orders(slow) == [3.0]
+    assert [order.value for order in excited_orders(slow)] == [3.0]
+    # a harmonic of the driven sprocket's load that is counted on the driver's shaft comes as often as it says
+    cam = two_sprockets().with_values(
+        {
+            "sprockets.driven.teeth": 40,
+            "chain.links": 70,
+            "sprockets.driven.load.harmonics": [{"order": 1.5, "amplitude": 5.0, "shaft": "driver"}],
+        }
+    )
+    assert [order.value for order in excited_orders(cam)] == [1.5]
+
+
+@pytest.mark.parametrize("name", ["marine", "engine", "industrial"])
+def test_the_drawing_holds_all_arrows_and_fills_its_page(name):
+    drive = load_drive(drive_path(name))
+    run = simulate(drive.with_values({"run.duration": 0.005}))
+    figure = drive_figure(run[0])
+    FigureCanvasAgg(figure).draw()
+    axis = figure.axes[0]
+    quivers = [part for part in axis.collections if isinstance(part, Quiver)]
+    assert quivers
+    (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+    for quiver in quivers:
+        tips = quiver.XY + np.stack([quiver.U, quiver.V], axis=-1)
+        assert (tips[:, 0] > left).all() and (tips[:, 0] < right).all()
+        assert (tips[:, 1] > low).all() and (tips[:, 1] < high).all()
+    # title, labels, color bar and legend take the rest: 1.7 inches across and 1.9 up, of at least 5 by 5
+    box = axis.get_position()
+    assert box.width > 0.55 and box.height > 0.5
+    size = max(right - left, high - low)
+    unit = axis.get_xlabel()
+    assert unit == ("x [m]" if size < 20.0 else "x [mm]")
+
+
+def test_legends_stand_beside_the_data(run):
+    for figure in (displacement_figure(run[0]), tension_figure(run[0], 0), angle_figure(run[0])):
+        FigureCanvasAgg(figure).draw()
+        legends = [axis.get_legend() for axis in figure.axes if axis.get_legend()]
+        assert legends
+        for legend in legends:
+            assert legend.get_window_extent().x0 > legend.axes.get_window_extent().x1
+
+
+def test_curves_reach_from_edge_to_edge(run):
+    (axis,) = tension_figure(run[0], 0).axes
+    assert axis.get_xlim() == (axis.lines[0].get_xdata()[0], axis.lines[0].get_xdata()[-1])
+
+
+def test_axes_are_in_units_that_fit(run):
+    """300 N m on a radius of 0.16 m pull some 2 kN; at the ends of the strands that is thousandths of a newton less."""
+    assert tension_figure(run[0], 0).axes[0].get_ylabel() == "link tension [kN]"
+    light = dataclasses.replace(run[0], tension=1e-2 * run[0].tension)
+    assert tension_figure(light, 0).axes[0].get_ylabel() == "link tension [N]"
+    bar = [axis for axis in drive_figure(light).axes if "tension" in axis.get_ylabel()]
+    assert [axis.get_ylabel() for axis in bar] == ["link tension [N]"]

@@ -10,17 +10,21 @@ from drives import two_sprockets
 from hypothesis import given
 from hypothesis import strategies as st
 
-from warpchain import Record, Trajectory, simulate, write_archive
+from warpchain import Record, Trajectory, load_drive, simulate, write_archive
 from warpchain.cli import main
+from warpchain.drive.examples import drive_path
 from warpchain.errors import SimulationError
 from warpchain.results.colors import tension_color
 from warpchain.results.signals import peak_frames, peaks_over_time
 from warpchain.view.chosen import recorded, to_compare, varied_inputs
-from warpchain.view.colors import packed_colors, tension_steps
+from warpchain.view.colors import CURVES, packed_colors, shades, tension_steps, thing_colors
+from warpchain.view.rerun.chart import BACKGROUND
 from warpchain.view.rerun.columns import rows, strips, vectors
 from warpchain.view.rerun.drive import log_drive
+from warpchain.view.rerun.layout import time_panel, watched
 from warpchain.view.rerun.playback import log_recording
-from warpchain.view.rerun.series import curves, log_curves, log_tension_image
+from warpchain.view.rerun.series import axis_range, curves, log_curves, log_tension_image
+from warpchain.view.scale import scale_top
 
 
 class Spy:
@@ -102,7 +106,7 @@ def test_curves_within_the_budget_keep_the_tension_peak(run):
     tension[37, 5] = 1e6  # one frame's peak, at a frame that even thinning would leave out
     spiked = Trajectory(trajectory.drive, trajectory.time, **trajectory.channels() | {"tension": tension})
     spy = Spy()
-    log_curves(spy, "a", spiked, 20, [(1, 2, 3)], False)
+    log_curves(spy, "a", spiked, 20, {}, False)
     time, columns = spy.columns["/a/curves/tension/largest"]
     values = columns["Scalars:scalars"].values.to_numpy()
     assert len(values) <= 40 < len(trajectory.time)
@@ -206,3 +210,126 @@ def test_frames_are_thinned_out_as_told(run):
         shown = time.to_numpy().astype(float) * 1e-9
         assert len(shown) == 50
         assert (shown[0], shown[-1]) == pytest.approx((0.0, one.trajectory.time[-1]))
+
+
+def spun(drive, seconds, turns, **channels):
+    """A recording of 201 frames in which the driver turns so far, the rest as the channels say."""
+    time = np.linspace(0.0, seconds, 201)
+    angle = np.outer(2.0 * np.pi * turns * time / seconds, [s.sign for s in drive.sprockets])
+    return Trajectory(drive, time, sprocket_angle=angle, **channels)
+
+
+@pytest.mark.parametrize(
+    "seconds, turns, played",
+    [(0.2, 10.0, 20.0), (0.2, 1.0, 5.0), (2.0, 3.0, 6.0), (60.0, 1000.0, 30.0), (0.2, np.nan, 5.0)],
+)
+def test_playback_runs_at_two_seconds_a_revolution_and_over_again(seconds, turns, played):
+    trajectory = spun(two_sprockets(), seconds, turns)
+    assert watched(trajectory) == pytest.approx(played)
+    panel = time_panel([spun(two_sprockets(), 0.5 * seconds, 1.0), trajectory])
+    # two digits of the speed are kept
+    assert panel.playback_speed == pytest.approx(seconds / played, rel=0.05)
+    assert (panel.loop_mode, panel.play_state, panel.timeline) == ("all", "playing", "sim_time")
+
+
+def test_neither_a_start_nor_an_impact_sets_the_scale_of_tension():
+    drive = two_sprockets()
+    tension = np.full((201, 60), 1000.0)
+    tension[:90] = 90e3  # a ramp that is over before the latter half
+    tension[150, 7] = 5e6  # an impact: one of 6060 values there, less than a thousandth
+    recording = Trajectory(drive, np.linspace(0.0, 1.0, 201), tension=tension)
+    assert scale_top([recording]) == pytest.approx(1000.0)
+    louder = dataclasses.replace(recording, tension=2.0 * tension)
+    assert scale_top([recording, louder]) == pytest.approx(2000.0)
+    assert scale_top([recording], 42e3) == 42e3
+    assert scale_top([recording], "42e3") == 42e3
+    engine = load_drive(drive_path("engine"))
+    assert scale_top([dataclasses.replace(recording, drive=engine)], "breaking") == 8900.0  # 06B of ISO 606
+    for wanted, text in (
+        ("breaking", "needs a chain by its size"),
+        ("red", "allowed are a tension above 0"),
+        (-1, "-1"),
+    ):
+        with pytest.raises(SimulationError, match=text):
+            scale_top([recording], wanted)
+
+
+def test_each_sprocket_and_guide_bar_has_its_own_contact_force():
+    """Every roller on a pitch circle presses that sprocket; one on the face presses the bar."""
+    drive = load_drive(drive_path("marine"))
+    position = np.zeros((2, 162, 2)) + 50.0
+    center = np.tile([s.center for s in drive.sprockets], (2, 1, 1))
+    force, guide = np.zeros((2, 162)), np.zeros((2, 162))
+    for s in range(3):
+        position[:, 10 * s : 10 * s + 2] = center[0, s] + [drive.pitch_radius(s), 0.0]
+        force[:, 10 * s : 10 * s + 2] = [[100.0 * (s + 1), 50.0], [0.0, 70.0 * (s + 1)]]
+    position[:, 40] = np.mean([drive.guides[0].start, drive.guides[0].end], axis=0)
+    guide[:, 40] = 30.0, 0.0
+    held = {"position": position, "sprocket_center": center, "sprocket_force": force, "guide_force": guide}
+    recording = spun(drive, 1.0, 1.0)
+    recording = Trajectory(
+        drive, np.array([0.0, 1.0]), sprocket_angle=recording.sprocket_angle[:2], tension=np.ones((2, 162)), **held
+    )
+    shown = {name: values.tolist() for group, name, values in curves(recording) if group == "contact"}
+    assert shown == {
+        "crankshaft": [100.0, 70.0],
+        "tightener": [200.0, 140.0],
+        "camshaft": [300.0, 210.0],
+        "tight strand": [30.0, 0.0],
+    }
+
+
+def test_a_ramp_does_not_set_the_axis_of_the_speed_ratio():
+    drive = two_sprockets()
+    speed = np.linspace(0.0, 10.0, 201)[:, None].repeat(2, axis=1)
+    speed[1, 1] = 15.0  # the driven sprocket springs back while the driver has hardly begun: 300 times its speed
+    speed[100:, 1] *= 1.0 + 0.01 * np.cos(np.arange(101))
+    recording = spun(drive, 1.0, 5.0, sprocket_speed=speed)
+    low, high = axis_range([recording], "ratio")
+    # the ripple of a hundredth and a tenth of its range beside it on each side
+    assert (low, high) == pytest.approx((0.988, 1.012), abs=2e-4)
+    assert axis_range([recording], "tension") is None
+
+
+def test_one_color_a_thing_on_every_tab():
+    drive = load_drive(drive_path("engine"))
+    colors = thing_colors(drive)
+    names = [part.name for part in (*drive.sprockets, *drive.guides)] + list(drive.strand_names)
+    assert len({colors[name] for name in names}) == len(names) == 11
+    run = simulate(two_sprockets(duration=0.005))
+    spy = Spy()
+    log_recording(spy, [recorded(run, None)])
+    seen = {}
+    for path, parts in spy.static.items():
+        if "/curves/" in path:
+            (style,) = parts
+            seen.setdefault(path.rsplit("/")[-1], set()).add(style.colors.as_arrow_array().to_pylist()[0])
+    assert {"driver", "driven", "largest"} <= seen.keys()
+    assert all(len(found) == 1 for found in seen.values())
+    assert len(set.union(*seen.values())) == len(seen)
+    # its spoke and its name in the drive view, too
+    outline, label = (
+        spy.static["/variant\\ 0/drive/sprockets/driven"][0],
+        spy.static["/variant\\ 0/drive/sprockets/driven/name"][0],
+    )
+    assert {outline.colors.as_arrow_array().to_pylist()[1], *label.colors.as_arrow_array().to_pylist()} == seen[
+        "driven"
+    ]
+
+
+def luminance(color):
+    """Relative luminance of sRGB (WCAG 2.1)."""
+    share = np.array(color) / 255.0
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+
+def test_curves_are_readable_on_dark_ground():
+    """Contrast of at least 4.5 to 1, which WCAG asks of text; shades of one variant are told apart."""
+    ground = luminance(BACKGROUND) + 0.05
+    for color in CURVES:
+        for shade in shades(color):
+            assert (luminance(shade) + 0.05) / ground > 4.5
+        apart = [np.linalg.norm(np.subtract(a, b)) for i, a in enumerate(shades(color)) for b in shades(color)[:i]]
+        assert min(apart) > 15.0
+    apart = [np.linalg.norm(np.subtract(a, b)) for i, a in enumerate(CURVES) for b in CURVES[:i]]
+    assert min(apart) > 40.0

@@ -1,40 +1,154 @@
-"""A recorded variant as a compressed numpy file."""
+"""A recorded variant as a file for other programs: numpy, CSV, Parquet, HDF5, MATLAB."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from warpchain.errors import ArchiveError
+from warpchain.errors import ArchiveError, WarpchainError
 from warpchain.files import refusals, whole_file
+from warpchain.results.channels import AXES, CHANNEL, UNITS
+from warpchain.version import installed
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from warpchain.results.run import Trajectory
 
 
-def export_npz(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
-    """Writes one variant's trajectory to `output`: the arrays `time` and every recorded channel, by name, in SI units.
+def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
+    """Writes one variant's trajectory in the format that the file's ending names, one of `FORMATS`.
+
+    All values are in SI units, which each format but .npz tells. In .npz, .h5 and .mat every channel is an array
+    (F, ...) of its name; in .csv and .parquet every number has a column of its own, such as `position.12.x` or
+    `sprocket_speed.camshaft`, one row a frame.
 
     Args:
         archive: the MCAP archive.
-        output: the .npz file; it appears under this name only when whole.
+        output: the file; it appears under this name only when whole.
         variant: which variant; None is the first recorded.
 
     Returns:
         The file written.
 
     Raises:
-        ArchiveError: an archive that cannot be read, or a file that cannot be written.
+        ArchiveError: an archive that cannot be read, a file that cannot be written, or another ending.
         SimulationError: a variant that was not recorded.
+        WarpchainError: HDF5 without the package h5py.
     """
     from warpchain.archive.write import read_archive
 
+    path = Path(output)
+    if path.suffix.lower() not in FORMATS:
+        raise ArchiveError(f"{path}: ending {path.suffix!r}: allowed are {', '.join(FORMATS)}")
     run = read_archive(archive)
     recorded = list(run)
     if not recorded:
         raise ArchiveError(f"{archive}: holds no trajectory to export")
     trajectory = run[recorded[0] if variant is None else variant]
-    path = Path(output)
-    arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
     with refusals(path, ArchiveError), whole_file(path) as file:
-        np.savez_compressed(file, **arrays)
+        FORMATS[path.suffix.lower()](file, trajectory)
     return path
+
+
+def export_npz(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
+    """Writes one variant's trajectory to the .npz file `output`: `export`.
+
+    Raises:
+        ArchiveError, SimulationError: as `export`.
+    """
+    return export(archive, output, variant)
+
+
+def flat(trajectory: Trajectory) -> pa.Table:
+    """A table with a column for every number of a frame, named CHANNEL.INDEX or CHANNEL.SPROCKET, with .x or .y behind
+    it for vectors; fields' metadata have the `unit`."""
+    import pyarrow as pa
+
+    values: list[NDArray[np.floating]] = [trajectory.time]
+    names, units = ["time"], [UNITS["time"]]
+    sprockets = [sprocket.name for sprocket in trajectory.drive.sprockets]
+    for channel, array in trajectory.channels().items():
+        of = sprockets if CHANNEL[channel].of_sprocket else [str(i) for i in range(array.shape[1])]
+        for i, part in enumerate(of):
+            if array.ndim == 2:
+                names.append(f"{channel}.{part}")
+                values.append(array[:, i])
+            else:
+                names += [f"{channel}.{part}.{axis}" for axis in AXES]
+                values += [array[:, i, k] for k in range(len(AXES))]
+        units += [UNITS[channel]] * (len(names) - len(units))
+    fields = [
+        pa.field(name, pa.from_numpy_dtype(column.dtype), metadata={"unit": unit})
+        for name, column, unit in zip(names, values, units, strict=True)
+    ]
+    arrays = [pa.array(np.ascontiguousarray(column)) for column in values]
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata={"warpchain": installed()}))
+
+
+def _npz(file: IO[bytes], trajectory: Trajectory) -> None:
+    arrays: dict[str, Any] = {"time": trajectory.time, **trajectory.channels()}
+    np.savez_compressed(file, **arrays)
+
+
+def _csv(file: IO[bytes], trajectory: Trajectory) -> None:
+    """A first line of names with units in brackets, such as `tension.12 [N]`; numbers in full."""
+    from pyarrow import csv
+
+    table = flat(trajectory)
+    heads = [f"{field.name} [{field.metadata[b'unit'].decode()}]" for field in table.schema]
+    csv.write_csv(table.rename_columns(heads), file)
+
+
+def _parquet(file: IO[bytes], trajectory: Trajectory) -> None:
+    import pyarrow.parquet as pq
+
+    pq.write_table(flat(trajectory), file, compression="zstd")
+
+
+def _hdf5(file: IO[bytes], trajectory: Trajectory) -> None:
+    """A dataset a channel with the attributes `units`, `description` and dimension labels; time as their scale."""
+    try:
+        import h5py
+    except ImportError:
+        raise WarpchainError("HDF5: needs h5py; install it with: pip install 'warpchain[hdf5]'") from None
+
+    with h5py.File(file, "w") as root:
+        root.attrs["warpchain"] = installed()
+        root.attrs["sprockets"] = [sprocket.name for sprocket in trajectory.drive.sprockets]
+        root.attrs["drive"] = trajectory.drive.model_dump_json(exclude_none=True)
+        time = root.create_dataset("time", data=trajectory.time)
+        time.attrs["units"] = UNITS["time"]
+        time.make_scale("time")
+        for name, values in trajectory.channels().items():
+            held = root.create_dataset(name, data=values, compression="gzip", shuffle=True)
+            held.attrs["units"], held.attrs["description"] = UNITS[name], CHANNEL[name].description
+            held.dims[0].attach_scale(time)
+            for k, label in enumerate(CHANNEL[name].dimensions):
+                held.dims[k].label = label
+
+
+def _matlab(file: IO[bytes], trajectory: Trajectory) -> None:
+    """A variable a channel, of MATLAB's format 5; a struct `units` of their units; the sprockets' names as a cell."""
+    from scipy.io import savemat
+
+    channels = trajectory.channels()
+    names = np.array([sprocket.name for sprocket in trajectory.drive.sprockets], dtype=object)
+    held: dict[str, Any] = {"time": trajectory.time[:, None], **channels, "sprockets": names}
+    held["units"] = {name: UNITS[name] for name in ("time", *channels)}
+    savemat(file, held, do_compression=True)
+
+
+FORMATS: dict[str, Callable[[IO[bytes], Trajectory], None]] = {
+    ".npz": _npz,
+    ".csv": _csv,
+    ".parquet": _parquet,
+    ".h5": _hdf5,
+    ".hdf5": _hdf5,
+    ".mat": _matlab,
+}
+"""What writes a trajectory, by the file's ending."""

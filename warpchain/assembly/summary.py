@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from warpchain.assembly import statics
+from warpchain.assembly.advice import advice
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout import findings
@@ -112,7 +113,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "strain": assembly.strain,
         "nominal_strain": path.nominal_strain,
         "preload": preload,
-        "layout": list(findings(drive, path)),
+        **_looks(drive, assembly, strands),
         "sprockets": [
             {
                 "name": drive.sprockets[s].name,
@@ -163,6 +164,15 @@ def derive(drive: Drive) -> dict[str, Any]:
     }
 
 
+def _looks(drive: Drive, assembly: Assembly, strands: list[dict[str, Any]]) -> dict[str, list[str]]:
+    """What is wrong with the layout, and what to look at."""
+    tensions = [strand["working_tension"] for strand in strands]
+    return {
+        "layout": list(findings(drive, assembly.path)),
+        "advice": list(advice(drive, assembly.path, tensions)),
+    }
+
+
 def _strands(
     drive: Drive, assembly: Assembly, preload: float, standing: Steady, running: Steady
 ) -> list[dict[str, Any]]:
@@ -207,6 +217,8 @@ def _size_lines(values: dict[str, Any]) -> list[str]:
         return []
     largest = max(strand["working_tension"] for strand in values["strands"])
     share = f", {100.0 * largest / values['breaking_load']:.2g} % of it at work"
+    if largest > 0.0:
+        share += f", a safety of {values['breaking_load'] / largest:.3g}"
     lines = [f"size: {values['size']} (ISO 606), breaking load {1e-3 * values['breaking_load']:.4g} kN{share}"]
     if values["stiffness_is_estimate"]:
         lines.append(
@@ -338,6 +350,7 @@ def report(values: dict[str, Any]) -> str:
         f"fit: {state}, strain {values['strain']:+.3e}, preload {values['preload']:.4g} N at assembly, "
         f"{values['standing_preload']:.4g} N once seated",
         *(f"LAYOUT: {finding}" for finding in values["layout"]),
+        *(f"LOOK AT {finding}" for finding in values["advice"]),
         *_sprocket_lines(values),
         *_strand_lines(values),
         *_guide_lines(values),

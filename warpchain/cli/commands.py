@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from warpchain.errors import WarpchainError
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
 
 DONE, UNFINISHED, WRONG = 0, 1, 2
 """Exit statuses: done; a variant diverged, no row of a study is ok, or interrupted; a mistake of the user's."""
@@ -67,8 +69,9 @@ def fit(arguments: argparse.Namespace) -> int:
 
 def modes(arguments: argparse.Namespace) -> int:
     from warpchain.cli.modes import mode_lines
+    from warpchain.engine.start import start_warp
 
-    start_warp()
+    start_warp(precompiled=False)
     for line in mode_lines(_load(arguments), arguments):
         print(line)
     return DONE
@@ -86,6 +89,7 @@ def tensioner(arguments: argparse.Namespace) -> int:
 def run(arguments: argparse.Namespace) -> int:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.simulation import simulate
+    from warpchain.engine.start import start_warp
     from warpchain.results.run import Record
 
     options = ArchiveOptions(
@@ -95,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
         split_size=arguments.split_size,
     )
     record = Record(rate=arguments.rate, channels=_channels(arguments.channels))
-    start_warp()
+    start_warp(precompiled=False)
     drive = _load(arguments)
     run = simulate(
         drive,
@@ -140,25 +144,6 @@ def _limits(words: list[str]) -> Any:
     return Limits(**changes)
 
 
-def start_warp() -> None:
-    """Starts Warp without its messages, such as that there is no GPU: the bar and the summary speak."""
-    import os
-
-    import warp as wp
-
-    wp.config.log_level = wp.LOG_ERROR
-    wp.config.use_precompiled_headers = False  # the CUDA compiler warns of each that does not match
-    sys.stderr.flush()
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        wp.init()
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
-
-
 def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     """What a run came to, in a few lines."""
     if row["diverged"]:
@@ -185,8 +170,36 @@ def _summary(drive: Any, row: dict[str, Any], seconds: float) -> list[str]:
     efficiency = "" if row.get("efficiency") is None else f", efficiency {row['efficiency']:.4f}"
     rubbing = "" if row.get("joints.friction") is None else f", joint friction {row['joints.friction']:.4g} J"
     lines.append(f"energy: {works}{efficiency}{rubbing}, residual {residual:+.1e}")
-    lines.append(f"status: {row['status']}" + (f": {row['reason']}" if row["reason"] else ""))
-    return lines
+    lines += _loss_lines(drive, row)
+    if row.get("steady") is False:
+        change = row.get("tension_drift")
+        size = "" if change is None else f" (mean tension {change:+.4g} N over the window)"
+        lines.append(f"not steady yet{size}: run longer (--duration) before you take its means for those of the drive")
+    return [*lines, *_status_lines(row)]
+
+
+def _loss_lines(drive: Drive, row: dict[str, Any]) -> list[str]:
+    """What the drive loses, by group: power, and share of the input."""
+    from warpchain.results.losses import losses
+
+    seconds, works = row["window_end"] - row["window_start"], row["input_work"]
+    found = losses(drive, row)
+    total = sum(found.values())
+    if total <= 0.0 or seconds <= 0.0:
+        return []
+    shares = [
+        f"{group} {energy / seconds:.4g} W" + (f" ({100.0 * energy / works:.2g} %)" if works > 0.0 else "")
+        for group, energy in found.items()
+        if energy != 0.0
+    ]
+    part = f", {100.0 * total / works:.3g} % of the input" if works > 0.0 else ""
+    return [f"losses: {total / seconds:.4g} W{part}: {', '.join(shares)}"]
+
+
+def _status_lines(row: dict[str, Any]) -> list[str]:
+    """What the run is judged to be; where it is not ok, why, and what to do about it: a line for each reason."""
+    first, *further = row["reason"].split("; ")
+    return [f"status: {row['status']}" + (f": {first}" if first else ""), *(f"  and: {reason}" for reason in further)]
 
 
 def view(arguments: argparse.Namespace) -> int:
@@ -201,6 +214,7 @@ def view(arguments: argparse.Namespace) -> int:
         web=arguments.web,
         bind=arguments.bind,
         tab=arguments.tab,
+        scale=arguments.scale,
     )
     return DONE
 
@@ -212,16 +226,26 @@ def plot(arguments: argparse.Namespace) -> int:
         paths = plot_sweep([arguments.archive, *arguments.sweep], arguments.output, arguments.format)
     else:
         chosen = {"variant": arguments.variant, "only": arguments.only, "roller": arguments.roller}
-        paths = plot_figures(arguments.archive, arguments.output, kind=arguments.format, **chosen)
+        paths = plot_figures(
+            arguments.archive, arguments.output, kind=arguments.format, scale=arguments.scale, **chosen
+        )
     for path in paths:
         print(path)
     return DONE
 
 
 def export(arguments: argparse.Namespace) -> int:
-    from warpchain.archive.export import export_npz
+    from warpchain.archive.export import export
 
-    print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
+    print(export(arguments.archive, arguments.output, variant=arguments.variant))
+    return DONE
+
+
+def import_signal(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.measured import compare
+
+    for line in compare(arguments):
+        print(line)
     return DONE
 
 

@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | modes | tensioner | run | view | plot | export | ...`.
+"""The command line: `warpchain check | chains | fit | modes | tensioner | run | view | plot | export | import | ...`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
 user's or a refusal of the machine's, said in one line each.
@@ -206,6 +206,11 @@ def _view(commands: Any) -> None:
     parser.add_argument("--frames", type=int, metavar="N", help="frames to draw at most, peaks kept (default 1000)")
     parser.add_argument("--tab", metavar="NAME", help="the tab to open first, such as spectrum")
     parser.add_argument("--web", action="store_true", help="serve the web viewer until Ctrl-C")
+    parser.add_argument(
+        "--scale",
+        metavar="NEWTON",
+        help="tension at the red end of the colors, or breaking; default 99.9 %% of it in the run's latter half",
+    )
     parser.add_argument("--bind", metavar="ADDRESS", default="127.0.0.1", help="where to listen (default 127.0.0.1)")
 
 
@@ -216,6 +221,11 @@ def _plot(commands: Any) -> None:
     parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
     parser.add_argument("--format", nargs="+", default=["png"], choices=["png", "svg"], help="default png")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="figures to draw, such as order-spectrum")
+    parser.add_argument(
+        "--scale",
+        metavar="NEWTON",
+        help="tension at the red end of the colors, or breaking; default 99.9 %% of it in the run's latter half",
+    )
     parser.add_argument("--roller", type=int, metavar="I", help="whose forces to draw; default the one pressed hardest")
     parser.add_argument(
         "--sweep",
@@ -231,12 +241,40 @@ def _export(commands: Any) -> None:
         commands,
         "export",
         do.export,
-        "write an archive's trajectories as numpy arrays",
-        "warpchain export marine.mcap -o marine.npz",
+        "write an archive's trajectory for other programs: .npz, .csv, .parquet, .h5, .mat",
+        "warpchain export marine.mcap -o marine.csv",
     )
     parser.add_argument("archive", metavar="OUT.mcap", type=Path)
-    parser.add_argument("-o", "--output", metavar="OUT.npz", type=Path, required=True, help="file to write")
+    parser.add_argument(
+        "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="file to write; its ending says how"
+    )
     parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+
+
+def _import(commands: Any) -> None:
+    parser = _add(
+        commands,
+        "import",
+        do.import_signal,
+        "lay a measured signal (CSV) over a run: statistics, orders, figures, Rerun",
+        "warpchain import rig.csv marine.mcap --as 'camshaft->crankshaft.tension' --unit kN -o rig.png rig.rrd",
+    )
+    parser.add_argument("signal", metavar="RIG.csv", type=Path, help="measured values over time, a column each")
+    parser.add_argument("archive", metavar="OUT.mcap", type=Path, help="the run to compare with")
+    parser.add_argument(
+        "--as", dest="name", metavar="NAME", required=True, help="what was measured, such as 'camshaft.moment'"
+    )
+    parser.add_argument("--column", metavar="NAME", help="which column of the file; default the first after the time")
+    parser.add_argument("--time", metavar="NAME", help="the column of time; default the first")
+    parser.add_argument("--unit", metavar="UNIT", help="of the values, such as kN; default what the head says, or SI")
+    parser.add_argument("--time-unit", metavar="UNIT", help="of the time; default what the head says, or s")
+    parser.add_argument(
+        "--offset", default="0", metavar="SECONDS", help="added to the measured time; auto: where both agree best"
+    )
+    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, nargs="+", default=[], help=".png, .svg, .rrd (Rerun) or .json"
+    )
 
 
 def _recover(commands: Any) -> None:
@@ -263,7 +301,7 @@ def _study(commands: Any) -> None:
     add_report_commands(studies)
 
 
-COMMANDS = (_check, _chains, _fit, _modes, _tensioner, _run, _view, _plot, _export, _recover, _study)
+COMMANDS = (_check, _chains, _fit, _modes, _tensioner, _run, _view, _plot, _export, _import, _recover, _study)
 """What adds each command, in the order of the help."""
 
 

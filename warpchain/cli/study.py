@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from warpchain.cli.arguments import gibibytes, part, whole_number
-from warpchain.cli.commands import DONE, UNFINISHED, start_warp
+from warpchain.cli.commands import DONE, UNFINISHED
 
 SHARDS_A_WORKER = 2
 """Fewest shards of a new study for each worker of a cluster, so that none waits long for the last one."""
@@ -45,9 +45,10 @@ def add_commands(commands: Any) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from warpchain.engine.start import start_warp
     from warpchain.study.run import run_study
 
-    start_warp()
+    start_warp(precompiled=False)
     try:
         with _executor(arguments.scheduler) as (executor, parts):
             outcome = run_study(
@@ -86,9 +87,10 @@ def _status(arguments: argparse.Namespace) -> int:
 
 
 def _merge(arguments: argparse.Namespace) -> int:
+    from warpchain.engine.start import start_warp
     from warpchain.study.run import merge_study
 
-    start_warp()
+    start_warp(precompiled=False)
     return _tell(merge_study(arguments.folder, workers=arguments.workers, memory=arguments.memory))
 
 

@@ -42,6 +42,7 @@ from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, relea
 from warpchain.drive.tensioners import Tensioner
 from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text
+from warpchain.show import html
 
 
 class Drive(Part):
@@ -67,6 +68,10 @@ class Drive(Part):
     tensioners: Annotated[tuple[Tensioner, ...], Allowed("must be a list of tensioners")] = ()
     contact: Contact
     run: RunSettings
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        return html(self)
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """A changed copy, checked like a file.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.engine.packed import Packed
+from warpchain.engine.start import start_warp
 from warpchain.errors import SimulationError
 
 
@@ -78,7 +79,7 @@ def _gpus() -> dict[str, int]:
     """The GPUs that Warp sees, with their architectures."""
     import warp as wp
 
-    wp.init()
+    start_warp()
     if not wp.is_cuda_available():
         return {}
     return {str(gpu): int(gpu.arch) for gpu in wp.get_cuda_devices()}

@@ -94,8 +94,10 @@ def simulate(
     from warpchain.engine.ends import causes_of, engaged, layout_line, layouts_of, net_force
     from warpchain.engine.pack import pack
     from warpchain.engine.packed import real_of
+    from warpchain.engine.start import start_warp
     from warpchain.results.channels import frame_of
 
+    start_warp()
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")

@@ -74,7 +74,9 @@ def blueprint(modes: Modes) -> rrb.Blueprint:
         )
         for k in range(len(modes))
     ]
-    return rrb.Blueprint(rrb.Tabs(*tabs), rrb.TimePanel(state="collapsed", timeline="sim_time"))
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs), rrb.TimePanel(state="collapsed", timeline="sim_time", loop_mode="all", play_state="playing")
+    )
 
 
 def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:

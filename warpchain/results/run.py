@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from warpchain.errors import SimulationError
 from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.results.judgement import OK
+from warpchain.show import html
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -129,6 +130,10 @@ class Trajectory:
     tensioner_force: NDArray[np.floating] | None = None
     chamber_pressure: NDArray[np.floating] | None = None
 
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        return html(self)
+
     def channels(self) -> dict[str, NDArray[np.floating]]:
         """The recorded channels by name, without time."""
         held = {name: getattr(self, name) for name in NAMES}
@@ -203,6 +208,10 @@ class Run(Mapping[int, Trajectory]):
     metrics: pa.Table
     trajectories: Mapping[int, Trajectory] = field(repr=False)
     info: RunInfo
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        return html(self)
 
     @property
     def ok(self) -> NDArray[np.bool_]:

@@ -90,6 +90,11 @@ def _nearest(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index
     return near, apart
 
 
+def near_sprockets(trajectory: Trajectory, frame: Index, roller: Index) -> Index:
+    """The sprocket whose pitch circle each of K rollers (frame, roller) is nearest to (K,)."""
+    return _nearest(trajectory, frame, roller)[0]
+
+
 def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None, roller: Index | None = None) -> Array:
     """Direction of the contact force of sprocket s on rollers, wherever they are: that of the nearest gap's surface.
 

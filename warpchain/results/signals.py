@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.path import chain_path
 from warpchain.drive import Drive
 from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import Passing, nearest_guide, passing_link
+from warpchain.results.scene import Passing, near_sprockets, nearest_guide, passing_link
 
 Array = NDArray[np.float64]
 
@@ -121,6 +121,26 @@ def guide_forces(trajectory: Trajectory) -> list[tuple[Array, Array]]:
         total = np.bincount(frame[mine], force[mine], minlength=count)
         found.append((np.asarray(total, float), np.asarray(np.bincount(frame[mine], minlength=count), float)))
     return found
+
+
+def largest_contacts(trajectory: Trajectory) -> list[Array]:
+    """The largest contact force of each sprocket, then of each guide-bar, on any roller (F,) [N]; 0 where it has none.
+
+    A pressed roller is of the sprocket whose pitch circle, or of the guide-bar whose face, is nearest.
+    """
+    assert trajectory.position is not None
+    assert trajectory.sprocket_force is not None
+    assert trajectory.guide_force is not None
+    drive, count = trajectory.drive, len(trajectory.time)
+    largest = np.zeros((len(drive.sprockets) + len(drive.guides), count))
+    frame, roller = np.nonzero(trajectory.sprocket_force > 0.0)
+    force = np.asarray(trajectory.sprocket_force, dtype=float)[frame, roller]
+    np.maximum.at(largest, (near_sprockets(trajectory, frame, roller), frame), force)
+    frame, roller = np.nonzero(trajectory.guide_force > 0.0)
+    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
+    np.maximum.at(largest, (len(drive.sprockets) + nearest_guide(drive, x), frame), force)
+    return list(largest)
 
 
 class ContactAngles(NamedTuple):

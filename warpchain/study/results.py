@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 STATUSES = (*JUDGED, "infeasible")
 """What a row can be: a variant as it is judged, or a row that gives none."""
+SHOWN = 6
+"""Metrics that notebooks show."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,20 @@ class Results:
     table: pa.Table
     factors: tuple[str, ...]
     metrics: tuple[str, ...]
+
+    def _repr_html_(self) -> str:
+        """What notebooks show: how the rows ended, and factors and metrics of the first ones."""
+        from warpchain.view.notebook import ROWS, status_html, table_html, value_text
+
+        words = self.status
+        counts = ", ".join(f"{words.count(word)} {word}" for word in STATUSES if word in words)
+        names = [*self.factors, *self.metrics[:SHOWN]]
+        rows = [
+            [str(self.variants[k]), status_html(words[k]), *(value_text(row[name], self.unit(name)) for name in names)]
+            for k, row in enumerate(self.table.slice(0, ROWS).to_pylist())
+        ]
+        caption = f"{len(words)} rows: {counts}; {len(self.factors)} factors, {len(self.metrics)} metrics"
+        return table_html(("variant", "status", *names), rows, caption)
 
     @property
     def variants(self) -> NDArray[np.int64]:

@@ -13,21 +13,43 @@ from warpchain.results.colors import tension_color
 if TYPE_CHECKING:
     from matplotlib.colors import ListedColormap
 
+    from warpchain.drive import Drive
+
 Color = tuple[int, int, int]
 
 CURVES: tuple[Color, ...] = (
-    *((90, 170, 240), (240, 150, 60), (110, 200, 110)),
-    *((220, 110, 200), (230, 220, 90), (120, 220, 220)),
+    *((90, 170, 240), (240, 150, 60), (110, 200, 110), (220, 110, 200), (230, 220, 90), (120, 225, 225)),
+    *((240, 130, 125), (170, 145, 250), (185, 150, 115), (165, 230, 50), (150, 190, 165), (245, 180, 225)),
 )
-"""Colors of curves in Rerun, and of variants that are compared."""
+"""Colors of curves in Rerun, and of variants that are compared: told apart on its dark ground."""
+EXTREMES: dict[str, Color] = {"largest": (255, 75, 75), "mean": (240, 240, 240), "smallest": (95, 120, 255)}
+"""Colors of curves that are of the whole chain."""
 SHOWN, RECORDED, BEST, OTHERS = (240, 90, 60), (90, 170, 240), (240, 200, 60), (140, 140, 140)
 """Dots of variants in Rerun: played, recorded but not played, on the Pareto front, all others."""
 
 
 def shades(color: Color) -> tuple[Color, ...]:
-    """A variant's color, and darker ones for further curves of it."""
-    red, green, blue = color
-    return tuple((int(share * red), int(share * green), int(share * blue)) for share in (1.0, 0.72, 0.52, 0.4))
+    """A variant's color, lighter ones for further curves of it, and a darker one that a dark ground still shows."""
+    return (color, _mixed(color, 0.38, 255), _mixed(color, 0.66, 255), _mixed(color, 0.15, 0))
+
+
+def _mixed(color: Color, share: float, gray: int) -> Color:
+    red, green, blue = (round(part + share * (gray - part)) for part in color)
+    return red, green, blue
+
+
+def thing_colors(drive: Drive, variant: Color | None = None) -> dict[str, Color]:
+    """The color of everything that curves are of, by name: one a sprocket, guide-bar and strand wherever it is shown.
+
+    Args:
+        variant: the variant's color among others, whose curves then differ by shade; None where it is alone.
+    """
+    bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
+    if variant is None:
+        names = [*bodies, *drive.strand_names]
+        return EXTREMES | {name: CURVES[k % len(CURVES)] for k, name in enumerate(names)}
+    own = shades(variant)
+    return {name: own[k % len(own)] for names in (EXTREMES, bodies, drive.strand_names) for k, name in enumerate(names)}
 
 
 @lru_cache(maxsize=1)

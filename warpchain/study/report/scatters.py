@@ -15,13 +15,15 @@ from warpchain.study.analysis.pareto import pareto_front
 from warpchain.study.report.sections import telling_metrics
 from warpchain.study.results import Results
 from warpchain.view.chosen import NEEDED
-from warpchain.view.colors import BEST, CURVES, OTHERS, SHOWN
+from warpchain.view.colors import BEST, OTHERS, SHOWN, thing_colors
 from warpchain.view.rerun.chart import BACKGROUND, Chart
 from warpchain.view.rerun.columns import entity
-from warpchain.view.rerun.drive import log_drive, shown_frames, tension_top
+from warpchain.view.rerun.drive import log_drive, shown_frames
+from warpchain.view.rerun.layout import time_panel
 from warpchain.view.rerun.save import saved
 from warpchain.view.rerun.scatter import INPUTS, METRICS, Dots, Quantity, log_scatter
 from warpchain.view.rerun.series import GROUPS, log_curves
+from warpchain.view.scale import scale_top
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -85,7 +87,8 @@ def log_study(
     scatters = rrb.Grid(*(chart.view(chart.path[-1]) for chart in charts), grid_columns=columns, name="study")
     played = [_log_recorded(stream, f"variant {variant}", one) for variant, one in recorded.items()]
     both = rrb.Horizontal(scatters, rrb.Tabs(*played), column_shares=[3, 2]) if played else scatters
-    return rrb.Blueprint(both, rrb.TimePanel(state="collapsed"), auto_views=False, collapse_panels=True)
+    panel = time_panel(list(recorded.values())) if recorded else rrb.TimePanel(state="collapsed")
+    return rrb.Blueprint(both, panel, auto_views=False, collapse_panels=True)
 
 
 def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory) -> rrb.Container:
@@ -95,9 +98,9 @@ def _log_recorded(stream: rr.RecordingStream, name: str, trajectory: Trajectory)
     missing = [channel for channel in NEEDED if getattr(trajectory, channel) is None]
     if missing:
         raise StudyError(f"{name} was recorded without {', '.join(missing)}, which this needs")
-    drawn, top = shown_frames(trajectory, FRAMES), tension_top(trajectory)
+    drawn, top = shown_frames(trajectory, FRAMES), scale_top([trajectory])
     log_drive(stream, name, drawn, top)
-    log_curves(stream, name, trajectory, FRAMES, CURVES, own=False)
+    log_curves(stream, name, trajectory, FRAMES, thing_colors(trajectory.drive), own=False)
     title = f"{name}: link tension from blue (0 N) to red ({top:.4g} N)"
     moving = rrb.Spatial2DView(origin=entity(name, "drive"), name=title, background=BACKGROUND)
     over_time = rrb.TimeSeriesView(origin=entity(name, "curves", "tension"), name=GROUPS["tension"])

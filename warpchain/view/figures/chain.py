@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.results.colors import full_scale
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import (
     SPECTRUM_FLOOR,
@@ -15,8 +14,10 @@ from warpchain.results.signals import (
     order_spectra,
     peaks_over_time,
 )
+from warpchain.results.units import display_unit
 from warpchain.view.colors import tension_colormap
-from warpchain.view.figures.style import LINES, arrowed, panels
+from warpchain.view.figures.style import LINES, arrowed, key, panels
+from warpchain.view.scale import scale_top
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,20 +30,24 @@ DOTS = 20_000
 """Most dots of one sprocket."""
 
 
-def waterfall_figure(trajectory: Trajectory) -> Figure:
-    """Tension of every link over time, time running down: each row the largest tension of its spell."""
+def waterfall_figure(trajectory: Trajectory, top: float | None = None) -> Figure:
+    """Tension of every link over time, time running down: each row the largest tension of its spell.
+
+    Args:
+        top: tension at the red end of the color scale [N]; None takes `scale_top`.
+    """
     assert trajectory.tension is not None
     figure, (axis,) = panels(1, 7.0, "Tension of all links over time", trajectory.drive)
     _, rows = peaks_over_time(trajectory.tension, ROWS)
-    top = 1e-3 * full_scale(trajectory.tension)
+    top = scale_top([trajectory]) if top is None else top
+    unit, factor = display_unit("N", top)
     extent = (-0.5, trajectory.drive.chain.links - 0.5, float(trajectory.time[-1]), 0.0)
-    image = axis.imshow(
-        1e-3 * rows, aspect="auto", extent=extent, cmap=tension_colormap(), vmin=0.0, vmax=top, interpolation="nearest"
-    )
+    colors: Any = {"cmap": tension_colormap(), "vmin": 0.0, "vmax": factor * top}
+    image = axis.imshow(factor * rows, aspect="auto", extent=extent, interpolation="nearest", **colors)
     axis.grid(False)
     axis.set_xlabel("link number")
     axis.set_ylabel("time [s]")
-    figure.colorbar(image, ax=axis, label="link tension, largest of each spell [kN]", extend="both")
+    figure.colorbar(image, ax=axis, label=f"link tension, largest of each spell [{unit}]", extend="both")
     return figure
 
 
@@ -67,7 +72,7 @@ def spectrum_figure(trajectory: Trajectory) -> Figure | None:
             axis.set_ylim(SPECTRUM_FLOOR * peak, 2.0 * peak)
         axis.set_xlim(0.0, (TOOTH_PASSINGS + 0.5) * driver.teeth)
         axis.set_ylabel(f"amplitude of\n{label}")
-        axis.legend(loc="upper right", fontsize=8)
+        key(axis)
     axes[-1].set_xlabel(f"order [multiples of the revolutions of {driver.name}]")
     return figure
 
@@ -78,9 +83,11 @@ def angle_figure(trajectory: Trajectory) -> Figure:
     count = len(drive.sprockets)
     title = "Contact force against angle on the sprocket, latter half of the run"
     figure, axes = panels(count, 2.5 * count + 0.9, title, drive, share=False)
+    every = [contact_angles(trajectory, s) for s in range(count)]
+    unit, factor = display_unit("N", max(float(found.force.max(initial=0.0)) for found in every))
     for s, (axis, sprocket) in enumerate(zip(axes, drive.sprockets, strict=True)):
-        found = contact_angles(trajectory, s)
-        angle, force = np.degrees(found.angle), 1e-3 * found.force
+        found = every[s]
+        angle, force = np.degrees(found.angle), factor * found.force
         thin = slice(None, None, max(len(angle) // DOTS, 1))
         axis.plot(
             angle[thin],
@@ -104,8 +111,8 @@ def angle_figure(trajectory: Trajectory) -> Figure:
             axis.axvline(edge, color="black", lw=0.8, ls="--" if edge == 0.0 else ":", label=name)
         axis.set_xlim(low, high)
         axis.set_ylim(0.0, 1.05 * top or 1.0)
-        axis.set_ylabel("contact force [kN]")
+        axis.set_ylabel(f"contact force [{unit}]")
         axis.set_title(f"{sprocket.name}, {sprocket.teeth} teeth", loc="left", fontsize=10)
-    axes[0].legend(loc="upper right", fontsize=8, ncols=2)
+    key(axes[0])
     axes[-1].set_xlabel("angle since the roller reached the sprocket, in the direction of travel [degrees]")
     return figure

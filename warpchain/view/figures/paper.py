@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.results.colors import full_scale
 from warpchain.results.run import Trajectory
 from warpchain.results.scene import contact_arrows, guide_outline, nearest_sprocket, strand_displacement, tooth_outline
 from warpchain.results.signals import guide_forces, last_round
+from warpchain.results.units import display_unit
 from warpchain.view.chosen import part_of
 from warpchain.view.colors import tension_colormap
-from warpchain.view.figures.style import PARTS, about, arrowed, curve, panels
+from warpchain.view.figures.style import PARTS, about, arrowed, curve, key, panels, shown_in
+from warpchain.view.scale import scale_top
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,13 +35,14 @@ def displacement_figure(trajectory: Trajectory) -> Figure:
     title = "Transverse displacement of each strand at mid-span"
     figure, axes = panels(len(names), 2.2 * len(names) + 0.9, title, trajectory.drive)
     for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
-        values = 1e3 * strand_displacement(trajectory, k)
-        mean = float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
-        curve(axis, trajectory.time, values, color="tab:blue")
-        axis.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:+.2f} mm")
-        axis.set_ylabel("displacement [mm]\n(left of travel +)")
+        values = strand_displacement(trajectory, k)
+        unit, factor = shown_in("m", values)
+        mean = factor * float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
+        curve(axis, trajectory.time, factor * values, color="tab:blue")
+        axis.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:+.3g} {unit}")
+        axis.set_ylabel(f"displacement [{unit}]\n(left of travel +)")
         axis.set_title(arrowed(name), loc="left", fontsize=10)
-        axis.legend(loc="upper right", fontsize=8)
+        key(axis)
     axes[-1].set_xlabel("time [s]")
     return figure
 
@@ -51,12 +53,13 @@ def guide_figure(trajectory: Trajectory) -> Figure:
     figure, axes = panels(2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", drive)
     for g, (guide, (force, rollers)) in enumerate(zip(drive.guides, forces, strict=True)):
         above, below = axes[2 * g : 2 * g + 2]
-        curve(above, trajectory.time, 1e-3 * force, color="tab:red")
-        mean = 1e-3 * float(force.mean())
-        above.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:.2f} kN")
-        above.set_ylabel("sum over rollers [kN]")
+        unit, factor = shown_in("N", force)
+        curve(above, trajectory.time, factor * force, color="tab:red")
+        mean = factor * float(force.mean())
+        above.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:.3g} {unit}")
+        above.set_ylabel(f"sum over rollers [{unit}]")
         above.set_title(guide.name, loc="left", fontsize=10)
-        above.legend(loc="upper right", fontsize=8)
+        key(above)
         curve(below, trajectory.time, rollers, color="0.4")
         below.set_ylabel("rollers pressed [1]")
     axes[-1].set_xlabel("time [s]")
@@ -68,11 +71,12 @@ def tension_figure(trajectory: Trajectory, link: int) -> Figure:
     trajectory = part_of(trajectory, last_round(trajectory))
     assert trajectory.tension is not None
     figure, (axis,) = panels(1, 4.4, f"Tension of link {link} over the chain's last round", trajectory.drive)
-    curve(axis, trajectory.time, 1e-3 * trajectory.tension[:, link], color="tab:blue")
+    unit, factor = shown_in("N", trajectory.tension[:, link])
+    curve(axis, trajectory.time, factor * trajectory.tension[:, link], color="tab:blue")
     axis.axhline(0.0, color="black", lw=0.6)
     _shade(axis, trajectory, link)
     axis.set_xlabel("time [s]")
-    axis.set_ylabel("link tension [kN]")
+    axis.set_ylabel(f"link tension [{unit}]")
     return figure
 
 
@@ -84,11 +88,12 @@ def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
     figure, (above, below) = panels(
         2, 5.8, f"Contact forces on roller {roller} over the chain's last round", trajectory.drive
     )
-    curve(above, trajectory.time, 1e-3 * trajectory.sprocket_force[:, roller], color="tab:blue")
-    above.set_ylabel("contact with sprockets [kN]")
+    of_sprockets = above, trajectory.sprocket_force, "sprockets", "tab:blue"
+    for axis, forces, word, color in (of_sprockets, (below, trajectory.guide_force, "guide-bars", "tab:red")):
+        unit, factor = shown_in("N", forces[:, roller])
+        curve(axis, trajectory.time, factor * forces[:, roller], color=color)
+        axis.set_ylabel(f"contact with {word} [{unit}]")
     _shade(above, trajectory, roller)
-    curve(below, trajectory.time, 1e-3 * trajectory.guide_force[:, roller], color="tab:red")
-    below.set_ylabel("contact with guide-bars [kN]")
     below.set_xlabel("time [s]")
     return figure
 
@@ -107,12 +112,16 @@ def _shade(axis: Any, trajectory: Trajectory, roller: int) -> None:
             span = trajectory.time[frame], trajectory.time[last]
             axis.axvspan(*span, color=PARTS[s % len(PARTS)], alpha=0.15, lw=0, label=label)
         frame += length
-    if named:
-        axis.legend(loc="upper right", fontsize=8)
+    key(axis)
 
 
-def drive_figure(trajectory: Trajectory, frame: int | None = None) -> Figure:
-    """The drive at one instant, the chain colored by tension, with the contact forces on it (Figure 8)."""
+def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | None = None) -> Figure:
+    """The drive at one instant, the chain colored by tension, with the contact forces on it (Figure 8).
+
+    Args:
+        frame: which; None is three quarters through.
+        top: tension at the red end of the color scale [N]; None takes `scale_top`.
+    """
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
@@ -121,37 +130,71 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None) -> Figure:
     assert trajectory.tension is not None
     drive, f = trajectory.drive, len(trajectory.time) * 3 // 4 if frame is None else frame
     x = trajectory.position[f]
-    span = np.ptp(x, axis=0)
-    figure = Figure(figsize=(11.0, 5.5) if span[0] >= span[1] else (6.5, 10.0), layout="constrained")
+    arrows, largest, reach = _arrows(trajectory, f)
+    low, high = _extent(trajectory, f, [x + reach * force for force in arrows])
+    span = high - low
+    unit, factor = shown_in("m", span)
+    figure = Figure(figsize=_size(float(span[1] / span[0])), layout="constrained")
     axis = figure.subplots()
-    _draw_parts(axis, trajectory, f)
-    top = full_scale(trajectory.tension)
-    links = np.stack([x, np.roll(x, -1, axis=0)], axis=1)
-    chain = LineCollection(list(links), cmap=tension_colormap(), norm=Normalize(0.0, 1e-3 * top), lw=3, zorder=3)
-    chain.set_array(1e-3 * trajectory.tension[f])
+    _draw_parts(axis, trajectory, f, factor)
+    top = scale_top([trajectory]) if top is None else top
+    newton, scale = display_unit("N", top)
+    links = factor * np.stack([x, np.roll(x, -1, axis=0)], axis=1)
+    chain = LineCollection(list(links), cmap=tension_colormap(), norm=Normalize(0.0, scale * top), lw=3, zorder=3)
+    chain.set_array(scale * trajectory.tension[f])
     axis.add_collection(chain)
-    figure.colorbar(chain, ax=axis, label="link tension [kN]", shrink=0.6)
-    arrows = contact_arrows(part_of(trajectory, slice(f, f + 1)))
-    largest = max(float(np.hypot(*np.moveaxis(a[0], -1, 0)).max()) for a in arrows)
-    reach = 0.12 * float(span.max()) / largest if largest > 0.0 else 1.0
+    figure.colorbar(chain, ax=axis, label=f"link tension [{newton}]", shrink=0.6, extend="both")
     kinds = (("black", "contact with sprockets"), ("tab:red", "contact with guide-bars"))
     for force, (color, label) in zip(arrows, kinds, strict=True):
-        pressed = force[0].any(axis=1)
-        tips = (force[0, pressed] * reach).T
+        pressed = force.any(axis=1)
         straight: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.002}
-        axis.quiver(*x[pressed].T, *tips, **straight, color=color, zorder=4, label=label)
-    axis.plot([], [], " ", label=f"longest arrow {1e-3 * largest:.3g} kN")
+        if pressed.any():
+            tips = (factor * reach * force[pressed]).T
+            axis.quiver(*factor * x[pressed].T, *tips, **straight, color=color, zorder=4)
+        axis.plot([], [], color=color, lw=1.5, label=label)
+    word, share = display_unit("N", largest)
+    axis.plot([], [], " ", label=f"longest arrow {share * largest:.3g} {word}")
     axis.set_aspect("equal")
-    axis.margins(x=0.12)
-    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    axis.set_xlabel("x [m]")
-    axis.set_ylabel("y [m]")
-    axis.set_title(f"Forces on the chain at {trajectory.time[f]:.4g} s\n{about(drive)}", fontsize=12)
+    axis.set_xlim(factor * low[0], factor * high[0])
+    axis.set_ylim(factor * low[1], factor * high[1])
+    figure.legend(loc="outside lower center", ncols=1 if span[1] > span[0] else 3, fontsize=8, frameon=False)
+    axis.set_xlabel(f"x [{unit}]")
+    axis.set_ylabel(f"y [{unit}]")
+    axis.set_title(f"Forces on the chain at {trajectory.time[f]:.4g} s\n{about(drive)}", fontsize=11)
     return figure
 
 
-def _draw_parts(axis: Any, trajectory: Trajectory, f: int) -> None:
-    """Sprockets and guide-bars as they are at a frame."""
+def _arrows(trajectory: Trajectory, f: int) -> tuple[list[Any], float, float]:
+    """Contact forces at a frame (N, 2) [N] of sprockets, guide-bars; the largest [N]; how long a newton is [m]."""
+    assert trajectory.position is not None
+    arrows = [force[0] for force in contact_arrows(part_of(trajectory, slice(f, f + 1)))]
+    largest = max(float(np.hypot(*force.T).max()) for force in arrows)
+    span = float(np.ptp(trajectory.position[f], axis=0).max())
+    return arrows, largest, 0.12 * span / largest if largest > 0.0 else 0.0
+
+
+def _extent(trajectory: Trajectory, f: int, tips: list[Any]) -> tuple[Any, Any]:
+    """Lower left and upper right corner [m] of all that the drawing of a frame shows, with room around."""
+    drive = trajectory.drive
+    held = [*tips, *(guide_outline(drive, g) for g in range(len(drive.guides)))]
+    assert trajectory.sprocket_center is not None
+    for s, center in enumerate(trajectory.sprocket_center[f]):
+        held += [center + drive.tip_radius(s) * np.array([[-1.0, -1.0], [1.0, 1.0]])]
+    points = np.concatenate(held)
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = 0.04 * float((high - low).max())
+    return low - room, high + room
+
+
+def _size(tall: float) -> tuple[float, float]:
+    """Size of the figure [in] around a drawing so much taller than wide, beside its labels and colors."""
+    wide = float(np.clip(8.5 / max(tall, 1e-9), 3.2, 9.0))
+    return wide + 1.7, min(wide * tall, 9.5) + 1.9
+
+
+def _draw_parts(axis: Any, trajectory: Trajectory, f: int, factor: float) -> None:
+    """Sprockets and guide-bars as they are at a frame, in the unit of that many to a meter."""
     from matplotlib.patheffects import withStroke
 
     assert trajectory.sprocket_angle is not None
@@ -161,12 +204,15 @@ def _draw_parts(axis: Any, trajectory: Trajectory, f: int) -> None:
     for s, sprocket in enumerate(drive.sprockets):
         c, d = np.cos(trajectory.sprocket_angle[f, s]), np.sin(trajectory.sprocket_angle[f, s])
         outline = tooth_outline(drive, s) @ np.array([[c, d], [-d, c]]) + trajectory.sprocket_center[f, s]
+        outline = factor * outline
         axis.fill(*outline.T, color="0.88", zorder=0)
         axis.plot(*outline.T, color="0.45", lw=0.7, zorder=1)
         middle = {"ha": "center", "va": "center", "zorder": 5, "path_effects": halo}
-        axis.annotate(sprocket.name, trajectory.sprocket_center[f, s], fontsize=9, **middle)
+        axis.annotate(sprocket.name, factor * trajectory.sprocket_center[f, s], fontsize=9, **middle)
     for g, guide in enumerate(drive.guides):
-        outline = guide_outline(drive, g)
+        outline = factor * guide_outline(drive, g)
         axis.plot(*outline.T, color="tab:brown", lw=3, zorder=1)
-        below = {"xytext": (0, -4), "textcoords": "offset points", "ha": "center", "va": "top"}
-        axis.annotate(guide.name, min(outline[[0, -1]], key=lambda end: end[1]), fontsize=8, color="tab:brown", **below)
+        end = min(outline[[0, -1]], key=lambda end: end[1])
+        side = "left" if end[0] < np.mean([s.center[0] for s in drive.sprockets]) * factor else "right"  # inward
+        below = {"xytext": (0, -4), "textcoords": "offset points", "ha": side, "va": "top"}
+        axis.annotate(guide.name, end, fontsize=8, color="tab:brown", **below)

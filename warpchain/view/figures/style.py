@@ -13,6 +13,7 @@ from warpchain.drive import Drive
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, whole_file
 from warpchain.results.signals import peak_frames
+from warpchain.results.units import display_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,7 +60,21 @@ def panels(rows: int, height: float, title: str, drive: Drive | None, share: boo
     figure.suptitle(title if drive is None else f"{title}\n{about(drive)}", fontsize=12)
     for axis in axes:
         axis.grid(alpha=0.3)
+        axis.margins(x=0.0)
     return figure, list(axes)
+
+
+def key(axis: Any) -> None:
+    """The legend of a panel, beside the data; none where nothing is named."""
+    if axis.get_legend_handles_labels()[0]:
+        beside: Any = {"loc": "upper left", "bbox_to_anchor": (1.005, 1.0), "borderaxespad": 0.0}
+        axis.legend(fontsize=8, frameon=False, handlelength=1.4, **beside)
+
+
+def shown_in(unit: str, values: Any) -> tuple[str, float]:
+    """The unit that values are shown in, by the largest that is finite, and the factor to multiply them by."""
+    finite = np.abs(values)[np.isfinite(values)]
+    return display_unit(unit, float(finite.max()) if finite.size else 0.0)
 
 
 def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:

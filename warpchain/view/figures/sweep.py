@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive import Drive
+from warpchain.assembly.orders import excited_orders
 from warpchain.errors import SimulationError
 from warpchain.results.run import Run, Trajectory
 from warpchain.results.scene import strand_displacement
@@ -97,23 +97,9 @@ def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") ->
             natural.append(transverse_frequency(trajectory, k))
         frequency, amplitude = zip(*lines, strict=True)
         teeth = drive.sprockets[drive.driver].teeth
-        orders = excited_orders(drive)
+        orders = [order.value for order in excited_orders(drive)]
         result.append(Sweep(arrowed(name), label, speeds, frequency, amplitude, teeth, np.array(natural), orders))
     return result
-
-
-def excited_orders(drive: Drive) -> list[float]:
-    """Orders of the driver's revolution that harmonics of prescribed motions and loads excite, ascending."""
-    driver = drive.sprockets[drive.driver].teeth
-    found = {
-        harmonic.order * driver / sprocket.teeth
-        for sprocket in drive.sprockets
-        for cause in (sprocket.prescribed, sprocket.load)
-        if cause is not None
-        for harmonic in cause.harmonics
-        if harmonic.amplitude != 0.0
-    }
-    return sorted(found)
 
 
 def _speed(trajectory: Trajectory) -> float:
@@ -164,7 +150,9 @@ def campbell_figure(found: Sequence[Sweep], highest: float | None = None) -> Fig
         axis.grid(False)
         axis.set_ylabel("frequency [Hz]")
         axis.set_title(sweep.name, loc="left", fontsize=10)
-    axes[0].legend(loc="upper left", fontsize=8, facecolor="0.35", labelcolor="white", framealpha=0.8)
+    names = axes[0].get_legend_handles_labels()
+    if names[0]:  # below all panels, on the ground that the white lines need
+        figure.legend(*names, loc="outside lower center", ncols=2, fontsize=8, facecolor="0.35", labelcolor="white")
     axes[-1].set_xlabel("mean speed of the driver [rpm]")
     return figure
 

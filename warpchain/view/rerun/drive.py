@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.colors import full_scale
 from warpchain.results.run import Trajectory
 from warpchain.results.scene import guide_outline, pressing, tooth_outline
 from warpchain.view.chosen import part_of
-from warpchain.view.colors import packed_colors, tension_steps
+from warpchain.view.colors import Color, packed_colors, tension_steps, thing_colors
 from warpchain.view.rerun.columns import Column, entity, flipped, rows, send, strips, vectors
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ARROW = 0.12
 """Length of the longest contact-force arrow, as a part of the drive's size."""
-STEEL, RUBBER, PLATES = (150, 155, 165), (190, 120, 60), (105, 105, 110)
+STEEL, PLATES = (150, 155, 165), (105, 105, 110)
 DRAWN_FIRST = 5.0
 """Draw order of what lies below the rollers, whose own is higher (Rerun's default for points is 30, for lines 20)."""
 
@@ -33,19 +33,20 @@ def shown_frames(trajectory: Trajectory, budget: int) -> Trajectory:
     return part_of(trajectory, frames)
 
 
-def tension_top(trajectory: Trajectory) -> float:
-    """Where the color scale of tension ends [N], from some 500 frames."""
-    assert trajectory.tension is not None
-    return full_scale(trajectory.tension[:: max(len(trajectory.time) // 500, 1)])
+def log_drive(
+    stream: rr.RecordingStream, root: str, shown: Trajectory, top: float, colors: Mapping[str, Color] | None = None
+) -> None:
+    """Logs everything of the drive view below `root`, at every frame given; colors end at a tension of `top` [N].
 
-
-def log_drive(stream: rr.RecordingStream, root: str, shown: Trajectory, top: float) -> None:
-    """Logs everything of the drive view below `root`, at every frame given; colors end at a tension of `top` [N]."""
+    Args:
+        colors: of sprockets' spokes and names and of guide-bars, by name; None takes `thing_colors`.
+    """
     assert shown.position is not None
     x = flipped(shown.position)
+    colors = thing_colors(shown.drive) if colors is None else colors
     _log_chain(stream, root, shown, x, top)
-    _log_sprockets(stream, root, shown)
-    _log_guides(stream, root, shown)
+    _log_sprockets(stream, root, shown, colors)
+    _log_guides(stream, root, shown, colors)
     _log_arms(stream, root, shown)
     _log_arrows(stream, root, shown, x)
 
@@ -85,7 +86,7 @@ def _closed(x: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.concatenate([x, x[:, :1]], axis=1)
 
 
-def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
+def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory, colors: Mapping[str, Color]) -> None:
     """Outlines once, and where and how far they are turned at each frame."""
     import rerun as rr
 
@@ -95,13 +96,14 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory) -> 
         path = entity(root, "drive", "sprockets", sprocket.name)
         spoke = np.array([[0.0, 0.0], [0.8 * shown.drive.pitch_radius(s), 0.0]])
         parts = [flipped(tooth_outline(shown.drive, s)), flipped(spoke)]
-        stream.log(path, rr.LineStrips2D(parts, colors=[STEEL], radii=[0.05 * shown.drive.chain.pitch]), static=True)
-        label = rr.Points2D([[0.0, 0.0]], labels=[sprocket.name], radii=[0.1 * shown.drive.chain.pitch], colors=[STEEL])
+        color, thin = colors.get(sprocket.name, STEEL), 0.05 * shown.drive.chain.pitch
+        stream.log(path, rr.LineStrips2D(parts, colors=[STEEL, color], radii=[thin, 1.6 * thin]), static=True)
+        label = rr.Points2D([[0.0, 0.0]], labels=[sprocket.name], radii=[2.0 * thin], colors=[color])
         stream.log(entity(root, "drive", "sprockets", sprocket.name, "name"), label, static=True)
         _turn(stream, path, shown, shown.sprocket_center[:, s], shown.sprocket_angle[:, s])
 
 
-def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
+def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory, colors: Mapping[str, Color]) -> None:
     import rerun as rr
 
     for g, guide in enumerate(shown.drive.guides):
@@ -110,7 +112,9 @@ def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory) -> Non
         if arm is not None and shown.arm_angle is not None:
             outline = outline - np.asarray(shown.drive.arms[arm].pivot)
             _turn(stream, path, shown, np.asarray(shown.drive.arms[arm].pivot), shown.arm_angle[:, arm])
-        line = rr.LineStrips2D([flipped(outline)], colors=[RUBBER], radii=[0.1 * shown.drive.chain.pitch])
+        line = rr.LineStrips2D(
+            [flipped(outline)], colors=[colors.get(guide.name, STEEL)], radii=[0.1 * shown.drive.chain.pitch]
+        )
         stream.log(path, line, static=True)
 
 

@@ -8,13 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.errors import SimulationError
+from warpchain.results.run import Trajectory
+from warpchain.results.signals import forward
 from warpchain.view.chosen import Recorded
 from warpchain.view.rerun.chart import BACKGROUND, Chart
-from warpchain.view.rerun.columns import entity
-from warpchain.view.rerun.series import GROUPS
+from warpchain.view.rerun.columns import TIMELINE, entity
+from warpchain.view.rerun.series import GROUPS, axis_range
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
+
+TURN = 2.0
+"""Seconds in which playback shows a revolution of the driver."""
+LEAST, MOST = 5.0, 30.0
+"""Seconds that playback takes at least and at most."""
 
 
 def blueprint(
@@ -49,6 +56,7 @@ def blueprint(
                 name=GROUPS[group],
                 origin="/",
                 contents=[f"+ {entity(root, 'curves', group)}/**" for root in roots],
+                axis_y=_axis(shown, group),
             )
             for group in groups
         ]
@@ -92,8 +100,39 @@ def blueprint(
     if opened is None:
         raise SimulationError(f"tab {tab!r}: allowed are {', '.join(names)}")
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, active_tab=opened), rrb.TimePanel(state="collapsed"), auto_views=False, collapse_panels=True
+        rrb.Tabs(*tabs, active_tab=opened),
+        time_panel([one.trajectory for one in shown]),
+        auto_views=False,
+        collapse_panels=True,
     )
+
+
+def watched(trajectory: Trajectory) -> float:
+    """Seconds in which a recording is played: `TURN` for every revolution of the driver, within `LEAST` and `MOST`."""
+    turns = 0.0
+    if trajectory.sprocket_angle is not None:
+        angle = forward(trajectory.drive, trajectory.sprocket_angle, trajectory.drive.driver)
+        turns = float(np.abs(np.diff(angle)).sum()) / (2.0 * np.pi)
+    return float(np.clip(TURN * turns, LEAST, MOST)) if np.isfinite(turns) else LEAST
+
+
+def time_panel(shown: Sequence[Trajectory]) -> rrb.TimePanel:
+    """Plays all of the longest recording, over and over, at a speed at which the driver can be seen to turn."""
+    import rerun.blueprint as rrb
+
+    longest = max(shown, key=lambda trajectory: float(trajectory.time[-1]))
+    speed = float(f"{float(longest.time[-1]) / watched(longest):.2g}")
+    return rrb.TimePanel(
+        state="collapsed", timeline=TIMELINE, playback_speed=speed, loop_mode="all", play_state="playing"
+    )
+
+
+def _axis(shown: Sequence[Recorded], group: str) -> rrb.ScalarAxis | None:
+    """The vertical axis of a group of curves."""
+    import rerun.blueprint as rrb
+
+    ends = axis_range([one.trajectory for one in shown], group)
+    return None if ends is None else rrb.ScalarAxis(range=ends)
 
 
 def _bounds(shown: Sequence[Recorded]) -> rrb.VisualBounds2D:

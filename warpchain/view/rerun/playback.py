@@ -13,19 +13,30 @@ from typing import TYPE_CHECKING
 
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.results.run import Run
+from warpchain.results.signals import TENSION
 from warpchain.view.chosen import NEEDED, Recorded, to_compare
-from warpchain.view.colors import CURVES, Color, shades
+from warpchain.view.colors import CURVES, Color, thing_colors
 from warpchain.view.rerun.chart import Chart
 from warpchain.view.rerun.columns import entity
-from warpchain.view.rerun.drive import log_drive, log_outline, shown_frames, tension_top
+from warpchain.view.rerun.drive import log_drive, log_outline, shown_frames
 from warpchain.view.rerun.ensemble import log_ensemble
 from warpchain.view.rerun.layout import blueprint
 from warpchain.view.rerun.save import saved
-from warpchain.view.rerun.series import Line, log_curves, log_spectra, log_tension_image, spectra
+from warpchain.view.rerun.series import (
+    Line,
+    log_curves,
+    log_measured,
+    log_spectra,
+    log_tension_image,
+    spectra,
+)
+from warpchain.view.scale import Scale, scale_top
 
 if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
+
+    from warpchain.results.measured import Comparison
 
 FRAMES = 1000
 """Frames that a recording is shown with, unless another number is given."""
@@ -41,6 +52,8 @@ def view(
     web: bool = False,
     bind: str = "127.0.0.1",
     tab: str | None = None,
+    scale: Scale = None,
+    measured: Sequence[Comparison] = (),
 ) -> None:
     """Shows recorded variants in Rerun: in its viewer, in a browser, or saved as a Rerun recording.
 
@@ -55,45 +68,59 @@ def view(
         web: serve the web viewer until interrupted, instead of the native one.
         bind: address that the viewer listens at.
         tab: the tab that is open at first, by its name or the beginning of it; None is the first.
+        scale: link tension at the red end of the color scale [N], or "breaking", the chain's breaking load; None takes
+            99.9 % of the tensions in the latter half of the recording.
+        measured: signals from a rig (`warpchain.results.measured`) that are drawn over the first variant's curves.
 
     Raises:
         ArchiveError: an archive that cannot be read, or a recording that cannot be written.
-        SimulationError: a variant or channel that was not recorded, a budget below 2, an unknown tab, no viewer.
+        SimulationError: a variant or channel that was not recorded, a budget below 2, an unknown tab or scale,
+            no viewer.
     """
     if frames < 2:
         raise SimulationError(f"frames = {frames}: allowed is a whole number of at least 2")
     shown = to_compare(source, variant, compare, (*NEEDED, "sprocket_speed"))
     if save is not None:
-        _save(shown, Path(save), frames, tab)
+        stream = _stream()
+        with saved(stream, Path(save), ArchiveError):
+            stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
     elif spawn:
         from warpchain.view.rerun.viewer import Viewer
 
         with Viewer(bind, "web" if web else "native") as viewer:
             stream = _stream()
             viewer.connect(stream)
-            stream.send_blueprint(log_recording(stream, shown, frames, tab))
+            stream.send_blueprint(log_recording(stream, shown, frames, tab, scale, measured))
             stream.flush()
             stream.disconnect()
     else:
-        log_recording(_stream(), shown, frames, tab)
+        log_recording(_stream(), shown, frames, tab, scale, measured)
 
 
 def log_recording(
-    stream: rr.RecordingStream, shown: Sequence[Recorded], frames: int = FRAMES, tab: str | None = None
+    stream: rr.RecordingStream,
+    shown: Sequence[Recorded],
+    frames: int = FRAMES,
+    tab: str | None = None,
+    scale: Scale = None,
+    measured: Sequence[Comparison] = (),
 ) -> rrb.Blueprint:
     """Logs the variants, with what compares them and the ensemble of the first one's run; returns the layout."""
     several = len(shown) > 1
-    top = max(tension_top(one.trajectory) for one in shown)
+    top = scale_top([one.trajectory for one in shown], scale)
     images, lines = [], dict[str, list[Line]]()
     for k, one in enumerate(shown):
         color = CURVES[k % len(CURVES)]
         images.append(log_variant(stream, one, frames, top, color if several else None))
-        for title, found in spectra(one.trajectory, shades(color) if several else CURVES).items():
+        colors = thing_colors(one.trajectory.drive, color if several else None)
+        for title, found in spectra(one.trajectory, colors).items():
             named = [line._replace(name=f"{one.label}: {line.name}") if several else line for line in found]
             lines.setdefault(title, []).extend(named)
         if several:
             outline = shown_frames(one.trajectory, frames)
             log_outline(stream, entity("overlaid", one.label), outline, color)
+    for line in log_measured(stream, shown[0].label, measured, frames):
+        lines.setdefault(TENSION, []).append(line)
     teeth = [one.trajectory.drive.sprockets[one.trajectory.drive.driver].teeth for one in shown]
     run = shown[0].run
     scatters = log_ensemble(stream, run, [one.index for one in shown if one.run is run])
@@ -111,8 +138,9 @@ def log_variant(
         color: the variant's among others, None if it is alone.
     """
     drawn = shown_frames(one.trajectory, frames)
-    log_drive(stream, one.label, drawn, top)
-    log_curves(stream, one.label, one.trajectory, frames, shades(color) if color else CURVES, color is not None)
+    colors = thing_colors(one.trajectory.drive, color)
+    log_drive(stream, one.label, drawn, top, colors)
+    log_curves(stream, one.label, one.trajectory, frames, colors, color is not None)
     return log_tension_image(stream, one.label, one.trajectory, drawn, frames, top)
 
 
@@ -120,9 +148,3 @@ def _stream() -> rr.RecordingStream:
     import rerun as rr
 
     return rr.RecordingStream("warpchain", recording_id=None)
-
-
-def _save(shown: Sequence[Recorded], target: Path, frames: int, tab: str | None) -> None:
-    stream = _stream()
-    with saved(stream, target, ArchiveError):
-        stream.send_blueprint(log_recording(stream, shown, frames, tab))

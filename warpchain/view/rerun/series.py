@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,6 +13,8 @@ from warpchain.results.scene import passing_link
 from warpchain.results.signals import (
     SPECTRUM_FLOOR,
     TOOTH_PASSINGS,
+    largest_contacts,
+    latter_half,
     order_spectra,
     peak_frames,
     peaks_over_time,
@@ -21,16 +23,18 @@ from warpchain.results.signals import (
     transmission_error,
 )
 from warpchain.view.colors import Color, packed_colors, tension_steps
-from warpchain.view.rerun.chart import WIDE, Axis, Chart
+from warpchain.view.rerun.chart import INK, WIDE, Axis, Chart
 from warpchain.view.rerun.columns import Column, entity, rows, send
 
 if TYPE_CHECKING:
     import rerun as rr
 
+    from warpchain.results.measured import Comparison
+
 GROUPS = {
     "tension": "link tension [N]",
     "strand tension": "tension at the middle of each strand [N]",
-    "contact": "largest contact force [N]",
+    "contact": "largest contact force on a roller, by sprocket and guide-bar [N]",
     "moment": "moment of the contact forces [N m]",
     "ratio": "speed ratio over that of the teeth [1]",
     "error": "transmission error [mrad]",
@@ -39,6 +43,8 @@ GROUPS = {
     "friction": "friction power of all joints [W]",
 }
 """Groups of curves, each a view, with their titles."""
+DISPLAYED_IN = {"error": 1e3, "displacement": 1e3}
+"""Factors from SI of groups that are shown in another unit."""
 WIDEST = 4096
 """Most columns of an image: a texture's least guaranteed limit is 8192."""
 
@@ -52,9 +58,9 @@ def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floati
     yield "tension", "largest", trajectory.tension.max(axis=1)
     yield "tension", "mean", trajectory.tension.mean(axis=1)
     yield "tension", "smallest", trajectory.tension.min(axis=1)
-    yield "contact", "of sprockets", trajectory.sprocket_force.max(axis=1)
-    if drive.guides:
-        yield "contact", "of guide-bars", trajectory.guide_force.max(axis=1)
+    bodies = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
+    for name, force in zip(bodies, largest_contacts(trajectory), strict=True):
+        yield "contact", name, force
     if trajectory.joint_friction_power is not None:
         yield "friction", "of joints", trajectory.joint_friction_power.sum(axis=1)
     for k, name in enumerate(drive.strand_names):
@@ -73,24 +79,22 @@ def curves(trajectory: Trajectory) -> Iterator[tuple[str, str, NDArray[np.floati
 
 
 def log_curves(
-    stream: rr.RecordingStream, root: str, trajectory: Trajectory, budget: int, colors: Sequence[Color], own: bool
+    stream: rr.RecordingStream, root: str, trajectory: Trajectory, budget: int, colors: Mapping[str, Color], own: bool
 ) -> None:
     """Logs every curve with no more than two points a frame of the budget, peaks kept (`peak_frames`).
 
     Args:
-        colors: of the curves of each group, in order.
+        colors: of the curves by name (`thing_colors`), gray where there is none.
         own: whether the colors are this variant's own among others, whose curves are then named after it.
     """
     import pyarrow as pa
     import rerun as rr
 
-    count: dict[str, int] = {}
     for group, name, values in curves(trajectory):
         path = entity(root, "curves", group, name)
-        k = count[group] = count.get(group, -1) + 1
         style = rr.SeriesLines(
             names=[f"{root}: {name}" if own else name],
-            colors=[colors[k % len(colors)]],
+            colors=[colors.get(name, INK)],
             aggregation_policy=rr.components.AggregationPolicy.MinMax,
         )
         stream.log(path, style, static=True)
@@ -98,6 +102,52 @@ def log_curves(
         scalars = pa.array(np.asarray(values, dtype=np.float64)[frames])
         column = Column(rr.Scalars.descriptor_scalars(), rows(scalars, 1, len(frames)))
         send(stream, path, trajectory.time[frames], [column])
+
+
+def log_measured(stream: rr.RecordingStream, root: str, found: Sequence[Comparison], budget: int) -> list[Line]:
+    """Logs measured signals into the groups of the curves that they are compared with, in white; returns the lines of
+    their spectra that belong among those of strands' tensions."""
+    import pyarrow as pa
+    import rerun as rr
+
+    lines = []
+    for one in found:
+        name = f"measured: {one.measured.name}"
+        path = entity(root, "curves", one.group, name)
+        style = rr.SeriesLines(names=[name], colors=[INK], widths=[1.5])
+        stream.log(path, style, static=True)
+        frames = peak_frames(one.measured.values, budget)
+        values = DISPLAYED_IN.get(one.group, 1.0) * one.measured.values[frames]
+        column = Column(rr.Scalars.descriptor_scalars(), rows(pa.array(values), 1, len(frames)))
+        send(stream, path, one.measured.time[frames], [column])
+        spectrum = one.spectra[1]
+        if one.measured.unit == "N" and spectrum is not None and one.spectra[0] is not None:
+            shown = (spectrum[0] > 0.0) & (spectrum[0] <= one.spectra[0][0][-1])
+            lines.append(Line(name, INK, spectrum[0][shown], spectrum[1][shown]))
+    return lines
+
+
+def axis_range(shown: Sequence[Trajectory], group: str) -> tuple[float, float] | None:
+    """What the vertical axis of a group of curves shows at first [its unit]; None is all.
+
+    Ratios and transmission errors: what they reach in the latter half, as they go far beyond while a driver starts from
+    rest, where they mean little.
+    """
+    held = [np.zeros(0)]
+    for trajectory in shown:
+        drive, part = trajectory.drive, latter_half(trajectory)
+        for s in range(len(drive.sprockets)):
+            if s != drive.driver and group == "error":
+                held.append(1e3 * transmission_error(trajectory, s)[part])
+            elif s != drive.driver and group == "ratio" and trajectory.sprocket_speed is not None:
+                held.append(speed_ratio(trajectory, s)[part])
+    values = np.concatenate(held)
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return None
+    low, high = float(values.min()), float(values.max())
+    room = 0.1 * (high - low) or 0.01 * abs(high) or 0.01
+    return low - room, high + room
 
 
 def log_tension_image(
@@ -128,10 +178,10 @@ class Line(NamedTuple):
     amplitude: NDArray[np.float64]
 
 
-def spectra(trajectory: Trajectory, colors: Sequence[Color]) -> dict[str, list[Line]]:
+def spectra(trajectory: Trajectory, colors: Mapping[str, Color]) -> dict[str, list[Line]]:
     """The order spectra of a recording by the title of their chart, each with its color; {} where none can be."""
     return {
-        title: [Line(one.name, colors[k % len(colors)], one.orders, one.amplitude) for k, one in enumerate(found)]
+        title: [Line(one.name, colors.get(one.name, INK), one.orders, one.amplitude) for one in found]
         for title, found in order_spectra(trajectory).items()
     }
 

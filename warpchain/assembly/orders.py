@@ -34,10 +34,23 @@ def orders(drive: Drive) -> tuple[Order, ...]:
     if drive.chain.outer is not None or _alternate(lengths):
         found.append((0.5 * driver.teeth, "links of two kinds"))
     found.append((driver.teeth / drive.chain.links, "revolution of the chain"))
-    for s, sprocket in enumerate(drive.sprockets):
+    for sprocket in drive.sprockets:
         turns = driver.teeth / sprocket.teeth
         wheel = " and its balance wheel" if sprocket.balance_wheel is not None else ""
         found.append((turns, f"revolution of {sprocket.name}{wheel}"))
+    return _together(found + _driven(drive))
+
+
+def excited_orders(drive: Drive) -> tuple[Order, ...]:
+    """The orders that harmonics and tables of prescribed motions and loads excite alone, ascending."""
+    return _together(_driven(drive))
+
+
+def _driven(drive: Drive) -> list[tuple[float, str]]:
+    """Orders of the driver's revolution of all harmonics and periodic tables, each of the shaft that it counts."""
+    found = []
+    for s, sprocket in enumerate(drive.sprockets):
+        turns = drive.sprockets[drive.driver].teeth / sprocket.teeth
         for cause, word in ((sprocket.prescribed, "motion"), (sprocket.load, "load")):
             if cause is None:
                 continue
@@ -48,7 +61,7 @@ def orders(drive: Drive) -> tuple[Order, ...]:
             if isinstance(cause.table, Table) and cause.table.angle is not None:
                 own = 1.0 / (cause.table.revolutions * shaft_ratio(drive, s, cause.table.shaft))
                 found.append((own * turns, f"{word} table of {sprocket.name}"))
-    return _together(found)
+    return found
 
 
 def _alternate(lengths: np.ndarray) -> bool:

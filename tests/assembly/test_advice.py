@@ -1,0 +1,90 @@
+"""What to look at before a run: thin wraps, idlers with few teeth, bars that miss or dent, too weak a chain."""
+
+import math
+
+import pytest
+from drives import two_sprockets
+
+from warpchain import load_drive
+from warpchain.assembly.advice import advice
+from warpchain.assembly.summary import derive, report
+from warpchain.drive.examples import drive_path
+
+PITCH, ROLLER = 0.05, 0.015
+DROP = PITCH / (2.0 * math.sin(math.pi / 20))
+"""Half the distance of the strands of `two_sprockets`: driver->driven is at y = -DROP, run to the right."""
+
+
+def with_bar(height, start=0.3, end=0.7):
+    """Two sprockets 1 m apart, and a bar below whose rollers would ride `height` above the strand driver->driven."""
+    y = -DROP + height - ROLLER
+    bar = {"name": "bar", "start": (start, y), "end": (end, y), "end_radius": 0.02}
+    contact = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e6}
+    drive = two_sprockets()
+    values = drive.model_dump(exclude_none=True)
+    values["guides"], values["contact"]["guide"] = [bar], contact
+    return type(drive)(**values)
+
+
+def test_equal_sprockets_are_told_nothing():
+    assert advice(two_sprockets()) == ()
+    assert advice(with_bar(0.0)) == ()
+
+
+def test_an_idler_with_few_teeth_in_mesh():
+    """The marine tightener turns the chain by 18 degrees: 25 * 18 / 360 = 1.2 teeth."""
+    (line,) = advice(load_drive(drive_path("marine")))
+    assert line.startswith("sprockets.tightener: 1.2 teeth in mesh (18 degrees), where an idler wants 3")
+    assert f"LOOK AT {line}" in report(derive(load_drive(drive_path("marine"))))
+
+
+def test_a_driver_with_a_thin_wrap():
+    """A small sprocket near a large one: pi - 2 asin((R - r) / d)."""
+    drive = two_sprockets().with_values(
+        {
+            "sprockets.driver.teeth": 15,
+            "sprockets.driven.teeth": 120,
+            "sprockets.driven.center": (1.1, 0.0),
+            "chain.links": 124,
+        }
+    )
+    radius = [PITCH / (2.0 * math.sin(math.pi / z)) for z in (15, 120)]
+    wrap = 180.0 - 2.0 * math.degrees(math.asin((radius[1] - radius[0]) / 1.1))
+    assert wrap < 90.0
+    (line,) = advice(drive)
+    assert f"sprockets.driver: passes on a moment with {wrap:.0f} degrees of wrap" in line
+
+
+@pytest.mark.parametrize(
+    "height, word",
+    [
+        (-0.6 * PITCH, "misses the chain: its face stands 30 mm, 0.6 pitches, off"),
+        (-0.4 * PITCH, None),
+        (0.4 * PITCH, None),
+        (0.6 * PITCH, "dents"),
+        (1.2 * PITCH, None),  # beyond a pitch: told as a mistake of the layout
+    ],
+)
+def test_bars_that_miss_or_dent_their_strand(height, word):
+    found = advice(with_bar(height))
+    assert len(found) == (word is not None)
+    if word:
+        assert word in found[0] and '"driver->driven"' in found[0]
+
+
+def test_a_bar_past_all_strands_misses():
+    (line,) = advice(with_bar(0.0, 2.0, 2.5))
+    assert "no strand passes over its face" in line
+
+
+def test_tension_against_the_breaking_load_at_speed():
+    """The motorcycle pulls 1.6 kN of 17.8; at four times the torque about 6.4, a safety of 2.8. Centrifugal force at
+    five times the speed, m v^2 / p = 0.69 * 32^2 N, adds 0.7 kN of the rest."""
+    drive = load_drive(drive_path("motorcycle"))
+    assert advice(drive, tensions=[k["working_tension"] for k in derive(drive)["strands"]]) == ()
+    assert advice(drive, tensions=[]) == ()
+    (line,) = advice(drive, tensions=[100.0, 17.8e3 / 5.0])
+    assert "chain: 3.56 kN at work is a safety of 5 against the breaking load of 17.8 kN, where 7 is the least" in line
+    heavy = drive.with_values({"sprockets.wheel.load.torque": 4.0 * drive.sprockets[1].load.torque})
+    (line,) = derive(heavy)["advice"]
+    assert line.startswith("chain: ")

@@ -1,0 +1,27 @@
+"""Losses by group: with output, change of energy and residual they make up the input."""
+
+import pytest
+from drives import row
+
+from warpchain import load_drive
+from warpchain.drive.examples import drive_path
+from warpchain.results.losses import losses
+
+
+def test_losses_close_the_energy_balance():
+    """input = output + losses + change + residual, all of them sums of the same window: to rounding of float64."""
+    drive = load_drive(drive_path("engine")).with_values({"run.duration": 0.004})
+    metrics = row(drive)
+    found = losses(drive, metrics)
+    assert list(found) == sorted(found, key=lambda group: -found[group])
+    assert set(found) == {"joints", "sprocket contacts", "guide-bars", "links", "mounts"}
+    assert min(found.values()) > 0.0
+    total = metrics["output_work"] + sum(found.values()) + metrics["energy_change"] + metrics["energy_residual"]
+    assert total == pytest.approx(metrics["input_work"], rel=1e-9)
+
+
+def test_only_groups_that_a_drive_has():
+    from drives import two_sprockets
+
+    drive = two_sprockets(duration=0.001, settle="false")
+    assert set(losses(drive, row(drive))) == {"sprocket contacts", "links"}

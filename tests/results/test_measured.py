@@ -1,0 +1,154 @@
+"""Measured signals: files as rigs write them, laid over a run whose signals are known."""
+
+import json
+from math import pi
+
+import numpy as np
+import pytest
+from command import run as command
+from drives import two_sprockets
+
+from warpchain import Trajectory, simulate, write_archive
+from warpchain.errors import SimulationError
+from warpchain.results.measured import compared, source, sources
+from warpchain.results.measured_file import Columns, Measured, read_signal
+
+TEETH, TURNS = 20, 10.0
+
+
+def signal(time, gain=1.0, late=0.0):
+    """A mean, and a sine of 100 N of the twentieth order at ten revolutions a second."""
+    return gain * (2000.0 + 100.0 * np.sin(2.0 * pi * TEETH * TURNS * (time - late)))
+
+
+@pytest.fixture(scope="module")
+def known():
+    """Two seconds of a drive that turns evenly, the tension of all links the sine."""
+    drive = two_sprockets()
+    position = simulate(two_sprockets(duration=0.0001, settle="false"))[0].position[:1]
+    time = np.linspace(0.0, 2.0, 8001)
+    ones = np.ones((len(time), 60))
+    held = {
+        "position": np.broadcast_to(position, (len(time), 60, 2)),
+        "sprocket_force": 0.0 * ones,
+        "guide_force": 0.0 * ones,
+        "tension": signal(time)[:, None] * ones,
+        "sprocket_angle": (2.0 * pi * TURNS * time)[:, None] * np.ones(2),
+        "sprocket_speed": np.full((len(time), 2), 2.0 * pi * TURNS),
+        "sprocket_center": np.broadcast_to(np.array([s.center for s in drive.sprockets]), (len(time), 2, 2)),
+    }
+    return Trajectory(drive, time, **held)
+
+
+def test_statistics_and_orders_of_a_known_signal(known):
+    """A sensor that reads 5 % too much: all of it is 1.05 times. Ten revolutions, so that order 20 is a line."""
+    time = np.linspace(0.0, 1.0, 2000, endpoint=False)
+    found = compared(known, Measured("link 7.tension", "N", time, signal(time, 1.05)))
+    for name, exact in {"mean": 2000.0, "std": 100.0 / np.sqrt(2.0), "smallest": 1900.0, "largest": 2100.0}.items():
+        ours, theirs = found.statistics[name]
+        # 20 samples a period, and 10: the largest one is within cos(pi / 10) of the sine's 100 N
+        assert ours == pytest.approx(exact, rel=3e-3)
+        assert theirs == pytest.approx(1.05 * exact, rel=4e-3)
+    cause, ours, theirs = found.orders[20.0]
+    assert "tooth passing" in cause
+    # straight lines between 20 samples a period, at even angles, lose up to (pi / 20)^2 / 2 of the amplitude
+    assert ours == pytest.approx(100.0, rel=0.0124)
+    assert theirs == pytest.approx(105.0, rel=1e-3)
+    _, none, nothing = found.orders[40.0]
+    assert none < 0.5 and nothing < 0.5
+
+
+def test_the_offset_at_which_both_agree_best(known):
+    """A sweep through the latter half, measured on a clock that began 0.3 s later."""
+    time = known.time
+    bump = 2000.0 + 500.0 * np.exp(-(((time - 1.4) / 0.05) ** 2))
+    run = Trajectory(known.drive, time, **known.channels() | {"tension": bump[:, None] * np.ones((1, 60))})
+    rig = np.linspace(0.0, 0.6, 1201)
+    values = 2000.0 + 480.0 * np.exp(-(((rig + 1.1 - 1.4) / 0.05) ** 2))
+    found = compared(run, Measured("link 0.tension", "N", rig, values), offset=None)
+    # to the coarser of both intervals, half a millisecond
+    assert found.measured.time[0] == pytest.approx(1.1, abs=6e-4)
+    assert compared(run, Measured("link 0.tension", "N", rig, values), 1.0).measured.time[0] == 1.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time [s],tension [kN]\n0.0,1.5\n0.5,2.5\n",
+        "time (ms),other,tension (N)\n0,7,1500\n500,7,2500\n",
+        "# rig 7\nZeit;Kraft\ns;kN\n0,0;1,5\n0,5;2,5\n",
+        "t\tF\n0.0\t1500\n0.5\t2500\n\n",
+        "time,tension\n0.0,1500\n0.5,2.5e3\n",
+    ],
+)
+def test_files_as_rigs_write_them(tmp_path, text):
+    path = tmp_path / "rig.csv"
+    path.write_text(text)
+    columns = Columns(column="tension") if "other" in text else None
+    found = read_signal(path, "a.tension", "N", columns)
+    assert found.time.tolist() == [0.0, 0.5]
+    assert found.values.tolist() == pytest.approx([1500.0, 2500.0])
+
+
+def test_a_unit_that_is_said_goes_before_the_heads(tmp_path):
+    path = tmp_path / "rig.csv"
+    path.write_text("t [s],n [V]\n0,60\n1,30\n")
+    found = read_signal(path, "a.speed", "rad/s", Columns(unit="rpm"))
+    assert found.values == pytest.approx([2.0 * pi, pi])
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("time,tension\n", "must have a line of names and lines of numbers"),
+        ("time,tension\n0,1\n", "must ascend over at least two lines"),
+        ("time,tension\n0,1\n0,2\n", "must ascend"),
+        ("time,tension\n0,1\n1,x\n", "line 3: '1, x': must be finite numbers"),
+        ("time,tension\n0,1\n1,nan\n", "must be finite"),
+        ("time,tension\n0,1\n1\n", "must be finite"),
+        ("time,tension [rpm]\n0,1\n1,2\n", "is in rad/s: a.tension is in N; say --unit"),
+        ("time,tension [cubit]\n0,1\n1,2\n", "unit 'cubit': allowed are "),
+        ("time [N],tension\n0,1\n1,2\n", "must be a time"),
+        ("time\n0\n1\n", "has one column"),
+    ],
+)
+def test_what_is_not_understood(tmp_path, text, said):
+    path = tmp_path / "rig.csv"
+    path.write_text(text)
+    with pytest.raises(SimulationError) as caught:
+        read_signal(path, "a.tension", "N")
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_every_source_has_a_view_and_its_unit():
+    from warpchain.view.rerun.series import GROUPS
+
+    run = simulate(two_sprockets(duration=0.001))[0]
+    for name, of in sources(run).items():
+        assert of.group in GROUPS
+        assert of.values().shape == run.time.shape, name
+    with pytest.raises(SimulationError, match=r"'x': allowed are driver->driven.tension, .* with I from 0 to 59"):
+        source(run, "x")
+
+
+def test_the_command_compares_and_draws(tmp_path, capsys):
+    archive = write_archive(simulate(two_sprockets(duration=0.02)), tmp_path / "a.mcap")
+    rig = tmp_path / "rig.csv"
+    rig.write_text("time [ms],force [kN]\n" + "".join(f"{k},{2.0 + 0.1 * (k % 3)}\n" for k in range(20)))
+    words = ["import", rig, archive, "--as", "driver->driven.tension", "-o"]
+    files = [tmp_path / f"out.{kind}" for kind in ("png", "svg", "rrd", "json")]
+    status, out, err = command(capsys, *words, *files)
+    assert (status, err) == (0, [])
+    assert out[-4:] == [str(path) for path in files]
+    assert all(path.stat().st_size > 100 for path in files)
+    held = json.loads(files[3].read_text())
+    assert held["statistics"]["largest"]["measured"] == pytest.approx(2200.0)
+    assert any(line.split()[0] == "mean" and line.split()[2] == "2.095" for line in out)  # 7 times 2, 7 times 2.1, 6
+    assert "amplitude of tension [kN]" in files[1].read_text()
+    for bad, said in (
+        ([*words, tmp_path / "a.pdf"], "ending '.pdf': allowed are .png, .svg, .rrd, .json"),
+        ([*words[:-1], "--offset", "soon"], "--offset soon: must be a number of seconds, or auto"),
+        ([*words[:3], "--as", "camshaft"], "'camshaft': allowed are "),
+    ):
+        status, _, err = command(capsys, *bad)
+        assert status == 2 and len(err) == 1 and said in err[0]

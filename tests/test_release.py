@@ -1,0 +1,48 @@
+"""What a release needs beside its code: one version everywhere, formats told with their numbers."""
+
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+from warpchain.archive.schema import FORMAT_VERSION, RUN_METADATA
+from warpchain.study.run.folder import FORMAT
+
+ROOT = Path(__file__).resolve().parent.parent
+VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+
+
+def test_one_version_everywhere():
+    assert re.search(rf"^version: {re.escape(VERSION)}$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
+    assert re.search(rf"^## {re.escape(VERSION)}\b", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+
+
+def test_the_citation_has_what_its_format_asks_for():
+    """The required keys of Citation File Format 1.2.0."""
+    lines = (ROOT / "CITATION.cff").read_text().splitlines()
+    keys = {line.split(":")[0] for line in lines if line and not line.startswith((" ", "-"))}
+    assert {"cff-version", "message", "title", "authors"} <= keys
+    assert "cff-version: 1.2.0" in lines
+
+
+def test_the_page_of_formats_tells_what_this_version_writes():
+    text = (ROOT / "docs" / "formats.md").read_text()
+    major = ".".join(VERSION.split(".")[:2])
+    assert re.search(rf"^\| archive \(.*\| {FORMAT_VERSION} \| warpchain {major} \|", text, re.MULTILINE)
+    assert re.search(rf"^\| study folder \(.*\| {FORMAT} \| warpchain {major} \|", text, re.MULTILINE)
+    assert f"`{RUN_METADATA}`" in text
+
+
+def test_a_release_is_made_of_what_is_committed(tmp_path):
+    """In a copy whose tree has a change the script refuses before it builds."""
+    (tmp_path / "scripts").mkdir()
+    for name in ("scripts/release", "pyproject.toml"):
+        (tmp_path / name).write_bytes((ROOT / name).read_bytes())
+    setup = tmp_path / "scripts" / "setup"
+    setup.write_text('#!/bin/sh\nmkdir -p .venv/bin && ln -sf "$(command -v python3)" .venv/bin/python\n')
+    for path in (setup, tmp_path / "scripts" / "release"):
+        path.chmod(0o755)
+    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    done = subprocess.run(["scripts/release"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "not committed" in done.stderr

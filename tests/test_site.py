@@ -1,0 +1,112 @@
+"""The site: it builds without a warning, asks no other machine for anything, and opens in a browser."""
+
+import importlib.util
+import re
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from warpchain.drive import Drive
+from warpchain.results.columns import COLUMNS
+
+ROOT = Path(__file__).resolve().parent.parent
+SCRIPTS = ROOT / "scripts"
+
+
+def script(name):
+    """One of the scripts as a module, its neighbors at hand as when it is run."""
+    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(SCRIPTS))
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(SCRIPTS))
+    return module
+
+
+reference, render = script("docs_reference"), script("render_picture")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    for needed in ("mkdocs", "material", "mkdocstrings"):
+        pytest.importorskip(needed)
+    folder = tmp_path_factory.mktemp("site")
+    done = script("build_docs").build(folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def test_every_key_of_drive_and_study_files_is_described():
+    assert list(reference.undescribed()) == []
+
+
+def test_keys_are_found_however_deep():
+    held = reference.sections(Drive)
+    places = {kind.__name__: paths for kind, paths in held.items()}
+    assert places["Chain"] == ["[chain]"]
+    assert places["Harmonic"] == ["[[sprockets.prescribed.harmonics]]", "[[sprockets.load.harmonics]]"]
+    rows = {row[0]: row for kind in held for row in reference.key_rows(kind) if kind.__name__ == "RunSettings"}
+    assert rows["`integrator`"][2] == "`leapfrog`"
+    assert rows["`duration`"][1:3] == ("a positive number", "needed")
+    assert "time step [s], at most the duration" in rows["`step`"][3]
+
+
+def test_the_reference_has_every_metric_and_command():
+    held = reference.pages()
+    for name in COLUMNS:
+        assert re.search(rf"`[A-Za-z.]*{re.escape(name)}`", held["metrics.md"]), name
+    for command in ("check", "run", "import", "study report"):
+        assert f"## warpchain {command}\n" in held["commands.md"]
+
+
+def test_every_page_is_in_the_menu(site):
+    """A page of docs that no group names is a how-to page."""
+    index = (site / "index.html").read_text()
+    for path in (ROOT / "docs").glob("*.md"):
+        assert f'href="{path.stem}.html"' in index, path.name
+
+
+def test_the_site_asks_no_other_machine_for_anything(site):
+    for path in site.rglob("*.html"):
+        text = path.read_text()
+        # pictures, scripts and styles are the site's own; links that a reader follows may go anywhere
+        assert not re.findall(r'<(?:script|img|iframe)[^>]*\bsrc="(?:https?:)?//[^"]*"', text), path
+        assert not re.findall(r'<link[^>]*rel="(?:stylesheet|preconnect)"[^>]*href="(?:https?:)?//[^"]*"', text), path
+    for path in site.rglob("*.css"):
+        assert not re.findall(r"url\(['\"]?(?:https?:)?//", path.read_text()), path
+
+
+@pytest.mark.viewer
+@pytest.mark.skipif(render.no_browser() is not None, reason=str(render.no_browser()))
+def test_the_site_opens_in_a_browser(site):
+    """Title, a table of keys, the signature of `simulate`, and the tutorial's pictures, as a reader has them."""
+
+    def shown(page, expression):
+        return page.call("Runtime.evaluate", page._session, expression=expression)["result"].get("value")
+
+    looks = {
+        "index.html": ("document.querySelector('h1').firstChild.textContent", "warpchain"),
+        "reference/drive-keys.html": ("document.querySelectorAll('table').length > 15", True),
+        "reference/python/warpchain.html": (
+            "document.body.innerText.includes('warpchain.engine.simulation.simulate')",
+            True,
+        ),
+        "tutorials/first-drive.html": (
+            "[...document.images].filter(i => i.complete && i.naturalWidth > 300).length > 1 "
+            "&& document.querySelectorAll('.shown svg').length > 2",
+            True,
+        ),
+    }
+    with render.browser() as page:
+        for path, (expression, value) in looks.items():
+            page.open((site / path).as_uri())
+            end = time.monotonic() + 20.0
+            while shown(page, expression) != value and time.monotonic() < end:
+                time.sleep(0.2)
+            assert shown(page, expression) == value, path
+            # wide enough that nothing runs off the page
+            assert shown(page, "document.documentElement.scrollWidth <= window.innerWidth"), path

@@ -1,0 +1,131 @@
+"""What notebooks show, and the tutorial notebook run from its first cell to its last."""
+
+import importlib.util
+import xml.etree.ElementTree as xml
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from drives import two_sprockets
+from matplotlib.figure import Figure
+
+from warpchain import Record, load_drive, simulate
+from warpchain.drive.examples import drive_path, example_names
+from warpchain.study.results import read_results
+from warpchain.view.figures import draw_figures, draw_sweep
+from warpchain.view.notebook import html, value_text
+from warpchain.view.picture import drive_svg, frame_svg
+
+ROOT = Path(__file__).resolve().parents[2]
+NOTEBOOKS = sorted((ROOT / "docs" / "tutorials").glob("*.ipynb"))
+
+
+@pytest.fixture(scope="module")
+def run():
+    drive = two_sprockets(duration=0.01)
+    return simulate(
+        [drive.with_values({"sprockets.driven.load.torque": t}) for t in (200.0, 300.0)], record=Record([1])
+    )
+
+
+def points(svg, tag):
+    found = xml.fromstring(svg).iter(f"{{http://www.w3.org/2000/svg}}{tag}")
+    return [np.array([[float(v) for v in pair.split(",")] for pair in part.get("points").split()]) for part in found]
+
+
+@pytest.mark.parametrize("name", example_names())
+def test_the_picture_of_a_drive_is_within_its_frame_and_to_scale(name):
+    drive = load_drive(drive_path(name))
+    svg = drive_svg(drive)
+    root = xml.fromstring(svg)
+    size = float(root.get("width")), float(root.get("height"))
+    for part in points(svg, "polygon") + points(svg, "polyline"):
+        assert (part >= 0.0).all() and (part <= size).all()
+    # the tips' outlines of sprockets are as large as their teeth say, y up
+    teeth = points(svg, "polygon")
+    wide = [np.ptp(part[:, 0]) / (2.0 * drive.tip_radius(s)) for s, part in enumerate(teeth)]
+    assert np.ptp(wide) < 0.03 * max(wide)  # a tip need not stand at the outermost point
+    middle = np.array([0.5 * (part.min(axis=0) + part.max(axis=0)) for part in teeth])
+    center = np.array([s.center for s in drive.sprockets])
+    shown = (middle - middle[0]) / max(wide) * [1.0, -1.0]
+    # outlines are to a tenth of a pixel, and lopsided by a tooth at most
+    assert shown == pytest.approx(center - center[0], abs=0.5 * drive.chain.pitch + 0.2 / max(wide))
+
+
+def test_a_frame_has_every_link_in_a_color(run):
+    assert len(points(frame_svg(run[1], 5), "polyline")) == run.drives[1].chain.links
+
+
+def test_what_notebooks_show(run):
+    shown = run.drives[0]._repr_html_()
+    assert "<svg" in shown and "driver" in shown and "60 links of 50 mm" in shown and "rpm" in shown
+    shown = run._repr_html_()
+    assert "2 variants, 1 recorded" in shown and ">ok</b>" in shown and "tension_max" in shown
+    shown = run[1]._repr_html_()
+    assert "sprocket_angle" in shown and "rad" in shown and "201 frames" in shown
+    alone = simulate(two_sprockets(duration=0.01))._repr_html_()
+    assert "mean link tension" in alone and " kN" in alone
+    with pytest.raises(TypeError, match="Drive, Run, Trajectory"):
+        html(3)
+
+
+def test_names_are_escaped():
+    drive = two_sprockets().with_values({"sprockets.driven.name": "<b>&"})
+    assert "<b>&" not in drive._repr_html_() and "&lt;b&gt;&amp;" in drive._repr_html_()
+
+
+def test_a_drive_that_does_not_fit_shows_why():
+    drive = two_sprockets().with_values({"sprockets.driven.center": (0.01, 0.0)})
+    assert "overlap" in drive._repr_html_()
+
+
+def test_a_study_shows_its_first_rows():
+    table = pa.table({"a": np.arange(30.0), "tension_max": np.full(30, 4200.0), "status": ["ok"] * 29 + ["suspect"]})
+    shown = read_results(table, ["a"])._repr_html_()
+    assert "30 rows: 29 ok, 1 suspect" in shown and "4.2 kN" in shown
+    assert shown.count("<tr>") == 21
+
+
+@pytest.mark.parametrize(
+    "value, unit, text",
+    [(42.2e3, "N", "42.2 kN"), (0.5, "1", "0.5"), (None, "N", "-"), (True, "1", "True"), (float("nan"), "N", "nan")],
+)
+def test_values_with_units(value, unit, text):
+    assert value_text(value, unit) == text
+
+
+def test_figures_are_returned(run):
+    figures = draw_figures(run, only=["drive", "link-tension"])
+    assert list(figures) == ["drive", "link-tension"]
+    assert all(isinstance(figure, Figure) for figure in figures.values())
+    speeds = simulate([two_sprockets(duration=0.1, speed=speed, span=19.5, links=59) for speed in (20.0, 30.0)])
+    assert all(isinstance(figure, Figure) for figure in draw_sweep([speeds]).values())
+
+
+def script():
+    spec = importlib.util.spec_from_file_location("run_notebooks", ROOT / "scripts" / "run_notebooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_and_shows_what_it_showed(path):
+    """Every cell ends well, and shows as many things of the same kinds as those that are stored."""
+    nbformat = pytest.importorskip("nbformat")
+    pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+
+    def kinds(book):
+        return [
+            [output.output_type if "data" not in output else sorted(output.data) for output in cell.outputs]
+            for cell in book.cells
+            if cell.cell_type == "code"
+        ]
+
+    assert kinds(script().executed(path)) == kinds(nbformat.read(path, as_version=4))
+
+
+def test_there_is_a_notebook():
+    assert NOTEBOOKS

@@ -1,0 +1,211 @@
+"""A measured signal beside a run: laid over the simulated one, statistics and orders compared.
+
+The simulated values are those of the latter half of the recording, which the start's transients have left; the measured
+ones are all that are given. Orders are multiples of the driver's revolution. Of the run its angle is known; the rig is
+taken to turn at the run's mean speed, so that its orders are as sharp as its speed was even. The amplitude of an order
+is the largest line of the spectrum within `WITHIN` lines of it (Hann window, `signals.amplitude_spectrum`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.orders import orders
+from warpchain.errors import SimulationError
+from warpchain.results.measured_file import Measured
+from warpchain.results.run import Trajectory, need
+from warpchain.results.scene import strand_displacement
+from warpchain.results.signals import (
+    TOOTH_PASSINGS,
+    amplitude_spectrum,
+    forward,
+    largest_contacts,
+    latter_half,
+    order_spectrum,
+    strand_tension,
+)
+
+Array = NDArray[np.float64]
+
+WITHIN = 2
+"""Lines of a spectrum about an order among which its amplitude is looked for."""
+
+
+class Source(NamedTuple):
+    """What of a run a signal is compared with: its SI unit, the group of curves in playback, its values (F,)."""
+
+    unit: str
+    group: str
+    values: Callable[[], Array]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A measured signal beside the simulated one.
+
+    Attributes:
+        measured: the signal.
+        group: of curves in playback.
+        time, simulated: (F,) of the whole recording.
+        statistics: simulated and measured value by name ("mean", "std", ...), in the signal's unit.
+        orders: simulated and measured amplitude by order, for the orders that excite the drive and both resolve.
+        spectra: orders and amplitudes (2, L) of the simulated and of the measured signal; None where it has none.
+    """
+
+    measured: Measured
+    group: str
+    time: Array
+    simulated: Array
+    statistics: dict[str, tuple[float, float]]
+    orders: dict[float, tuple[str, float, float]]
+    spectra: tuple[tuple[Array, Array] | None, tuple[Array, Array] | None]
+
+
+def sources(trajectory: Trajectory) -> dict[str, Source]:
+    """What a measured signal can be laid over, by name: STRAND.tension, SPROCKET.speed, "link 7.tension" and so on."""
+    drive = trajectory.drive
+    found: dict[str, Source] = {}
+    for k, name in enumerate(drive.strand_names):
+        found[f"{name}.tension"] = Source("N", "strand tension", partial(strand_tension, trajectory, k))
+        found[f"{name}.displacement"] = Source("m", "displacement", partial(strand_displacement, trajectory, k))
+    parts = [*(s.name for s in drive.sprockets), *(g.name for g in drive.guides)]
+    for p, name in enumerate(parts):
+        found[f"{name}.contact"] = Source("N", "contact", partial(_contact, trajectory, p))
+    for s, sprocket in enumerate(drive.sprockets):
+        if trajectory.sprocket_speed is not None:
+            found[f"{sprocket.name}.speed"] = Source("rad/s", "speed", partial(_of, trajectory.sprocket_speed, s))
+        if trajectory.sprocket_moment is not None:
+            found[f"{sprocket.name}.moment"] = Source("N m", "moment", partial(_of, trajectory.sprocket_moment, s))
+    for i in range(drive.chain.links):
+        found[f"link {i}.tension"] = Source("N", "tension", partial(_of, trajectory.tension, i))
+    return found
+
+
+def _contact(trajectory: Trajectory, part: int) -> Array:
+    return largest_contacts(trajectory)[part]
+
+
+def _of(values: NDArray[np.floating] | None, index: int) -> Array:
+    assert values is not None
+    return np.asarray(values[:, index], dtype=float)
+
+
+def source(trajectory: Trajectory, name: str) -> Source:
+    """What a measured signal of that name is compared with.
+
+    Raises:
+        SimulationError: an unknown name, with those that there are, or a channel that was not recorded.
+    """
+    need(trajectory, "tension", "position", "sprocket_angle", "sprocket_center", "sprocket_force", "guide_force")
+    found = sources(trajectory)
+    if name not in found:
+        shown = [word for word in found if not word.startswith("link ")]
+        last = trajectory.drive.chain.links - 1
+        raise SimulationError(f'{name!r}: allowed are {", ".join(shown)}, and "link I.tension" with I from 0 to {last}')
+    return found[name]
+
+
+def compared(trajectory: Trajectory, measured: Measured, offset: float | None = 0.0) -> Comparison:
+    """Lays a measured signal over the simulated one.
+
+    Args:
+        offset: added to the measured time [s]; None takes the one at which both correlate best.
+
+    Raises:
+        SimulationError: what `source` refuses.
+    """
+    of = source(trajectory, measured.name)
+    simulated = of.values()
+    part = latter_half(trajectory)
+    if offset is None:
+        offset = _best_offset(trajectory.time[part], simulated[part], measured)
+    measured = Measured(measured.name, measured.unit, measured.time + offset, measured.values)
+    held = simulated[part][np.isfinite(simulated[part])]
+    statistics = {name: (form(held), form(measured.values)) for name, form in STATISTICS.items()} if len(held) else {}
+    ours = order_spectrum(trajectory, simulated)
+    theirs = _measured_orders(trajectory, measured)
+    return Comparison(
+        measured,
+        of.group,
+        trajectory.time,
+        simulated,
+        statistics,
+        _orders(trajectory, ours, theirs),
+        (ours, theirs),
+    )
+
+
+STATISTICS: dict[str, Callable[[Array], float]] = {
+    "mean": lambda x: float(x.mean()),
+    "std": lambda x: float(x.std()),
+    "smallest": lambda x: float(x.min()),
+    "0.1 % below": lambda x: float(np.quantile(x, 0.001)),
+    "99.9 % below": lambda x: float(np.quantile(x, 0.999)),
+    "largest": lambda x: float(x.max()),
+}
+"""What both signals are compared by."""
+
+
+def _even(measured: Measured) -> tuple[float, Array]:
+    """The signal at even times: their interval [s], and values."""
+    count = len(measured.time)
+    even = np.linspace(measured.time[0], measured.time[-1], count)
+    return float(even[1] - even[0]), np.interp(even, measured.time, measured.values)
+
+
+def _measured_orders(trajectory: Trajectory, measured: Measured) -> tuple[Array, Array] | None:
+    """Spectrum of the measured signal over orders of the run's driver; None where that stands still."""
+    assert trajectory.sprocket_angle is not None
+    part = latter_half(trajectory)
+    angle = forward(trajectory.drive, trajectory.sprocket_angle[part], trajectory.drive.driver)
+    seconds = float(trajectory.time[-1] - trajectory.time[part][0])
+    turns = (angle[-1] - angle[0]) / (2.0 * np.pi)
+    if turns <= 0.0 or seconds <= 0.0 or len(measured.time) < 8:
+        return None
+    interval, values = _even(measured)
+    return amplitude_spectrum(values, interval * turns / seconds)
+
+
+def _orders(
+    trajectory: Trajectory, ours: tuple[Array, Array] | None, theirs: tuple[Array, Array] | None
+) -> dict[float, tuple[str, float, float]]:
+    """What excites the drive, with the amplitudes of both signals there, where both spectra resolve it."""
+    if ours is None or theirs is None:
+        return {}
+    teeth = trajectory.drive.sprockets[trajectory.drive.driver].teeth
+    causes = {order.value: order.cause for order in orders(trajectory.drive)}
+    causes |= {k * float(teeth): f"{k} x tooth passing" for k in range(1, TOOTH_PASSINGS + 1)}
+    found = {}
+    for value, cause in sorted(causes.items()):
+        lines = [round(float(value / spectrum[0][1])) for spectrum in (ours, theirs)]
+        if all(line > WITHIN and line + WITHIN < len(s[0]) for line, s in zip(lines, (ours, theirs), strict=True)):
+            both = [
+                float(s[1][line - WITHIN : line + WITHIN + 1].max())
+                for line, s in zip(lines, (ours, theirs), strict=True)
+            ]
+            found[value] = (cause, both[0], both[1])
+    return found
+
+
+def _best_offset(time: Array, simulated: Array, measured: Measured) -> float:
+    """What to add to the measured time so that both signals correlate best [s]."""
+    from scipy.signal import correlate
+
+    step = max(float(np.diff(time).mean()), float(np.diff(measured.time).mean()))
+
+    def even(at: Array, values: Array) -> Any:
+        where = np.arange(at[0], at[-1], step)
+        held = np.interp(where, at, np.nan_to_num(values, nan=float(np.nanmean(values))))
+        return held - held.mean()
+
+    ours, theirs = even(time, simulated), even(measured.time, measured.values)
+    products = correlate(ours, theirs, mode="full")
+    # lags at which little overlaps have small products, so that they do not win
+    lag = int(np.argmax(products)) - (len(theirs) - 1)
+    return float(time[0] + lag * step - measured.time[0])

@@ -1,0 +1,152 @@
+"""Measured signals as files: columns of comma-separated values, with units, as rigs write them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import SimulationError
+from warpchain.files import read_text
+from warpchain.results.units import DISPLAYED
+
+Array = NDArray[np.float64]
+
+SPELLED: dict[str, tuple[str, float]] = {
+    word: (unit, 1.0 / factor) for unit, steps in DISPLAYED.items() for _, word, factor in steps
+} | {
+    "rad/s": ("rad/s", 1.0),
+    "rpm": ("rad/s", math.pi / 30.0),
+    "1/min": ("rad/s", math.pi / 30.0),
+    "us": ("s", 1e-6),
+    "um": ("m", 1e-6),
+    "Nm": ("N m", 1.0),
+    "kNm": ("N m", 1e3),
+    "daN": ("N", 10.0),
+    "lbf": ("N", 4.4482216152605),
+    "in": ("m", 0.0254),
+}
+"""SI unit and factor of each unit that a measured signal can have."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A signal from a rig.
+
+    Attributes:
+        name: what was measured, one of `measured.sources`.
+        unit: SI unit.
+        time: (K,) of the run [s], ascending.
+        values: (K,) in SI.
+    """
+
+    name: str
+    unit: str
+    time: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class Columns:
+    """How to read a file of measured values.
+
+    Attributes:
+        column: name of the values' column; None is the first after the time.
+        time: name of the column of time; None is the first.
+        unit, time_unit: of them; None takes what the head says in brackets or parentheses, else SI.
+    """
+
+    column: str | None = None
+    time: str | None = None
+    unit: str | None = None
+    time_unit: str | None = None
+
+
+def read_signal(path: str | Path, name: str, unit: str, columns: Columns | None = None) -> Measured:
+    """Reads a signal of a CSV file: a head of names, then numbers, separated by commas, semicolons or tabs.
+
+    Names may end in a unit, "tension [kN]" or "time (ms)", or the line below the names may hold the units. With
+    semicolons or tabs numbers may have decimal commas. Lines that begin with # are passed over.
+
+    Args:
+        name: what was measured.
+        unit: SI unit that it must have.
+
+    Raises:
+        SimulationError: a file, column, unit or number that is not understood, or a time that does not ascend.
+    """
+    columns = columns or Columns()
+    text = read_text(path, "a file of measured values", SimulationError)
+    heads, below, rows = _table(str(path), text)
+    at = _index(path, heads, columns.time, 0)
+    of = _index(path, heads, columns.column, 1 if at == 0 else 0)
+    second, to_seconds = _factor(path, columns.time_unit or heads[at][1] or below[at] or "s")
+    si, to_si = _factor(path, columns.unit or heads[of][1] or below[of] or unit)
+    if second != "s":
+        raise SimulationError(f"{path}: the time is in {second}: must be a time")
+    if si != unit:
+        raise SimulationError(f"{path}: {heads[of][0]} is in {si}: {name} is in {unit}; say --unit")
+    values = np.array([_numbers(path, k, row, (at, of)) for k, row in rows]).reshape(-1, 2)
+    time, signal = to_seconds * values[:, 0], to_si * values[:, 1]
+    if len(time) < 2 or not (np.diff(time) > 0.0).all():
+        raise SimulationError(f"{path}: {heads[at][0]}: must ascend over at least two lines")
+    return Measured(name, unit, time, signal)
+
+
+def _table(path: str, text: str) -> tuple[list[tuple[str, str]], list[str], list[tuple[int, list[str]]]]:
+    """Names with their units, units of the line below (or ""), and the lines of numbers with their numbers in the
+    file."""
+    lines = [(k + 1, line) for k, line in enumerate(text.splitlines()) if line.strip() and not line.startswith("#")]
+    if len(lines) < 2:
+        raise SimulationError(f"{path}: must have a line of names and lines of numbers below it")
+    mark = max(";\t,", key=lambda sign: (sign in lines[0][1], sign != ","))
+    cells = [(k, next(csv.reader(io.StringIO(line), delimiter=mark))) for k, line in lines]
+    if mark != ",":
+        cells = [cells[0], *((k, [cell.replace(",", ".") for cell in row]) for k, row in cells[1:])]
+    heads = []
+    for cell in cells[0][1]:
+        found = re.fullmatch(r"\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*", cell)
+        heads.append((found[1] or found[2] or "", found[2] or "") if found else (cell.strip(), ""))
+    below = [""] * len(heads)
+    if not any(_is_number(cell) for cell in cells[1][1]):
+        below = [cell.strip(" []()") for cell in cells.pop(1)[1]] + below
+    return heads, below, cells[1:]
+
+
+def _index(path: str | Path, heads: list[tuple[str, str]], wanted: str | None, default: int) -> int:
+    names = [name for name, _ in heads]
+    if wanted is None:
+        if default < len(names):
+            return default
+        raise SimulationError(f"{path}: has one column: must have a time and values")
+    if wanted not in names:
+        raise SimulationError(f"{path}: no column {wanted!r}: allowed are {', '.join(names)}")
+    return names.index(wanted)
+
+
+def _factor(path: str | Path, word: str) -> tuple[str, float]:
+    word = word.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
+    if word in SPELLED:
+        return SPELLED[word]
+    raise SimulationError(f"{path}: unit {word!r}: allowed are {', '.join(sorted(SPELLED, key=str.lower))}")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(path: str | Path, line: int, row: list[str], places: tuple[int, int]) -> list[float]:
+    cells = [row[k] if k < len(row) else "" for k in places]
+    if not all(_is_number(cell) and math.isfinite(float(cell)) for cell in cells):
+        raise SimulationError(f"{path}: line {line}: {', '.join(cells)!r}: must be finite numbers")
+    return [float(cell) for cell in cells]

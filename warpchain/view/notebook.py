@@ -1,0 +1,150 @@
+"""What notebooks show of drives, runs and trajectories: a picture beside tables with units and status."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+from warpchain.drive import Drive
+from warpchain.errors import WarpchainError
+from warpchain.results.channels import CHANNEL
+from warpchain.results.columns import title_of, unit_of
+from warpchain.results.judgement import DIVERGED, OK, SUSPECT
+from warpchain.results.run import Run, Trajectory
+from warpchain.results.units import display_unit
+from warpchain.view.picture import drive_svg, frame_svg
+
+ROWS = 20
+"""Most variants of a run, or rows of a table, that are shown."""
+COLORS = {OK: "#2e9e4f", SUSPECT: "#d08700", DIVERGED: "#d1394b"}
+
+
+class Markup(str):
+    """A text that is HTML already."""
+
+
+def html(thing: Any) -> str:
+    """A drive, run or trajectory as HTML.
+
+    Raises:
+        TypeError: anything else.
+    """
+    if isinstance(thing, Drive):
+        return _drive(thing)
+    if isinstance(thing, Run):
+        return _run(thing)
+    if isinstance(thing, Trajectory):
+        return _trajectory(thing)
+    raise TypeError(f"{type(thing).__name__}: allowed are Drive, Run, Trajectory")
+
+
+def table_html(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
+    """A table; cells are escaped, but for those that are `Markup`."""
+
+    def line(cells: Sequence[str], tag: str) -> str:
+        words = [cell if isinstance(cell, Markup) else escape(cell) for cell in cells]
+        sides = ["left", *["right"] * (len(words) - 1)]
+        inner = (f'<{tag} style="text-align:{side}">{w}</{tag}>' for w, side in zip(words, sides, strict=True))
+        return f"<tr>{''.join(inner)}</tr>"
+
+    title = f"<caption>{escape(caption)}</caption>" if caption else ""
+    body = "".join(line(row, "td") for row in rows)
+    return f"<table>{title}<thead>{line(head, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+def status_html(status: str) -> Markup:
+    """A status in its color."""
+    return Markup(f'<b style="color:{COLORS.get(status, "inherit")}">{escape(status)}</b>')
+
+
+def value_text(value: Any, unit: str) -> str:
+    """A value with a unit that fits its size: 42.2 kN."""
+    if value is None:
+        return "-"
+    if isinstance(value, bool | str):
+        return str(value)
+    if not math.isfinite(value):
+        return str(value)
+    shown, factor = display_unit(unit, value)
+    return f"{factor * value:.4g}" + ("" if shown in ("", "1") else f" {shown}")
+
+
+def _beside(left: str, right: str) -> str:
+    return f'<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start">{left}<div>{right}</div></div>'
+
+
+def _picture(drive: Drive) -> str:
+    try:
+        return drive_svg(drive)
+    except WarpchainError as error:
+        return f"<p>{escape(str(error))}</p>"
+
+
+def _drive(drive: Drive) -> str:
+    chain = drive.chain
+    size = f"{chain.size}, " if chain.size else ""
+    about = f"{chain.links} links of {1e3 * chain.pitch:g} mm ({size}{value_text(chain.mass, 'kg')} a roller)"
+    rows = []
+    for s, sprocket in enumerate(drive.sprockets):
+        travel, load = sprocket.prescribed, sprocket.load
+        does = "turns freely"
+        if travel is not None:
+            does = f"driven, up to {travel.top_speed * 30.0 / math.pi:.4g} rpm"
+        elif load is not None:
+            does = f"load {value_text(load.torque, 'N m')}"
+        radius = value_text(drive.pitch_radius(s), "m")
+        rows.append([sprocket.name, str(sprocket.teeth), radius, does])
+    run = f"{drive.run.duration:g} s, {drive.run.integrator}, step {drive.run.step}"
+    right = table_html(("sprocket", "teeth", "pitch radius", ""), rows, about) + f"<p>{escape(run)}</p>"
+    return _beside(_picture(drive), right)
+
+
+def _first_metrics(drive: Drive) -> list[str]:
+    """The metrics to show first."""
+    names = ["tension_mean", "tension_max", "efficiency"]
+    for sprocket in drive.sprockets:
+        names += [f"{sprocket.name}.speed_mean", f"{sprocket.name}.moment_mean", f"{sprocket.name}.force_max"]
+    names += [f"{guide.name}.force_max" for guide in drive.guides]
+    return [*names, *(f"{strand}.displacement_rms" for strand in drive.strand_names), "energy_residual_relative"]
+
+
+def _run(run: Run) -> str:
+    rows, names = run.metrics.to_pylist(), run.metrics.column_names
+    info = f"{len(rows)} variants" if len(rows) != 1 else "1 variant"
+    about = f"{info}, {len(run)} recorded; {run.info.device}, {run.info.precision}, {run.info.wall_time:.1f} s"
+    shown = [name for name in _first_metrics(run.drives[0]) if name in names]
+    if len(rows) == 1:
+        held = [[title_of(name), value_text(rows[0][name], unit_of(name))] for name in shown]
+        status = str(rows[0].get("status", ""))
+        held.insert(0, ["status", status_html(status)])
+        if rows[0].get("reason"):
+            held.insert(1, ["why", str(rows[0]["reason"])])
+        right = table_html(("metric", "value"), held, about)
+    else:
+        shown = shown[:6]
+        held = [
+            [
+                str(v),
+                status_html(str(row.get("status", ""))),
+                *(value_text(row[name], unit_of(name)) for name in shown),
+            ]
+            for v, row in enumerate(rows[:ROWS])
+        ]
+        right = table_html(("variant", "status", *shown), held, about)
+        if len(rows) > ROWS:
+            right += f"<p>and {len(rows) - ROWS} more: run.metrics has all {len(names)} columns</p>"
+    return _beside(_picture(run.drives[0]), right)
+
+
+def _trajectory(trajectory: Trajectory) -> str:
+    frames = len(trajectory.time)
+    spell = f"{trajectory.time[0]:g} to {trajectory.time[-1]:g} s" if frames else "empty"
+    rows = [
+        [name, CHANNEL[name].unit, " x ".join(map(str, values.shape)), str(values.dtype)]
+        for name, values in trajectory.channels().items()
+    ]
+    right = table_html(("channel", "unit", "shape", "type"), rows, f"{frames} frames, {spell}")
+    moving = trajectory.position is not None and frames > 0
+    return _beside(frame_svg(trajectory, frames - 1) if moving else _picture(trajectory.drive), right)
