@@ -123,7 +123,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         if mount.active == 1:
             held, power = held_by(at.time, body, wrench, load_part, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
-        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
+        mine = sums.sprocket[i]
+        sums.sprocket[i] = add_sprocket(mine, body.speed, wrench.moment, load_part, wrench.force, at.weight)
 
     @wp.func
     def measure(

@@ -190,7 +190,8 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             at = ensemble.drives[mine.variant].first_sprocket + s
             energy = body_energy(body, motion, mount)
             tallies.sprocket[at] = add_energy(tallies.sprocket[at], now.flags & START != 0, energy)
-        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
+        sums = shared.sprocket_sums[s]
+        shared.sprocket_sums[s] = add_sprocket(sums, body.speed, wrench.moment, load, wrench.force, weight)
 
     return ObserveFunctions(
         reset_link=reset_link,

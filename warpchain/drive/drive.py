@@ -31,7 +31,8 @@ from warpchain.drive.part import (
 )
 from warpchain.drive.parts import Chain, Guide, RunSettings, Sprocket
 from warpchain.drive.paths import changed, lookup, settable
-from warpchain.drive.rules import guide_rules, rolling_rules, shaft_rules, size_rules, sprocket_rules
+from warpchain.drive.probe import Probe, probe_rules
+from warpchain.drive.rules import FARTHEST, guide_rules, rolling_rules, shaft_rules, size_rules, sprocket_rules
 from warpchain.drive.stiffness import contact_stiffness
 from warpchain.drive.table import with_files
 from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
@@ -48,6 +49,7 @@ class Drive(Part):
         guides: (G,) guide-bars.
         contact: contact settings.
         run: run settings.
+        probes: places at which the chain that passes is looked at.
 
     Raises:
         DriveError: with one line for each value that is missing, unknown or not allowed.
@@ -58,6 +60,7 @@ class Drive(Part):
     guides: Annotated[tuple[Guide, ...], Allowed("must be a list of guides")] = ()
     contact: Contact
     run: RunSettings
+    probes: Annotated[tuple[Probe, ...], Allowed("must be a list of probes")] = ()
 
     def with_values(self, values: Mapping[str, Any]) -> Self:
         """A changed copy, checked like a file.
@@ -211,6 +214,7 @@ class Drive(Part):
         yield from guide_rules(node)
         yield from rolling_rules(node)
         yield from size_rules(node)
+        yield from probe_rules(node, FARTHEST)
 
     @model_validator(mode="wrap")
     @classmethod

@@ -13,9 +13,12 @@ from warpchain.drive import Drive
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, whole_file
 from warpchain.results.signals import peak_frames
+from warpchain.results.units import display_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
 
 KINDS = ("png", "svg")
 PARTS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
@@ -50,16 +53,39 @@ def panels(rows: int, height: float, title: str, drive: Drive | None, share: boo
 
     Args:
         height: of the figure [in].
+        title: none where it is empty.
         drive: what was run, for the line below the title.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, height), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=share, squeeze=False)[:, 0]
-    figure.suptitle(title if drive is None else f"{title}\n{about(drive)}", fontsize=12)
+    if title:
+        figure.suptitle(title if drive is None else f"{title}\n{about(drive)}", fontsize=12)
     for axis in axes:
         axis.grid(alpha=0.3)
     return figure, list(axes)
+
+
+def grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
+    """A figure of panels in rows of `columns`, each of a size [in]."""
+    from matplotlib.figure import Figure
+
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    for axis in axes[:count]:
+        axis.grid(alpha=0.3)
+    return figure, axes[:count]
+
+
+def shown(unit: str, *values: NDArray[np.floating]) -> tuple[str, float]:
+    """The unit that values [SI] are shown in together, and the factor to it (`results.units.display_unit`)."""
+    largest = max((float(np.nanmax(np.abs(v))) for v in values if np.isfinite(v).any()), default=0.0)
+    return display_unit(unit, largest)
 
 
 def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
