@@ -11,9 +11,11 @@ if TYPE_CHECKING:
     from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
     from warpchain.modal import Modes, modes
+    from warpchain.results.handed_in import Wear
     from warpchain.results.judgement import Limits
     from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.run import run_study
+    from warpchain.view.report import report
 
 _HOME = {
     "ArchiveOptions": "archive",
@@ -24,12 +26,14 @@ _HOME = {
     "Run": "results.run",
     "Trajectory": "results.run",
     "WarpchainError": "errors",
+    "Wear": "results.handed_in",
     "assemble": "assembly",
     "dumps_drive": "drive",
     "load_drive": "drive",
     "loads_drive": "drive",
     "modes": "modal",
     "read_archive": "archive",
+    "report": "view.report",
     "run_study": "study.run",
     "simulate": "engine.simulation",
     "write_archive": "archive",
@@ -44,6 +48,7 @@ __all__ = [
     "Run",
     "Trajectory",
     "WarpchainError",
+    "Wear",
     "__version__",
     "assemble",
     "dumps_drive",
@@ -51,6 +56,7 @@ __all__ = [
     "loads_drive",
     "modes",
     "read_archive",
+    "report",
     "run_study",
     "simulate",
     "write_archive",

@@ -76,8 +76,8 @@ def test_the_roller_that_is_nearest_to_jumping_is_told():
 
 
 def test_curved_flanks_lean_back_from_the_seat_to_the_tip():
-    drive = two_sprockets().with_values({"contact.sprocket.profile": "iso606", "contact.sprocket.gap": "minimum",
-                                         "contact.sprocket.clearance": None, "contact.sprocket.seat_angle": None})  # fmt: skip
+    own = {"profile": "iso606", "gap": "minimum", "clearance": None, "seat_angle": None}
+    drive = two_sprockets().with_values({f"contact.sprocket.{key}": value for key, value in own.items()})
     tooth, r = drive.tooth(0), drive.pitch_radius(0)
     half = 0.5 * tooth.seat_angle
     # the flank is an arc about the point that is seat and flank radius from the seat's center along the arc's end

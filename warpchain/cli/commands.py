@@ -209,6 +209,17 @@ def plot(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def report(arguments: argparse.Namespace) -> int:
+    from warpchain.results.handed_in import Wear
+    from warpchain.results.joint_wear import WEAR_COEFFICIENT
+    from warpchain.view.report import report
+
+    given = arguments.wear_coefficient
+    wear = Wear(WEAR_COEFFICIENT if given is None else given, arguments.bearing_area)
+    print(report(arguments.archive, arguments.output, arguments.variant, arguments.title, wear))
+    return DONE
+
+
 def export(arguments: argparse.Namespace) -> int:
     from warpchain.archive.export import export_npz
 

@@ -24,7 +24,8 @@ class Probe(Part):
 
 def probe_rules(drive: Any, farthest: float) -> Iterator[Problem]:
     """Names of probes must be their own, and their places within `farthest` of the origin [m]."""
-    seen = {get(part, "name") for kind in ("sprockets", "guides", "arms", "tensioners") for part in elements(drive, kind)}
+    kinds = ("sprockets", "guides", "arms", "tensioners")
+    seen = {get(part, "name") for kind in kinds for part in elements(drive, kind)}
     for i, probe in enumerate(elements(drive, "probes")):
         name, at = get(probe, "name"), get(probe, "at")
         if isinstance(name, str) and name in seen:

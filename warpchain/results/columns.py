@@ -334,7 +334,7 @@ HANDED_IN = (
             Column("tension_mean", "N", "mean tension of the chain that passes"),
             Column("tension_max", "N", "its largest tension"),
             Column("speed_mean", "m/s", "mean speed of the chain along itself"),
-            Column("displacement_mean", "m", "mean place of the chain from the probe, to the left of its rollers' order"),
+            Column("displacement_mean", "m", "mean place of the chain, to the left of the probe"),
             Column("displacement_std", "m", "its standard deviation"),
         ),
     ),

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 WEAR_COEFFICIENT = 2e-16
 """k of pin and bush, oiled [m^2/N]: makes a chain at the rated power of ISO 10823 3 % longer in 15,000 hours."""
 INNER_WIDTHS = 1.48
-"""Width over the inner link b_2 over that between its plates b_1, of ISO 606 within 3 %: a bush reaches through both."""
+"""Width over the inner link b_2 over that between its plates b_1, of ISO 606 within 3 %: what a bush is long."""
 
 
 class JointWear(NamedTuple):

@@ -1,7 +1,7 @@
 """Margin to tooth jump: how far rollers in a sprocket's wrap stand below where the tips of the teeth let them go.
 
-A roller that is drawn out of its seat climbs the flank. It leaves it at the tip, its center there R_r from the tip along
-the flank's normal, at the distance rho_top from the sprocket's center. With rho that of a roller,
+A roller that is drawn out of its seat climbs the flank. It leaves it at the tip, where its center is R_r from the tip
+along the flank's normal, at the distance rho_top from the sprocket's center. With rho that of a roller,
 
     margin = rho_top - rho [m],   margin over the climb = (rho_top - rho) / (rho_top - R)                        (a)
 

@@ -2,7 +2,7 @@
 
 With mu(v) = mu_d + (mu_s - mu_d) exp(-(v / v_s)^2), N normal forces and v sliding speeds,
 
-    joints   mu(r_p |g|) kappa r_p max(|T_i-1|, |T_i|) |g|,   g the rate at which the links turn against each other   (a)
+    joints   mu(r_p |g|) kappa r_p max(|T_i-1|, |T_i|) |g|,   g the rate at which links turn against each other  (a)
     guides   mu(v) N |v|                                                                                         (b)
     teeth    mu(v) N |v|,   v along the contact                                                                  (c)
 
@@ -12,12 +12,15 @@ as the kernels have it, but for their bound on what a step can stop, which only 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive import Drive
 from warpchain.drive.rubbing import Rubbing, guide_rubbing, tooth_rubbing
 from warpchain.results.guide_load import GuideContacts, guide_contacts
-from warpchain.results.run import Trajectory, need
+from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import nearest_sprocket, sprocket_normals
 
 Array = NDArray[np.float64]
@@ -110,3 +113,36 @@ def friction_power(trajectory: Trajectory, contacts: list[GuideContacts] | None 
         for s, sprocket in enumerate(drive.sprockets):
             found[sprocket.name] = tooth_power(trajectory, s, near)
     return found
+
+
+def by_group(drive: Drive, power: Mapping[str, Array]) -> dict[str, Array]:
+    """Friction powers by name as those of "joints", of all "guides" and of the "teeth" of all sprockets."""
+    groups = {
+        "joints": ["joints"],
+        "guides": [guide.name for guide in drive.guides],
+        "teeth": [sprocket.name for sprocket in drive.sprockets],
+    }
+    held = {group: [power[name] for name in names if name in power] for group, names in groups.items()}
+    return {group: np.sum(values, axis=0) for group, values in held.items() if values}
+
+
+def power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
+    """Mean friction power of a run's variants that are ok by group (V,) [W], over the driver's mean speed (V,) [rad/s].
+
+    Of the sums at every step (`joints.friction`, `PART.friction`), ascending in speed; None with fewer than three
+    speeds or where nothing rubs. Variants must have the parts of the first.
+    """
+    drive, table = run.drives[0], run.metrics
+    name = f"{drive.sprockets[drive.driver].name}.speed_mean"
+    if not {name, "window_start", "window_end"} <= set(table.column_names):
+        return None
+    of = {part: f"{part}.friction" for part in ("joints", *(p.name for p in (*drive.guides, *drive.sprockets)))}
+    columns = {part: np.array(table[held].to_pylist(), dtype=float) for part, held in of.items()
+               if held in table.column_names}  # fmt: skip
+    start, end, speed = (np.array(table[key].to_pylist(), dtype=float) for key in ("window_start", "window_end", name))
+    known = run.ok & np.isfinite(speed) & np.isfinite(np.sum(list(columns.values()), axis=0))
+    if not columns or len(np.unique(np.round(np.abs(speed[known]), 6))) < 3:
+        return None
+    order = np.flatnonzero(known)[np.argsort(np.abs(speed[known]))]
+    power = {part: values[order] / (end - start)[order] for part, values in columns.items()}
+    return np.abs(speed[order]), by_group(drive, power)

@@ -21,6 +21,8 @@ RISE = 1.25
 """Fastest over slowest block from which a run counts as one over speeds."""
 MOST = 6
 """Orders that are cut."""
+USUAL = (2.0, 4.0, 0.5, 1.0)
+"""Orders that are cut where motions and loads excite fewer."""
 
 
 def telling_orders(drive: Drive) -> list[float]:
@@ -35,8 +37,8 @@ def telling_orders(drive: Drive) -> list[float]:
             for harmonic in () if cause is None else cause.harmonics:
                 if harmonic.amplitude != 0.0:
                     found.add(round(harmonic.order / shaft_ratio(drive, s, harmonic.shaft) * turns, 9))
-    chosen = sorted(found)[: MOST - 1] or [0.5, 1.0, 2.0, 4.0]
-    return [*chosen, float(teeth)]
+    found |= set(USUAL[: max(0, len(USUAL) - len(found))])
+    return [*sorted(found - {float(teeth)})[: MOST - 1], float(teeth)]
 
 
 def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
@@ -71,9 +73,7 @@ def run_up_cuts(found: HandedIn) -> dict[str, tuple[str, dict[str, Cuts]]]:
             "N", {p.name: np.hypot(*hubs[:, s].T) for s, p in enumerate(drive.sprockets)},
         ),
     }  # fmt: skip
-    return {
-        title: (unit, {name: cuts(values) for name, values in of.items()}) for title, (unit, of) in signals.items()
-    }
+    return {title: (unit, {name: cuts(values) for name, values in of.items()}) for title, (unit, of) in signals.items()}
 
 
 def cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, Cuts]) -> Figure:
@@ -83,12 +83,11 @@ def cuts_figure(drive: Drive, title: str, unit: str, found: dict[str, Cuts]) -> 
     for axis, (name, cuts) in zip(axes, found.items(), strict=True):
         for k, order in enumerate(cuts.orders):
             mark = "tooth passing" if order == drive.sprockets[drive.driver].teeth else f"order {order:g}"
-            axis.plot(rpm(1.0) * cuts.speed, factor * cuts.amplitude[:, k], color=LINES[k % len(LINES)], lw=1.1, label=mark)
+            color = LINES[k % len(LINES)]
+            axis.plot(rpm(1.0) * cuts.speed, factor * cuts.amplitude[:, k], color=color, lw=1.1, label=mark)
         axis.set_title(name, loc="left", fontsize=9)
         axis.set_ylim(0.0)
     figure.supylabel(f"amplitude of the {title} [{word}]", fontsize=10)
     axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    axes[-1].set_xlabel(
-        f"speed of {drive.sprockets[drive.driver].name} [rpm], mean of {BLOCK:g} revolutions"
-    )
+    axes[-1].set_xlabel(f"speed of {drive.sprockets[drive.driver].name} [rpm], mean of {BLOCK:g} revolutions")
     return figure

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.drive import Drive
 from warpchain.results.guide_load import GuideLoad
 from warpchain.results.handed_in import HandedIn
-from warpchain.results.losses import Array
+from warpchain.results.losses import Array, by_group
 from warpchain.results.signals import forward
 from warpchain.view.figures.style import LINES, curve, panels, rpm, shown
 
@@ -62,14 +64,7 @@ def _per_length(unit: str, values: Array) -> tuple[str, float]:
 
 def grouped_power(found: HandedIn) -> dict[str, Array]:
     """Friction power (F,) [W] of joints, of all guides and of all teeth, of what rubs."""
-    drive, power = found.drive, found.power
-    groups = {
-        "joints": ["joints"],
-        "guides": [guide.name for guide in drive.guides],
-        "teeth": [sprocket.name for sprocket in drive.sprockets],
-    }
-    sums = {group: [power[name] for name in names if name in power] for group, names in groups.items()}
-    return {group: np.sum(values, axis=0) for group, values in sums.items() if values}
+    return by_group(found.drive, found.power)
 
 
 def friction_figure(found: HandedIn) -> Figure | None:
@@ -79,25 +74,37 @@ def friction_figure(found: HandedIn) -> Figure | None:
         return None
     whole, drive = found.whole, found.drive
     figure, (axis,) = panels(1, 3.4, "", None)
-    speed = None if whole.sprocket_speed is None else forward(drive, whole.sprocket_speed, drive.driver)
-    part = whole.time >= found.start - 1e-12
-    unit, factor = shown("W", *(_spells(values, SPEEDS) for values in groups.values()))
-    if speed is not None and np.ptp(speed[part]) > SWAY * float(np.abs(speed).max()):
-        edges = np.linspace(float(speed[part].min()), float(speed[part].max()), SPEEDS + 1)
-        spell = np.clip(np.digitize(speed[part], edges) - 1, 0, SPEEDS - 1)
-        count = np.bincount(spell, minlength=SPEEDS)
-        held = [np.bincount(spell, values[part], minlength=SPEEDS)[count > 0] for values in groups.values()]
-        x = rpm(1.0) * (0.5 * (edges[:-1] + edges[1:]))[count > 0]
-        axis.set_xlabel(f"speed of {drive.sprockets[drive.driver].name} [rpm]")
-        rows = [factor * values / count[count > 0] for values in held]
-    else:
-        rows = [factor * _spells(values, 4 * SPEEDS) for values in groups.values()]
-        x = _spells(whole.time, 4 * SPEEDS)
-        axis.set_xlabel("time [s]")
-    axis.stackplot(x, *rows, labels=list(groups), colors=LINES, alpha=0.75, lw=0)
-    axis.set_xlim(x[0], x[-1])
+    spells = 4 * SPEEDS
+    x, label = _spells(whole.time, spells), "time [s]"
+    order = np.arange(len(x))
+    if whole.sprocket_speed is not None:
+        speed = _spells(forward(drive, whole.sprocket_speed, drive.driver), SPEEDS)
+        later = speed[len(speed) // 2 :]
+        if np.ptp(later) > SWAY * float(np.abs(later).max()):
+            spells, order, label = SPEEDS, np.argsort(speed), f"speed of {drive.sprockets[drive.driver].name} [rpm]"
+            x = rpm(1.0) * speed[order]
+    rows = [_spells(values, spells)[order] for values in groups.values()]
+    unit, factor = shown("W", np.sum(rows, axis=0))
+    stacked(axis, x, {name: factor * values for name, values in zip(groups, rows, strict=True)})
+    axis.set_xlabel(label)
     axis.set_ylabel(f"friction power [{unit}]")
+    return figure
+
+
+def stacked(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
+    """Values above each other, with a legend."""
+    axis.stackplot(x, *rows.values(), labels=list(rows), colors=LINES, alpha=0.75, lw=0)
+    axis.set_xlim(x[0], x[-1])
     axis.legend(loc="upper left", fontsize=8)
+
+
+def variants_figure(drive: Drive, speed: Array, groups: Mapping[str, Array]) -> Figure:
+    """Mean friction power [W] of variants by group over the driver's mean speed (V,) [rad/s], ascending."""
+    figure, (axis,) = panels(1, 3.4, "", None)
+    unit, factor = shown("W", np.sum(list(groups.values()), axis=0))
+    stacked(axis, rpm(1.0) * speed, {name: factor * values for name, values in groups.items()})
+    axis.set_xlabel(f"mean speed of {drive.sprockets[drive.driver].name} [rpm]")
+    axis.set_ylabel(f"mean friction power [{unit}]")
     return figure
 
 

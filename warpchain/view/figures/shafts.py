@@ -126,7 +126,8 @@ def cycle_figure(found: HandedIn) -> Figure | None:
             axis.fill_between(angle, factor * average.low, factor * average.high, color=color, alpha=0.15, lw=0)
         axis.set_ylabel(f"{title}\n[{word}]")
         axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    axes[0].set_title(f"{count} cycle{'s' * (count > 1)}: mean, and shaded from smallest to largest", loc="left", fontsize=9)
+    title = f"{count} cycle{'s' * (count > 1)}: mean, and shaded from smallest to largest"
+    axes[0].set_title(title, loc="left", fontsize=9)
     _degrees(axes[-1], driver)
     return figure
 

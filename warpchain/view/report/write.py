@@ -20,7 +20,7 @@ def report_html(
     chosen = recorded(source, variant)
     row = chosen.run.metrics.to_pylist()[chosen.index]
     found = HandedIn(chosen.trajectory, *window_of(row, chosen.trajectory), wear)
-    return html.page(title or heading(found), list(sections(found, row, chosen.run.info)))
+    return html.page(title or heading(found), list(sections(found, row, chosen.run)))
 
 
 def report(
