@@ -108,3 +108,32 @@ def test_a_drive_without_guides_has_no_loads():
 
 def test_every_metric_has_a_unit():
     assert column_of("bar.pv_max").unit == "W/m"
+
+
+def test_a_chain_that_slides_around_a_curved_guide():
+    # rollers ride at the offset over an arc of radius 0.4 from 30 to 90 degrees: a roller a pitch of the rollers' path,
+    # (0.4 + offset) / 0.4 of the face's, so that p = P (0.4 + offset) / (0.4 pitch), v the face's share of theirs
+    arc = {"name": "blade", "arcs": ({"center": (0.0, 0.0), "radius": 0.4, "from": 90.0, "to": 30.0},), "side": "left"}
+    contact = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e8}
+    drive = two_sprockets().with_values({"contact.guide": contact, "guides": (arc,)})
+    out, frames = 0.4 + drive.guide_offset(0), 2000
+    time = np.arange(frames) * (PITCH / SPEED) / 100.0
+    way = np.mod(PITCH * (np.arange(60) + 0.005) + SPEED * time[:, None], 60 * PITCH)  # 3 m: 7.2 radians around
+    angle = np.radians(90.0) + 0.5 - way / out
+    position = out * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    velocity = SPEED * np.stack([np.sin(angle), -np.cos(angle)], axis=-1)
+    on = (angle < np.radians(90.0)) & (angle > np.radians(30.0))
+    trajectory = Trajectory(
+        drive, time, position=position, velocity=velocity, guide_force=np.where(on, FORCE, 0.0),
+        sprocket_force=np.zeros(on.shape),
+    )  # fmt: skip
+    (load,) = guide_loads(trajectory)
+    inner = (load.place > 0.02) & (load.place < 0.4 * np.pi / 3 - 0.02)
+    expected = FORCE * out / 0.4 / PITCH
+    # stretches do not hold whole numbers of the hundredths of a pitch that rollers are seen at: one in 24
+    np.testing.assert_allclose(load.mean[inner], expected, rtol=0.05)
+    assert load.mean[inner].mean() == pytest.approx(expected, rel=0.005)
+    np.testing.assert_allclose(load.speed[inner], SPEED, rtol=1e-12)
+    width = load.place[1] - load.place[0]
+    rollers = FORCE * on.sum() / frames
+    assert load.mean.sum() * width == pytest.approx(rollers, rel=1e-9)  # none is lost

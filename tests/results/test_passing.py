@@ -15,6 +15,8 @@ from warpchain.results.losses import friction_power, joint_rates
 from warpchain.results.passing import seen_at
 from warpchain.results.statistics import share_below
 
+UNIQUE = "must be unique among sprockets, guides, arms and tensioners"
+
 
 def in_seats(drive, lift=0.0, s=0, force=0.0, turn=0.0):
     """One frame with a roller `lift` [m] above each seat of a sprocket that is turned by `turn`, pressed by `force`."""
@@ -197,8 +199,8 @@ def test_probes_in_a_drive_file():
     ("path", "value", "line"),
     [
         ("probes/0/radius", 0.0, "probes.mid.radius = 0.0: must be a positive number"),
-        ("probes/0/name", "camshaft", 'probes.camshaft.name = "camshaft": must be unique among all parts'),
-        ("probes/1/name", "mid", 'probes.1.name = "mid": must be unique among all parts'),
+        ("probes/0/name", "camshaft", 'probes.camshaft.name = "camshaft": ' + UNIQUE),
+        ("probes/1/name", "mid", 'probes.1.name = "mid": ' + UNIQUE),
         ("probes/0/at", [1.0], "probes.mid.at = [1.0]: must be two finite numbers [x, y]"),
         ("probes/0/at", [1e5, 0.0], "probes.mid.at = [100000.0, 0.0]: must be within 10000 m of the origin"),
         ("probes/0/at", None, "probes.mid.at: missing; must be two finite numbers [x, y]"),

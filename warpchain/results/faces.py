@@ -48,18 +48,13 @@ class Face(NamedTuple):
 
 def face_of(drive: Drive, g: int) -> Face:
     """The face of guide g in the coordinates of the drawing: its pieces and both rounded ends."""
-    guide = drive.guides[g]
-    start, end, radius = np.array(guide.start), np.array(guide.end), guide.end_radius
-    t = (end - start) / np.hypot(*(end - start))
-    n = np.array([-t[1], t[0]])
-    heading = math.atan2(t[1], t[0])
-    length, quarter = float(np.hypot(*(end - start))), 0.5 * math.pi * radius
+    profile = drive.profile(g)
     return Face(
-        start=np.array([start - radius * (n + t), start, end]),
-        heading=np.array([heading + 0.5 * math.pi, heading, heading]),
-        curvature=np.array([-1.0 / radius, 0.0, -1.0 / radius]),
-        length=np.array([quarter, length, quarter]),
-        place=np.array([-quarter, 0.0, length]),
+        start=np.array([piece.start for piece in profile.pieces]),
+        heading=np.array([piece.heading for piece in profile.pieces]),
+        curvature=np.array([piece.curvature for piece in profile.pieces]),
+        length=np.array([piece.length for piece in profile.pieces]),
+        place=np.array(profile.places),
     )
 
 
@@ -107,11 +102,8 @@ def in_drawing(trajectory: Trajectory, g: int, frame: Index, points: Array) -> t
 
 
 def _arm_of(trajectory: Trajectory, g: int) -> tuple[Array, Array] | None:
-    """Pivot of the arm that carries guide g, and its angle (F,) [rad]; None on the ground."""
-    name = getattr(trajectory.drive.guides[g], "arm", None)
-    angles = getattr(trajectory, "arm_angle", None)
-    arms = getattr(trajectory.drive, "arms", ())
-    number = next((a for a, arm in enumerate(arms) if arm.name == name), None)
-    if number is None or angles is None:
+    """Pivot of the arm that carries guide g, and its angle (F,) [rad]; None on the ground or without that channel."""
+    arm, angles = trajectory.drive.arm_of(g), getattr(trajectory, "arm_angle", None)
+    if arm is None or angles is None:
         return None
-    return np.asarray(arms[number].pivot, dtype=float), np.asarray(angles, dtype=float)[:, number]
+    return np.asarray(trajectory.drive.arms[arm].pivot, dtype=float), np.asarray(angles, dtype=float)[:, arm]

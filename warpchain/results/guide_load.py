@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from warpchain.results.faces import face_of, in_drawing, on_face, tangent_at
 from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import nearest_guide
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -61,7 +60,8 @@ def guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
     faces = [face_of(drive, g) for g in range(len(drive.guides))]
     seen = [in_drawing(trajectory, g, frame, x) for g in range(len(faces))]
     places = [on_face(face, points) for face, (points, _) in zip(faces, seen, strict=True)]
-    nearest = _nearest(np.array([np.abs(height) for _, height in places]), nearest_guide(drive, x))
+    off = [np.abs(height - drive.guide_offset(g)) for g, (_, height) in enumerate(places)]
+    nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=0) if off else np.zeros(len(x), dtype=np.intp)
     found = []
     for g, face in enumerate(faces):
         mine = (nearest == g) & np.isfinite(places[g][0])
@@ -71,14 +71,6 @@ def guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
         along = v[mine, 0] * (c * t[:, 0] - s * t[:, 1]) + v[mine, 1] * (s * t[:, 0] + c * t[:, 1])
         found.append(GuideContacts(frame[mine], roller[mine], place, force[mine], along))
     return found
-
-
-def _nearest(heights: Array, otherwise: Index) -> Index:
-    """The guide of the least height (G, K) above each point; `otherwise` where none has one."""
-    if not heights.size:
-        return otherwise
-    known = np.isfinite(heights).any(axis=0)
-    return np.where(known, np.argmin(np.where(np.isfinite(heights), heights, np.inf), axis=0), otherwise)
 
 
 class GuideLoad(NamedTuple):
@@ -133,6 +125,6 @@ def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = N
         stretches = max(8, round(STRETCHES * face.face_length / drive.chain.pitch))
         width = face.face_length / stretches
         before, after = int(np.ceil(-first / width)), int(np.ceil((last - face.face_length) / width))
-        edges = width * np.arange(-before, stretches + after + 1)
+        edges = np.arange(-before, stretches + after + 1) * np.float64(width)
         found.append(load_over_length(mine, len(trajectory.time), edges, drive.chain.pitch))
     return found

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.rubbing import Rubbing, guide_rubbing, tooth_rubbing
+from warpchain.results.formulas import partner_names
 from warpchain.results.guide_load import GuideContacts, guide_contacts
 from warpchain.results.run import Run, Trajectory, need
 from warpchain.results.scene import nearest_sprocket, sprocket_normals
@@ -69,7 +70,7 @@ def guide_power(trajectory: Trajectory, g: int, contacts: GuideContacts) -> Arra
     """Friction power on guide g (F,) [W] (b)."""
     speed = np.abs(contacts.speed)
     power = coefficient(guide_rubbing(trajectory.drive, g), speed) * contacts.force * speed
-    return np.bincount(contacts.frame, power, minlength=len(trajectory.time))
+    return np.asarray(np.bincount(contacts.frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
 def tooth_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array:
@@ -91,7 +92,7 @@ def tooth_power(trajectory: Trajectory, s: int, near: NDArray[np.intp]) -> Array
     n = sprocket_normals(trajectory, s, frame, roller)
     sliding = np.abs(relative[:, 1] * n[:, 0] - relative[:, 0] * n[:, 1])
     power = coefficient(tooth_rubbing(trajectory.drive), sliding) * force * sliding
-    return np.bincount(frame, power, minlength=len(trajectory.time))
+    return np.asarray(np.bincount(frame, power, minlength=len(trajectory.time)), dtype=float)
 
 
 def friction_power(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> dict[str, Array]:
@@ -136,7 +137,7 @@ def power_over_speed(run: Run) -> tuple[Array, dict[str, Array]] | None:
     name = f"{drive.sprockets[drive.driver].name}.speed_mean"
     if not {name, "window_start", "window_end"} <= set(table.column_names):
         return None
-    of = {part: f"{part}.friction" for part in ("joints", *(p.name for p in (*drive.guides, *drive.sprockets)))}
+    of = {part: f"{part}.friction" for part in ("joints", *partner_names(drive))}
     columns = {part: np.array(table[held].to_pylist(), dtype=float) for part, held in of.items()
                if held in table.column_names}  # fmt: skip
     start, end, speed = (np.array(table[key].to_pylist(), dtype=float) for key in ("window_start", "window_end", name))

@@ -26,7 +26,7 @@ CYCLE = 2.0
 """Revolutions of the driver in the working cycle of a four-stroke engine."""
 SAMPLES = 256
 """Least samples of a revolution after resampling."""
-BLOCK = 16.0
+BLOCK = 8.0
 """Revolutions of a block of a run-up; orders half an order apart are then told apart (Hann)."""
 
 
@@ -131,14 +131,14 @@ class Cycle(NamedTuple):
     Attributes:
         angle: (A,) of the driver from where the recording began [rad].
         mean, low, high: (A,) mean, smallest and largest of all cycles at that angle.
-        count: how many cycles there are.
+        cycles: how many there are.
     """
 
     angle: Array
     mean: Array
     low: Array
     high: Array
-    count: int
+    cycles: int
 
 
 def cycle_average(turns: Array, values: Array, cycle: float = CYCLE, points: int = 720) -> Cycle | None:

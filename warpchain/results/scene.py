@@ -43,12 +43,14 @@ def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
 
 def guide_outline(drive: Drive, g: int, points: int = 12) -> Array:
     """Outline of guide-bar g (P, 2) [m]: its face and both rounded ends."""
-    guide = drive.guides[g]
-    start, end = np.asarray(guide.start, dtype=float), np.asarray(guide.end, dtype=float)
+    if not drive.guides[g].straight:
+        return drive.profile(g).points(drive.chain.pitch / points)
+    bar = drive.guides[g].bar
+    start, end = np.asarray(bar.start, dtype=float), np.asarray(bar.end, dtype=float)
     t = (end - start) / np.hypot(*(end - start))
     n = np.array([-t[1], t[0]])
     angle = np.linspace(0.0, 0.5 * math.pi, points)[:, None]
-    radius = guide.end_radius
+    radius = bar.end_radius
     before = start - radius * n + radius * (np.cos(angle) * n - np.sin(angle) * t)
     after = end - radius * n + radius * (np.cos(angle) * n + np.sin(angle) * t)
     return np.vstack([before[::-1], after])
@@ -119,12 +121,12 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
 def _guide_normals(drive: Drive, x: Array) -> Array:
     """Direction of the guide-bars' contact force on rollers at `x` (K, 2): the faces' normal."""
     normals = np.zeros_like(x)
-    for guide in drive.guides:
-        t = np.subtract(guide.end, guide.start)
+    for bar in (guide.bar for guide in drive.guides):
+        t = np.subtract(bar.end, bar.start)
         length = float(np.hypot(*t))
         t = t / length
-        along = (x - np.asarray(guide.start)) @ t
-        reach = guide.end_radius + drive.chain.roller_radius
+        along = (x - np.asarray(bar.start)) @ t
+        reach = bar.end_radius + drive.chain.roller_radius
         near = (along > -reach) & (along < length + reach)
         normals += near[:, None] * np.array([-t[1], t[0]])
     return normals
@@ -133,8 +135,8 @@ def _guide_normals(drive: Drive, x: Array) -> Array:
 def nearest_guide(drive: Drive, x: Array) -> Index:
     """The guide-bar whose face each of the points `x` (K, 2) is nearest to (K,)."""
     apart = []
-    for guide in drive.guides:
-        start, t = np.asarray(guide.start, dtype=float), np.subtract(guide.end, guide.start)
+    for bar in (guide.bar for guide in drive.guides):
+        start, t = np.asarray(bar.start, dtype=float), np.subtract(bar.end, bar.start)
         share = np.clip((x - start) @ t / float(t @ t), 0.0, 1.0)
         apart.append(np.hypot(*(x - start - share[:, None] * t).T))
     return np.argmin(apart, axis=0) if apart else np.zeros(len(x), dtype=np.intp)

@@ -33,13 +33,13 @@ class Events(NamedTuple):
     """How often something opens.
 
     Attributes:
-        count: openings: samples above the threshold after one that is not.
+        openings: samples above the threshold after one that is not.
         rate: of them a second [1/s].
         share: of the time that it is open.
         longest: it stays open [s].
     """
 
-    count: int
+    openings: int
     rate: float
     share: float
     longest: float

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.drive import Drive
+from warpchain.results.channels import CHANNELS
 from warpchain.results.guide_load import GuideLoad
 from warpchain.results.handed_in import HandedIn
 from warpchain.results.losses import Array, by_group
+from warpchain.results.run import Trajectory
 from warpchain.results.signals import forward
 from warpchain.view.figures.style import LINES, curve, panels, rpm, shown
 
@@ -126,6 +128,35 @@ def wear_figure(found: HandedIn) -> Figure | None:
     axis.set_xlabel("joint number")
     axis.set_ylabel(f"force times\nsliding speed [{unit}]")
     axis.legend(loc="lower right", fontsize=8)
+    return figure
+
+
+BODIES = {"arm": "arms", "tensioner": "tensioners"}
+"""What channels can be of beside rollers, links and sprockets, with the drive's list of them."""
+
+
+def channels_of(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array]]:
+    """The recorded channels of "arm" or "tensioner": title, unit and values (F, how many there are)."""
+    return {
+        channel.description: (channel.unit, np.asarray(values, dtype=float))
+        for channel in CHANNELS
+        if channel.per == kind and not channel.components
+        for values in [getattr(trajectory, channel.name)]
+        if values is not None
+    }
+
+
+def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
+    """All that is recorded of an arm or a tensioner over time; None where nothing is."""
+    held = channels_of(found.whole, kind)
+    if not held:
+        return None
+    figure, axes = panels(len(held), 1.9 * len(held) + 0.4, "", None)
+    for axis, (title, (unit, values)) in zip(axes, held.items(), strict=True):
+        word, factor = ("degrees", 180.0 / np.pi) if unit == "rad" else shown(unit, values[:, k])
+        curve(axis, found.whole.time, factor * values[:, k], color=LINES[0])
+        axis.set_ylabel(f"{title}\n[{word}]")
+    axes[-1].set_xlabel("time [s]")
     return figure
 
 

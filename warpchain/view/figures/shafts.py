@@ -121,7 +121,7 @@ def cycle_figure(found: HandedIn) -> Figure | None:
             average = cycle_average(turns[kept], values[kept])
             if average is None:
                 continue
-            color, angle, count = LINES[k % len(LINES)], np.degrees(average.angle), average.count
+            color, angle, count = LINES[k % len(LINES)], np.degrees(average.angle), average.cycles
             axis.plot(angle, factor * average.mean, lw=1.2, color=color, label=name)
             axis.fill_between(angle, factor * average.low, factor * average.high, color=color, alpha=0.15, lw=0)
         axis.set_ylabel(f"{title}\n[{word}]")

@@ -12,6 +12,7 @@ from warpchain.drive import Drive
 from warpchain.results.columns import COLUMNS, column_of
 from warpchain.results.formulas import THINGS
 from warpchain.results.handed_in import HandedIn
+from warpchain.results.strokes import events, stroke
 from warpchain.results.units import display_unit
 from warpchain.view.html import number, table
 
@@ -130,6 +131,24 @@ def guide_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str,
         ])  # fmt: skip
     head = ["guide", "mean force", "largest force of a roller", "largest mean load", "sliding speed", "largest p v",
             "mean pressure over the width", "p v over the width", "time untouched"]  # fmt: skip
+    return table(head, rows)
+
+
+def stroke_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
+    """How each channel (F, count) of body k moves in the window: extremes, mean, travel, way in a second, openings.
+
+    What never falls below 0 and rests there, as a valve's lift does, has openings.
+    """
+    rows = []
+    for title, (unit, values) in channels.items():
+        mine, time = values[:, k], found.part.time
+        moved, opened = stroke(time, mine), events(time, mine)
+        cells = [quantity(value, unit, max(abs(moved.low), abs(moved.high))) for value in
+                 (moved.low, moved.mean, moved.high, moved.travel, moved.path)]  # fmt: skip
+        opens = moved.low == 0.0 and opened.share < 1.0
+        spells = f"{opened.openings}, {100.0 * opened.share:.1f} % of the time" if opens else ""
+        rows.append([title, *(value for value, _ in cells), cells[0][1], spells])
+    head = ["what", "least", "mean", "most", "travel", "way in a second", "unit", "openings"]
     return table(head, rows)
 
 

@@ -173,13 +173,30 @@ def wear(found: HandedIn, _: Row) -> Iterator[str]:
         ]
     yield html.text(
         "Means of all joints over the window. The forecast is proportional to k, which lubrication and surfaces change "
-        "a hundredfold: 2e-16 m\u00b2/N is an oiled industrial chain's, hardened pins in an engine's oil have some 4e-18. "
+        "a hundredfold: 2e-16 m\u00b2/N is an oiled industrial chain's, hardened pins in engine oil have some 4e-18. "
         "Calibrate it by a measured chain (docs/wear.md)."
     )
     if found.area is None:
         yield html.text("No forecast: neither a size of chain nor a bearing area is given.", muted=True)
     yield html.table(["of a joint", "value"], rows)
     yield pictured(load.wear_figure(found), "loaded sliding of every joint")
+
+
+def bodies(found: HandedIn, row: Row) -> Iterator[str]:
+    """Arms and tensioners: every channel that is recorded of them, and how it moves in the window."""
+    for kind, of in load.BODIES.items():
+        channels = load.channels_of(found.part, kind)
+        for k, part in enumerate(getattr(found.drive, of)):
+            if channels:
+                yield html.heading(part.name)
+                yield numbers.stroke_table(found, channels, k)
+                yield pictured(load.body_figure(found, kind, k), f"what {part.name} does")
+    names = [part.name for of in load.BODIES.values() for part in getattr(found.drive, of)]
+    tables = numbers.metric_tables(found.drive, row)
+    for name in names:
+        if name in tables:
+            yield html.heading(f"{name}, over the window at every step")
+            yield tables[name]
 
 
 def probes(found: HandedIn, _: Row) -> Iterator[str]:
@@ -206,6 +223,7 @@ SECTIONS: tuple[tuple[str, str, Parts, Callable[[HandedIn], bool]], ...] = (
     ("cycle", "Engine cycle", cycle, lambda found: True),
     ("speed", "Orders over speed", over_speed, lambda found: True),
     ("guides", "Guides", guides, lambda found: bool(found.drive.guides)),
+    ("bodies", "Arms, tensioners", bodies, lambda found: bool(found.drive.arms or found.drive.tensioners)),
     ("friction", "Friction", friction, lambda found: True),
     ("safety", "Tooth jump, slack", safety, lambda found: True),
     ("wear", "Wear", wear, lambda found: True),
