@@ -13,11 +13,23 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from warpchain.results.channels import CHANNELS, OF_SPROCKETS, Channel
-from warpchain.results.columns import BALANCE, DESIGN, ENGAGED, JOINTS, MEASURED, RECORDED, RUN, SETTLING, STEADY, Group
+from warpchain.results.columns import (
+    BALANCE,
+    DESIGN,
+    ENGAGED,
+    HANDED_IN,
+    JOINTS,
+    MEASURED,
+    RECORDED,
+    RUN,
+    SETTLING,
+    STEADY,
+    Group,
+)
 from warpchain.results.judgement import RULES, Limits
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-OF = {"chain": "", "strand": "STRAND.", "sprocket": "SPROCKET.", "partner": "PART."}
+OF = {"chain": "", "strand": "STRAND.", "sprocket": "SPROCKET.", "partner": "PART.", "probe": "PROBE."}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -78,6 +90,7 @@ def tables() -> dict[str, str]:
         "balance": metrics((BALANCE, JOINTS)),
         "design": metrics(group for groups in DESIGN for group in groups),
         "recorded": metrics(RECORDED),
+        "handed_in": metrics(HANDED_IN),
     }
 
 

@@ -145,6 +145,10 @@ class HandedIn:
 
     def metrics(self) -> dict[str, float]:
         """The metrics (`results.columns.HANDED_IN`) that the recorded channels allow, by name."""
+        return dict(self._metrics)
+
+    @cached_property
+    def _metrics(self) -> dict[str, float]:
         found: dict[str, float] = {}
         for rows in (_of_strands, _of_sprockets, _of_guides, _of_joints, _of_probes):
             found |= rows(self)
