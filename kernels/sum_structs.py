@@ -47,6 +47,8 @@ class SprocketSums:
     moment: wp.float64  # [N m s]
     contact_work: wp.float64  # done by the chain on the sprocket [J]
     load_work: wp.float64  # done by the load moment [J]
+    force: wp.vec2d  # of the chain on it [N s]
+    force_max: wp.float64  # its largest magnitude [N]
 
 
 @wp.struct

@@ -13,7 +13,19 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from warpchain.results.channels import CHANNELS, OF_BODIES, Channel
-from warpchain.results.columns import BALANCE, DESIGN, ENGAGED, JOINTS, MEASURED, RECORDED, RUN, SETTLING, STEADY, Group
+from warpchain.results.columns import (
+    BALANCE,
+    DESIGN,
+    ENGAGED,
+    HANDED_IN,
+    JOINTS,
+    MEASURED,
+    RECORDED,
+    RUN,
+    SETTLING,
+    STEADY,
+    Group,
+)
 from warpchain.results.judgement import RULES, Limits
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -24,6 +36,7 @@ OF = {
     "partner": "PART.",
     "arm": "ARM.",
     "tensioner": "TENSIONER.",
+    "probe": "PROBE.",
 }
 
 
@@ -86,6 +99,7 @@ def tables() -> dict[str, str]:
         "balance": metrics((BALANCE, JOINTS)),
         "design": metrics(group for groups in DESIGN for group in groups),
         "recorded": metrics(RECORDED),
+        "handed_in": metrics(HANDED_IN),
     }
 
 

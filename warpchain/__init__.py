@@ -12,9 +12,11 @@ if TYPE_CHECKING:
     from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
     from warpchain.modal import Modes, modes
+    from warpchain.results.handed_in import Wear
     from warpchain.results.judgement import Limits
     from warpchain.results.run import Record, Run, Trajectory
     from warpchain.study.run import run_study
+    from warpchain.view.report import report
 
 _HOME = {
     "ArchiveOptions": "archive",
@@ -25,6 +27,7 @@ _HOME = {
     "Run": "results.run",
     "Trajectory": "results.run",
     "WarpchainError": "errors",
+    "Wear": "results.handed_in",
     "assemble": "assembly",
     "bench_tensioner": "engine.rig",
     "dumps_drive": "drive",
@@ -32,6 +35,7 @@ _HOME = {
     "loads_drive": "drive",
     "modes": "modal",
     "read_archive": "archive",
+    "report": "view.report",
     "run_study": "study.run",
     "simulate": "engine.simulation",
     "write_archive": "archive",
@@ -46,6 +50,7 @@ __all__ = [
     "Run",
     "Trajectory",
     "WarpchainError",
+    "Wear",
     "__version__",
     "assemble",
     "bench_tensioner",
@@ -54,6 +59,7 @@ __all__ = [
     "loads_drive",
     "modes",
     "read_archive",
+    "report",
     "run_study",
     "simulate",
     "write_archive",

@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import types
+from ..structs import Acting, types
 from ..sum_structs import Sums, Tallies
 from .block_arms import block_arms
 from .block_bodies import block_bodies
@@ -87,11 +87,14 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         wrench = wrench_on(shared, mine.thread)
         if mine.sprocket >= 0:
             before = shared.poses[mine.sprocket]
+            acting = Acting()
+            acting.contact = wrench
+            acting.whole = wrench
             if wp.static(kind.tensioners > 0):
-                wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
-            body = bodies.advance(ensemble, state, shared, mine, now, wrench)
+                acting.whole = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
+            body = bodies.advance(ensemble, state, shared, mine, now, acting.whole)
             if wp.static(measuring) and now.measured != 0:
-                observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
+                observe_sprocket(ensemble, tallies, shared, mine, now, body, acting, before)
                 if wp.static(kind.tensioners > 0):
                     arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
             sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench)

@@ -145,7 +145,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on body s."""
         at = s * wp.static(threads) + i
         store_part(shared.parts, at, load_part(shared.parts, at) + moment)
-        if wp.static(moving):
+        if wp.static(kind.pushes):
             x = at + wp.static(bodies * threads)
             store_part(shared.parts, x, load_part(shared.parts, x) - wp.float64(force[0]))
             y = at + wp.static(2 * bodies * threads)
@@ -350,7 +350,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
     @wp.func
     def wrench_on(shared: kinds.Shared, i: int):
-        """The chain's moment [N m] on the body that thread i moves and, if it may move, its force [N].
+        """The chain's moment [N m] on the body that thread i moves and, if it is wanted, its force [N].
 
         All threads together, between the barrier after the contacts and the next one.
         """
@@ -366,11 +366,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             y = wp.float64(0.0)
             if s < wp.static(bodies):
                 moment = part(shared, s, i)
-                if wp.static(moving):
+                if wp.static(kind.pushes):
                     x = part(shared, s + wp.static(bodies), i)
                     y = part(shared, s + wp.static(2 * bodies), i)
             moment = group_sum(moment)
-            if wp.static(moving):
+            if wp.static(kind.pushes):
                 x = group_sum(x)
                 y = group_sum(y)
             if i % group() == turn:

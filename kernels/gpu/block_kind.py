@@ -48,6 +48,11 @@ class BlockKind:
         return self.sprockets + self.arms
 
     @property
+    def pushes(self) -> bool:
+        """Whether the force on sprockets is wanted beside the moment: by what moves, or by the metrics."""
+        return self.moving or self.measuring
+
+    @property
     def slots(self) -> int:
         """Most rollers of a drive."""
         return self.threads * self.per

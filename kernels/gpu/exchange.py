@@ -169,7 +169,7 @@ def room(kind: BlockKind) -> Room:
     """What a block of a kind needs."""
     kinds = types(kind.Real)
     size = wp.types.type_size_in_bytes(kind.Real)
-    parts = (3 if kind.moving else 1) * kind.bodies * kind.threads
+    parts = (3 if kind.pushes else 1) * kind.bodies * kind.threads
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
     seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
     of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]

@@ -15,8 +15,8 @@ from PIL import Image
 from warpchain.cli import main
 from warpchain.errors import StudyError
 from warpchain.study.report import report_html, telling_metrics
-from warpchain.study.report.page import number, table
 from warpchain.study.results import export_table, read_results
+from warpchain.view.html import number, table
 
 FACTORS = ("load.torque", "center.x", "law")
 

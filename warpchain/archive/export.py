@@ -65,15 +65,17 @@ def export_npz(archive: str | Path, output: str | Path, variant: int | None = No
 
 
 def flat(trajectory: Trajectory) -> pa.Table:
-    """A table with a column for every number of a frame, named CHANNEL.INDEX or CHANNEL.SPROCKET, with .x or .y behind
+    """A table with a column for every number of a frame, named CHANNEL.INDEX or CHANNEL.NAME, with .x or .y behind
     it for vectors; fields' metadata have the `unit`."""
     import pyarrow as pa
 
     values: list[NDArray[np.floating]] = [trajectory.time]
     names, units = ["time"], [UNITS["time"]]
-    sprockets = [sprocket.name for sprocket in trajectory.drive.sprockets]
+    drive = trajectory.drive
+    named = {"sprocket": drive.sprockets, "arm": drive.arms, "tensioner": drive.tensioners}
     for channel, array in trajectory.channels().items():
-        of = sprockets if CHANNEL[channel].of_sprocket else [str(i) for i in range(array.shape[1])]
+        parts = named.get(CHANNEL[channel].per)
+        of = [str(i) for i in range(array.shape[1])] if parts is None else [part.name for part in parts]
         for i, part in enumerate(of):
             if array.ndim == 2:
                 names.append(f"{channel}.{part}")

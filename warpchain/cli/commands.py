@@ -79,8 +79,9 @@ def modes(arguments: argparse.Namespace) -> int:
 
 def tensioner(arguments: argparse.Namespace) -> int:
     from warpchain.cli.tensioner import tensioner_lines
+    from warpchain.engine.start import start_warp
 
-    start_warp()
+    start_warp(precompiled=False)
     for line in tensioner_lines(_load(arguments), arguments):
         print(line)
     return DONE
@@ -231,6 +232,17 @@ def plot(arguments: argparse.Namespace) -> int:
         )
     for path in paths:
         print(path)
+    return DONE
+
+
+def report(arguments: argparse.Namespace) -> int:
+    from warpchain.results.handed_in import Wear
+    from warpchain.results.joint_wear import WEAR_COEFFICIENT
+    from warpchain.view.report import report
+
+    given = arguments.wear_coefficient
+    wear = Wear(WEAR_COEFFICIENT if given is None else given, arguments.bearing_area)
+    print(report(arguments.archive, arguments.output, arguments.variant, arguments.title, wear))
     return DONE
 
 

@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | modes | tensioner | run | view | plot | export | import | ...`.
+"""The command line: `warpchain check | chains | fit | modes | tensioner | run | view | plot | report | export | ...`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
 user's or a refusal of the machine's, said in one line each.
@@ -30,6 +30,7 @@ EPILOG = """examples:
   warpchain run my_drive.toml -o out.mcap --set sprockets.camshaft.load.torque=8e3 --duration 0.5
   warpchain view marine.mcap
   warpchain plot marine.mcap -o plots
+  warpchain report marine.mcap -o marine.html
 """
 DRIVE = "drive file (TOML), or the name of an example drive such as marine"
 
@@ -236,6 +237,27 @@ def _plot(commands: Any) -> None:
     )
 
 
+def _report(commands: Any) -> None:
+    parser = _add(
+        commands,
+        "report",
+        do.report,
+        "write what engineers hand in of a recorded run as one HTML page",
+        "warpchain report engine.mcap -o engine.html",
+    )
+    parser.add_argument("archive", metavar="OUT.mcap", type=Path)
+    parser.add_argument("-o", "--output", metavar="report.html", type=Path, required=True, help="the page to write")
+    parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
+    parser.add_argument("--title", help="heading of the page")
+    parser.add_argument(
+        "--wear-coefficient",
+        type=number,
+        metavar="M2/N",
+        help="of pins and bushes, volume lost over force times sliding distance (default 2e-16; docs/wear.md)",
+    )
+    parser.add_argument("--bearing-area", type=number, metavar="M2", help="of a joint; default that of the size")
+
+
 def _export(commands: Any) -> None:
     parser = _add(
         commands,
@@ -301,7 +323,7 @@ def _study(commands: Any) -> None:
     add_report_commands(studies)
 
 
-COMMANDS = (_check, _chains, _fit, _modes, _tensioner, _run, _view, _plot, _export, _import, _recover, _study)
+COMMANDS = (_check, _chains, _fit, _modes, _tensioner, _run, _view, _plot, _report, _export, _import, _recover, _study)
 """What adds each command, in the order of the help."""
 
 

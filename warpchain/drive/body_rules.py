@@ -13,8 +13,14 @@ from warpchain.drive.part import BARE, Problem, elements, get, is_name, nearest,
 from warpchain.drive.parts import Chain, Sprocket
 from warpchain.drive.tensioners import Tensioner
 
-NAMED = ("sprockets", "guides", "arms", "tensioners")
-PLACES = {"sprockets": ("center",), "guides": ("start", "end"), "arms": ("pivot", "center"), "tensioners": ("at",)}
+NAMED = ("sprockets", "guides", "arms", "tensioners", "probes")
+PLACES = {
+    "sprockets": ("center",),
+    "guides": ("start", "end"),
+    "arms": ("pivot", "center"),
+    "tensioners": ("at",),
+    "probes": ("at",),
+}
 LEAST_LEVER = 1e-3
 """Share of a tensioner's distance from what it moves that must be lever, or of its direction that must be along."""
 

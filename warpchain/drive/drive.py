@@ -35,6 +35,7 @@ from warpchain.drive.part import (
 )
 from warpchain.drive.parts import Chain, RunSettings, Sprocket
 from warpchain.drive.paths import changed, lookup, settable
+from warpchain.drive.probe import Probe
 from warpchain.drive.profile import Profile
 from warpchain.drive.rules import guide_rules, rolling_rules, shaft_rules, size_rules, sprocket_rules
 from warpchain.drive.stiffness import contact_stiffness
@@ -56,6 +57,7 @@ class Drive(Part):
         tensioners: (T,) what pushes arms, or sprockets on sliders.
         contact: contact settings.
         run: run settings.
+        probes: places at which the chain that passes is looked at.
 
     Raises:
         DriveError: with one line for each value that is missing, unknown or not allowed.
@@ -68,6 +70,7 @@ class Drive(Part):
     tensioners: Annotated[tuple[Tensioner, ...], Allowed("must be a list of tensioners")] = ()
     contact: Contact
     run: RunSettings
+    probes: Annotated[tuple[Probe, ...], Allowed("must be a list of probes")] = ()
 
     def _repr_html_(self) -> str:
         """What notebooks show."""

@@ -31,6 +31,7 @@ from warpchain.results.formulas import (
     per_revolution,
     rms,
     tension_quantile,
+    tension_share_below,
     total,
     where,
 )
@@ -118,6 +119,9 @@ TENSION_QUANTILES = tuple(
     )
     for name, share in QUANTILES.items()
 )
+TENSION_SLACK = Column(
+    "slack", "1", "share of links and instants without tension", tension_share_below(0.0), aside=True
+)
 
 MOMENT_MEAN = Column("moment_mean", "N m", "mean moment of the contact forces, counter-clockwise", mean("moment"))
 FORCE_MAX = Column(
@@ -127,13 +131,13 @@ DAMPING_LOSS = Column("damping_loss", "J", "energy that its dampers and stops ta
 
 CHAIN = Group(
     "chain",
-    with_errors(TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD, *TENSION_QUANTILES),
+    with_errors(TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD, *TENSION_QUANTILES, TENSION_SLACK),
     source="chain",
     weight=lambda sums, duration, rollers: sums["samples"] * rollers,
 )
 STRAND_TENSION = Group(
     "strand",
-    with_errors(TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD, *TENSION_QUANTILES),
+    with_errors(TENSION_MIN, TENSION_MEAN, TENSION_MAX, TENSION_STD, *TENSION_QUANTILES, TENSION_SLACK),
     source="strand",
     weight=lambda sums, duration, rollers: sums["links"],
 )
@@ -156,6 +160,9 @@ SPROCKET = Group(
         Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),
         Column("speed_std", "rad/s", "standard deviation of the angular velocity", deviation("speed")),
         MOMENT_MEAN,
+        Column("hub_force_x_mean", "N", "mean force of the chain on the sprocket to the right", mean("force", 0)),
+        Column("hub_force_y_mean", "N", "mean force of the chain on the sprocket upward", mean("force", 1)),
+        Column("hub_force_max", "N", "largest force of the chain on the sprocket", total("force_max")),
     ),
     source="sprocket",
 )
@@ -334,6 +341,51 @@ RECORDED = (
     ),
 )
 """What only recorded variants have (`results.objectives`)."""
+HANDED_IN = (
+    Group(
+        "strand",
+        (Column("slack_time", "1", "share of time that its middle carries no tension"),),
+    ),
+    Group(
+        "sprocket",
+        (
+            Column("phase_mean", "rad", "mean phase error, in angle of the driver; below 0 where it lags"),
+            Column("phase_range", "rad", "phase error from its smallest to its largest, in angle of the driver"),
+            Column("jump_margin", "m", "what the roller nearest to jumping still had to climb"),
+            Column("jump_margin_relative", "1", "the same over the whole climb; 0 where the chain jumps"),
+        ),
+    ),
+    Group(
+        "partner",
+        (
+            Column("line_load_max", "N/m", "largest mean force per length of the face"),
+            Column("pv_max", "W/m", "largest mean of force times sliding speed, per length of the face"),
+            Column("sliding_speed", "m/s", "mean speed of the chain along the face, weighted by force"),
+            Column("off_time", "1", "share of time that no roller presses the guide"),
+        ),
+        where=lambda drive, index: index >= len(drive.sprockets),
+    ),
+    Group(
+        "chain",
+        (
+            Column("joints.sliding_speed", "m/s", "sliding distance of a joint over time"),
+            Column("joints.loaded_sliding", "W", "force times sliding speed of a joint, mean of all"),
+            Column("joints.friction_each", "W", "friction power of a joint, mean of all"),
+            Column("elongation_per_hour", "1/h", "elongation of the chain by wear of its joints"),
+        ),
+    ),
+    Group(
+        "probe",
+        (
+            Column("tension_mean", "N", "mean tension of the chain that passes"),
+            Column("tension_max", "N", "its largest tension"),
+            Column("speed_mean", "m/s", "mean speed of the chain along itself"),
+            Column("displacement_mean", "m", "mean place of the chain, to the left of the probe"),
+            Column("displacement_std", "m", "its standard deviation"),
+        ),
+    ),
+)
+"""What recorded variants have by `results.handed_in`, and reports."""
 
 MEASURED = (
     (CHAIN,),
@@ -362,7 +414,7 @@ OF_MODES = (
     Column("damping_ratio", "1", "damping ratio of that mode"),
 )
 """What studies can ask for of modes (`modes.NAME.frequency`)."""
-COLUMNS = {c.name: c for groups in (*METRICS, (RUN,), RECORDED) for group in groups for c in group.columns}
+COLUMNS = {c.name: c for groups in (HANDED_IN, *METRICS, (RUN,), RECORDED) for group in groups for c in group.columns}
 COLUMNS |= {c.name: c for c in OF_MODES}
 """Every column by its own name."""
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.statistics import drift, quantile, standard_error, steady
+from warpchain.results.statistics import drift, quantile, share_below, standard_error, steady
 
 Values = Any
 """A number, or an array of one number a variant (V,)."""
@@ -46,6 +46,7 @@ THINGS: dict[str, Callable[[Drive], list[str]]] = {
     "partner": lambda drive: [f"{name}." for name in partner_names(drive)],
     "arm": lambda drive: [f"{arm.name}." for arm in drive.arms],
     "tensioner": lambda drive: [f"{tensioner.name}." for tensioner in drive.tensioners],
+    "probe": lambda drive: [f"{probe.name}." for probe in drive.probes],
 }
 """The things of a drive that columns are of, by what stands before their names."""
 
@@ -111,6 +112,16 @@ def tension_quantile(share: float) -> Callable[[Summed], Values]:
         return quantile(*of.tension, of.sums["tension_min"], of.sums["tension_max"], share)
 
     return value
+
+
+def tension_share_below(value: float) -> Callable[[Summed], Values]:
+    """The share of links and instants whose tension is below a value [N]."""
+
+    def share(of: Summed) -> Values:
+        assert of.tension is not None
+        return share_below(*of.tension, of.sums["tension_min"], of.sums["tension_max"], value)
+
+    return share
 
 
 def batch_means(of: Summed, mean: Callable[[Summed], Values]) -> Values:

@@ -7,9 +7,10 @@ from typing import Any
 
 from warpchain.drive import Drive
 
-JOINTS, TEETH, BARS, LINKS, MOUNTS = "joints", "sprocket contacts", "guide-bars", "links", "mounts"
-"""The groups: friction in the joints; damping and friction of rollers on teeth and on guide-bars; damping of the links,
-and of mounts."""
+JOINTS, TEETH, BARS, LINKS, MOUNTS = "joints", "sprocket contacts", "guides", "links", "mounts"
+ARMS = "arms and tensioners"
+"""The groups: friction in the joints; damping and friction of rollers on teeth and on guides; damping of the links, of
+mounts, and of arms and tensioners with what gap and valve take of the oil's energy."""
 
 
 def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
@@ -28,6 +29,9 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
         BARS: [f"{name}.{kind}" for name in bars for kind in ("dissipated", "friction")],
         LINKS: ["links.dissipated"],
         MOUNTS: [f"{name}.mount_dissipated" for name in teeth],
+        ARMS: [
+            f"{part.name}.{kind}" for part in (*drive.arms, *drive.tensioners) for kind in ("damping_loss", "oil_loss")
+        ],
     }
     found = {
         group: [float(metrics[name]) for name in names if metrics.get(name) is not None]

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.path import chain_path
 from warpchain.drive import Drive
-from warpchain.drive.profile import Piece
 from warpchain.drive.teeth import teeth_outline
+from warpchain.results.faces import face_of, in_drawing, on_face, tangent_at
 from warpchain.results.run import Trajectory
 
 Array = NDArray[np.float64]
@@ -124,63 +124,34 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
     return np.stack([outward * c - lateral * d, outward * d + lateral * c], axis=-1)
 
 
-def on_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
-    """Rollers (K,) at frames (K,) in the drawing of guide g (K, 2) [m], and by how much its arm has turned (K,) [rad].
+def _guides_under(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[Index, Array]:
+    """The guide whose face rollers (K,) at frames (K,) are nearest to (K,), and the face's normal there (K, 2).
 
-    The drawing has the guide's arm at angle 0; on the ground it is the drive's own plane.
+    By the height of the roller's center over the face less that at which it touches; 0 normals beyond all faces.
     """
     assert trajectory.position is not None
     x = np.asarray(trajectory.position, dtype=float)[frame, roller]
-    arm = trajectory.drive.arm_of(g)
-    if arm is None or trajectory.arm_angle is None:
-        return x, np.zeros(len(x))
-    angle = np.asarray(trajectory.arm_angle, dtype=float)[frame, arm]
-    pivot, c, d = np.asarray(trajectory.drive.arms[arm].pivot), np.cos(angle), np.sin(angle)
-    r = x - pivot
-    return pivot + np.stack([r[:, 0] * c + r[:, 1] * d, r[:, 1] * c - r[:, 0] * d], axis=1), angle
+    near, normals, apart = np.zeros(len(x), dtype=np.intp), np.zeros((len(x), 2)), np.full(len(x), np.inf)
+    for g in range(len(trajectory.drive.guides)):
+        face = face_of(trajectory.drive, g)
+        points, angle = in_drawing(trajectory, g, frame, x)
+        place, height = on_face(face, points)
+        off = np.abs(height - trajectory.drive.guide_offset(g))
+        closer = np.nan_to_num(off, nan=np.inf) < apart
+        t, c, s = tangent_at(face, place[closer]), np.cos(angle[closer]), np.sin(angle[closer])
+        normals[closer] = np.stack([-t[:, 1] * c - t[:, 0] * s, t[:, 0] * c - t[:, 1] * s], axis=1)
+        near[closer], apart[closer] = g, off[closer]
+    return near, normals
 
 
 def guide_normals(trajectory: Trajectory, frame: Index, roller: Index) -> Array:
     """Direction of the guides' contact force on rollers (K,) at frames (K,), as (K, 2): the normal of their faces."""
-    normals = np.zeros((len(frame), 2))
-    for g in range(len(trajectory.drive.guides)):
-        x, angle = on_guide_frame(trajectory, g, frame, roller)
-        profile, offset = trajectory.drive.profile(g), trajectory.drive.guide_offset(g)
-        reach = profile.end_radius + offset
-        for piece in profile.face:
-            along, height, tx, ty = _over_piece(piece, x)
-            near = (along > -reach) & (along < piece.length + reach) & (np.abs(height - offset) < reach)
-            if len(profile.face) > 1:
-                near &= (along >= 0.0) & (along < piece.length)
-            nx, ny = -ty, tx
-            c, d = np.cos(angle), np.sin(angle)
-            normals += near[:, None] * np.stack([nx * c - ny * d, nx * d + ny * c], axis=1)
-    return normals
-
-
-def _over_piece(piece: Piece, x: Array) -> tuple[Array, Array, Array, Array]:
-    """Place along a piece and height over it [m] of points (K, 2), and the face's tangent there, (K,) each."""
-    t = np.array([math.cos(piece.heading), math.sin(piece.heading)])
-    q, k = x - np.asarray(piece.start), piece.curvature
-    u, w = q @ t, q @ np.array([-t[1], t[0]])
-    g = 2.0 * w - k * (u * u + w * w)
-    root = np.sqrt(np.maximum(1.0 - k * g, 1e-12))
-    along = np.arctan2(k * u, 1.0 - k * w) / k if k else u
-    nu, nw = -k * u / root, (1.0 - k * w) / root
-    return along, g / (1.0 + root), nw * t[0] + nu * t[1], nw * t[1] - nu * t[0]
+    return _guides_under(trajectory, frame, roller)[1]
 
 
 def nearest_guide(trajectory: Trajectory, frame: Index, roller: Index) -> Index:
     """The guide whose face each of the rollers (K,) at frames (K,) is nearest to (K,)."""
-    apart = []
-    for g in range(len(trajectory.drive.guides)):
-        x, _ = on_guide_frame(trajectory, g, frame, roller)
-        faces = []
-        for piece in trajectory.drive.profile(g).face:
-            along, height, _, _ = _over_piece(piece, x)
-            faces.append(np.hypot(along - np.clip(along, 0.0, piece.length), height))
-        apart.append(np.min(faces, axis=0))
-    return np.argmin(apart, axis=0) if apart else np.zeros(len(frame), dtype=np.intp)
+    return _guides_under(trajectory, frame, roller)[0]
 
 
 def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> Index:

@@ -137,9 +137,8 @@ def largest_contacts(trajectory: Trajectory) -> list[Array]:
     force = np.asarray(trajectory.sprocket_force, dtype=float)[frame, roller]
     np.maximum.at(largest, (near_sprockets(trajectory, frame, roller), frame), force)
     frame, roller = np.nonzero(trajectory.guide_force > 0.0)
-    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
     force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
-    np.maximum.at(largest, (len(drive.sprockets) + nearest_guide(drive, x), frame), force)
+    np.maximum.at(largest, (len(drive.sprockets) + nearest_guide(trajectory, frame, roller), frame), force)
     return list(largest)
 
 

@@ -58,6 +58,22 @@ def quantile(counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: Ar
     return np.where((counts < 0).any(axis=1), np.nan, from_ + part * (to - from_))
 
 
+def share_below(counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float) -> Array:
+    """The share of what was counted that lies below a value, (V,); nan where nothing was counted.
+
+    Within a bin values count as evenly spread, as in `quantile`, whose arguments these are.
+    """
+    least, most = np.asarray(low, dtype=float)[:, None], np.asarray(high, dtype=float)[:, None]
+    ends = np.clip(edges, least, most)
+    ends = np.hstack([least, ends[:, 1:-1], most])
+    width = np.diff(ends, axis=1)
+    part = np.clip((value - ends[:, :-1]) / np.where(width > 0.0, width, 1.0), 0.0, 1.0)
+    part = np.where(width > 0.0, part, ends[:, :-1] < value)
+    total = counts.sum(axis=1)
+    share = (part * counts).sum(axis=1) / np.where(total > 0, total, np.nan)
+    return np.where((counts < 0).any(axis=1), np.nan, share)
+
+
 def correlation(values: Array) -> Array:
     """Correlation of each value less the mean with the next one along the last axis, from 0 to `MOST_CORRELATED`."""
     apart = values - values.mean(axis=-1, keepdims=True)

@@ -14,9 +14,10 @@ from warpchain.study.analysis import Effect, correlation, main_effects
 from warpchain.study.analysis.pareto import pareto_front
 from warpchain.study.analysis.sensitivity import Indices, best_indices
 from warpchain.study.analysis.surface import TRUSTED, fit_surface
-from warpchain.study.report import charts, page
+from warpchain.study.report import charts
 from warpchain.study.results import STATUSES, Results, read_results
 from warpchain.study.store import write_text
+from warpchain.view import html as page
 
 if TYPE_CHECKING:
     import pyarrow as pa

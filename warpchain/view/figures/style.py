@@ -18,6 +18,8 @@ from warpchain.results.units import display_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Array = NDArray[np.float64]
+
 KINDS = ("png", "svg")
 PARTS = ("tab:orange", "tab:green", "tab:purple", "tab:red", "tab:brown", "tab:cyan")
 """Colors of sprockets, where they must differ."""
@@ -51,13 +53,15 @@ def panels(rows: int, height: float, title: str, drive: Drive | None, share: boo
 
     Args:
         height: of the figure [in].
+        title: none where it is empty.
         drive: what was run, for the line below the title.
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, height), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=share, squeeze=False)[:, 0]
-    figure.suptitle(title if drive is None else f"{title}\n{about(drive)}", fontsize=12)
+    if title:
+        figure.suptitle(title if drive is None else f"{title}\n{about(drive)}", fontsize=12)
     for axis in axes:
         axis.grid(alpha=0.3)
         axis.margins(x=0.0)
@@ -75,6 +79,26 @@ def shown_in(unit: str, values: Any) -> tuple[str, float]:
     """The unit that values are shown in, by the largest that is finite, and the factor to multiply them by."""
     finite = np.abs(values)[np.isfinite(values)]
     return display_unit(unit, float(finite.max()) if finite.size else 0.0)
+
+
+def grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
+    """A figure of panels in rows of `columns`, each of a size [in]."""
+    from matplotlib.figure import Figure
+
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    for axis in axes[:count]:
+        axis.grid(alpha=0.3)
+    return figure, axes[:count]
+
+
+def shown(unit: str, *values: NDArray[np.floating]) -> tuple[str, float]:
+    """The unit that values [SI] are shown in together, and the factor to it."""
+    return shown_in(unit, np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0))
 
 
 def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:

@@ -39,6 +39,7 @@ th, td { border-bottom: 1px solid #e4e8ec; padding: 0.25rem 0.7rem; text-align: 
 th { background: #f1f4f7; font-weight: 600; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
 img { max-width: 100%; height: auto; display: block; margin: 0.6rem 0; }
+@media print { img, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
 @media print { body { background: white; } section { border: 0; padding: 0; } nav { display: none; } }
 """
 

@@ -1,0 +1,201 @@
+"""The page of a run: what it says of a drive whose answers are known, that it needs nothing else, how it looks."""
+
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from drives import two_sprockets
+from PIL import Image
+
+import warpchain
+from warpchain import Record, Wear, simulate
+from warpchain.cli import main
+from warpchain.errors import SimulationError
+from warpchain.results.friction_power import power_over_speed
+from warpchain.results.handed_in import HandedIn
+from warpchain.view.figures.cuts import run_up_cuts, telling_orders
+from warpchain.view.report import report_html
+
+CONTACT = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e8, "friction": 0.1}
+RUBBING = {
+    "chain.joint": {"friction": 0.1, "pin_radius": 0.006},
+    "contact.guide": CONTACT,
+    "contact.sprocket.friction": 0.05,
+    "guides": ({"name": "bar", "start": (0.7, 0.1455), "end": (0.3, 0.1455), "end_radius": 0.05},),
+    "probes": ({"name": "mid", "at": (0.5, 0.16)},),
+}
+
+
+@pytest.fixture(scope="module")
+def run():
+    drive = two_sprockets(speed=30.0, duration=0.6, ramp=0.05, load_ramp=0.05, viscous=5.0, step=1e-5)
+    return simulate(drive.with_values(RUBBING), device="cpu", window=(0.1, 0.6), record=Record(rate=5000.0))
+
+
+@pytest.fixture(scope="module")
+def page(run, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "page.html"
+    assert warpchain.report(run, path, title="My <drive>", wear=Wear(1e-15, 1e-4)) == path
+    return path.read_text()
+
+
+class _Reader(HTMLParser):
+    """Headings, anchors, what is fetched, and that tags close."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.fetched, self.pictures = [], [], [], 0
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        if "id" in values:
+            self.ids.append(values["id"])
+        source = values.get("src") or values.get("href") or ""
+        self.pictures += source.startswith("data:image/svg+xml;base64,")
+        if source and not source.startswith(("data:", "#")):
+            self.fetched.append(source)
+        if tag not in ("meta", "img", "wbr", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def read(page):
+    reader = _Reader()
+    reader.feed(page)
+    assert reader.open == []
+    return reader
+
+
+def test_the_page_needs_nothing_else(page):
+    found = read(page)
+    assert found.fetched == [] and "<script" not in page
+    assert found.pictures >= 12
+    assert found.ids == [
+        "summary", "tension", "hubs", "timing", "cycle", "speed", "guides", "friction", "safety", "wear", "probes",
+        "metrics",
+    ]  # fmt: skip
+
+
+def test_the_page_tells_the_metrics_in_units_of_engineers(run, page):
+    row = run.metrics.to_pylist()[0]
+    assert f">{1e-3 * row['tension_max']:.4g} kN<" in page
+    # every metric with a value stands in a table with its unit; standard errors beside their means
+    words = re.sub(r"<wbr>|&gt;", lambda m: {"<wbr>": "", "&gt;": ">"}[m[0]], page)
+    for name in ("tension_mean", "driver.hub_force_x_mean", "bar.friction", "bar.pv_max", "driven.phase_mean",
+                 "driver->driven.slack_time", "mid.tension_mean", "elongation_per_hour"):  # fmt: skip
+        assert f"<td>{name}</td>" in words, name
+    assert "tension_mean_se" not in words and "\u00b1" in words
+    assert "nan" not in re.sub(r"base64,[^\"]*", "", words)
+
+
+def test_friction_in_the_frames_is_that_of_every_step(run):
+    row, found = run.metrics.to_pylist()[0], HandedIn(run[0], 0.1, 0.6)
+    inside = run[0].time >= 0.1
+    # 2,500 frames of 50,000 steps; teeth rub in short bursts
+    for name, tolerance in (("joints", 0.02), ("bar", 0.02), ("driver", 0.2), ("driven", 0.2)):
+        assert found.power[name][inside].mean() == pytest.approx(row[f"{name}.friction"] / 0.5, rel=tolerance), name
+
+
+def test_wear_of_a_chain_that_goes_around_two_sprockets(run):
+    # each joint bends by 2 pi / z and back on either sprocket, four times a round, besides what the strands sway
+    found = HandedIn(run[0], 0.1, 0.6, Wear(1e-15, 1e-4))
+    drive = run.drives[0]
+    turned = run[0].sprocket_angle[-1, 0] - run[0].sprocket_angle[run[0].time >= 0.1][0, 0]
+    rounds = turned / (2.0 * np.pi) * 20 / drive.chain.links
+    least = 0.006 * rounds * 4 * 2.0 * np.pi / 20
+    distance = found.wear.distance.mean()
+    assert 0.98 * least < distance < 3.0 * least  # this chain's strands sway much
+    # elongation of Archard's law from what the metrics say
+    metrics = found.metrics()
+    rate = metrics["joints.loaded_sliding"] * 1e-15 / (1e-4 * 0.05) * 3600.0
+    assert metrics["elongation_per_hour"] == pytest.approx(rate, rel=1e-9)
+    # the friction that the kernels add up is mu kappa of the same
+    row = run.metrics.to_pylist()[0]
+    work = row["joints.friction"] / 0.5 / drive.chain.links
+    assert metrics["joints.friction_each"] == pytest.approx(work, rel=0.03)
+
+
+def test_a_page_by_the_command_line(run, page, tmp_path, capsys):
+    warpchain.write_archive(run, tmp_path / "run.mcap")
+    words = ["--title", "My <drive>", "--wear-coefficient", "1e-15", "--bearing-area", "1e-4"]
+    assert main(["report", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "a.html"), *words]) == 0
+    assert capsys.readouterr().out.strip() == str(tmp_path / "a.html")
+    assert "<h1>My &lt;drive&gt;</h1>" in page
+    assert (tmp_path / "a.html").read_text() == page  # of the archive as of the run
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--variant", "3"], "variant 3 was not recorded (recorded: 0)"),
+        (["--wear-coefficient", "0"], "wear.coefficient = 0.0: allowed is a positive number"),
+        (["--bearing-area=-1"], "wear.bearing_area = -1.0: allowed is a positive number"),
+    ],
+)
+def test_mistakes_take_a_line(run, tmp_path, capsys, words, line):
+    warpchain.write_archive(run, tmp_path / "run.mcap")
+    assert main(["report", str(tmp_path / "run.mcap"), "-o", str(tmp_path / "a.html"), *words]) == 2
+    assert capsys.readouterr().err == f"warpchain: error: {line}\n"
+    assert not (tmp_path / "a.html").exists()
+
+
+def test_what_was_not_recorded_is_said_in_its_place():
+    drive = two_sprockets(duration=0.05)
+    needed = ("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center")
+    run = simulate(drive, device="cpu", record=Record(rate=5000.0, channels=needed))
+    page = report_html(run)
+    assert read(page).ids[-1] == "metrics"
+    assert "Nothing rubs in this drive." in page and "no pin radius" in page
+    with pytest.raises(SimulationError, match="recorded without position"):
+        report_html(simulate(drive, device="cpu", record=Record(channels=["tension"])))
+
+
+def test_friction_over_the_speeds_of_variants(run):
+    base = run.drives[0]
+    drives = [base.with_values({"sprockets.driver.prescribed.speed": speed, "run.duration": 0.2})
+              for speed in (30.0, 10.0, 20.0)]  # fmt: skip
+    swept = simulate(drives, device="cpu", record=Record(variants=[0], rate=2000.0))
+    speed, groups = power_over_speed(swept)
+    np.testing.assert_allclose(speed, [10.0, 20.0, 30.0], rtol=1e-6)
+    assert list(groups) == ["joints", "guides", "teeth"]
+    rows = swept.metrics.to_pylist()
+    each = [rows[v]["joints.friction"] / (rows[v]["window_end"] - rows[v]["window_start"]) for v in (1, 2, 0)]
+    np.testing.assert_allclose(groups["joints"], each, rtol=1e-12)
+    assert "All variants of the run" in report_html(swept)
+    assert power_over_speed(run) is None
+
+
+def test_a_run_up_is_cut_by_orders():
+    drive = two_sprockets(duration=1.6, load_ramp=0.02, viscous=5.0, step=2e-5).with_values(
+        {
+            "sprockets.driver.prescribed": {
+                "table": {"time": [0.0, 0.1, 1.6], "speed": [60.0, 60.0, 160.0]},
+                "harmonics": [{"order": 2.0, "amplitude": 0.01}],
+            }
+        }
+    )
+    assert telling_orders(drive) == [0.5, 2.0, 4.0, 20.0]  # what is excited, two that are usual, tooth passing
+    found = run_up_cuts(HandedIn(simulate(drive, device="cpu", record=Record(rate=5000.0))[0]))
+    unit, speeds = found["speed of the shaft"]
+    cuts = speeds["driver"]
+    assert unit == "rad/s" and len(cuts.speed) >= 6
+    at = list(cuts.orders).index(2.0)
+    # the driver's speed sways by a hundredth at order 2: the mean of a block, over which the speed rises
+    np.testing.assert_allclose(cuts.amplitude[:, at], 0.01 * cuts.speed, rtol=0.03)
+
+
+@pytest.mark.skipif(not shutil.which("chromium"), reason="no chromium")
+def test_the_page_in_a_browser(page, tmp_path):
+    (tmp_path / "page.html").write_text(page)
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1200,6000"]
+    command = ["chromium", *flags, f"--screenshot={tmp_path / 'page.png'}", f"file://{tmp_path / 'page.html'}"]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    shown = np.asarray(Image.open(tmp_path / "page.png").convert("L"))
+    # sections all the way down, none wider than the window: the margins are the page's background
+    assert shown[:, :4].std() < 1.0 and shown[:, -4:].std() < 1.0
+    assert (shown[:5000].reshape(50, 100, -1).min(axis=(1, 2)) < 200).mean() > 0.9

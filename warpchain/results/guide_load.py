@@ -1,0 +1,130 @@
+"""What a guide bears: force of the chain over arc length, sliding speed, and their product p v.
+
+A roller presses a guide at one place, and passes over all of them. So over F frames, in a stretch of length b,
+
+    p = sum of forces / (F b)  [N/m],    p v = sum of forces times sliding speeds / (F b)  [W/m]                 (a)
+
+are the mean normal force and the mean of force times speed, each per length of the face, whatever the stretch. Over the
+width that touches they are a pressure [Pa] and the p v of bearing tables [W/m^2]; friction turns the share mu of p v
+into heat. At an instant a roller's force has its pitch to itself: the largest p v is max(F |v|) / pitch.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.results.faces import face_of, in_drawing, on_face, tangent_at
+from warpchain.results.run import Trajectory, need
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+STRETCHES = 4
+"""Stretches of a face in a pitch of the chain."""
+
+
+class GuideContacts(NamedTuple):
+    """The rollers that press one guide, frame by frame.
+
+    Attributes:
+        frame, roller: (K,) when, and which.
+        place: (K,) arc length along the face; below 0 and beyond its length on the rounded ends [m].
+        force: (K,) normal force [N].
+        speed: (K,) of the chain along the face [m/s], in the direction of the face; 0 without recorded velocities.
+    """
+
+    frame: Index
+    roller: Index
+    place: Array
+    force: Array
+    speed: Array
+
+
+def guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
+    """The rollers that press each of the G guides.
+
+    Raises:
+        SimulationError: recorded without positions or guide forces.
+    """
+    need(trajectory, "position", "guide_force")
+    assert trajectory.position is not None
+    assert trajectory.guide_force is not None
+    drive = trajectory.drive
+    frame, roller = np.nonzero(trajectory.guide_force > 0.0)
+    force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
+    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    v = np.zeros_like(x) if trajectory.velocity is None else np.asarray(trajectory.velocity, dtype=float)[frame, roller]
+    faces = [face_of(drive, g) for g in range(len(drive.guides))]
+    seen = [in_drawing(trajectory, g, frame, x) for g in range(len(faces))]
+    places = [on_face(face, points) for face, (points, _) in zip(faces, seen, strict=True)]
+    off = [np.abs(height - drive.guide_offset(g)) for g, (_, height) in enumerate(places)]
+    nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=0) if off else np.zeros(len(x), dtype=np.intp)
+    found = []
+    for g, face in enumerate(faces):
+        mine = (nearest == g) & np.isfinite(places[g][0])
+        place, angle = places[g][0][mine], seen[g][1][mine]
+        t = tangent_at(face, place)
+        c, s = np.cos(angle), np.sin(angle)
+        along = v[mine, 0] * (c * t[:, 0] - s * t[:, 1]) + v[mine, 1] * (s * t[:, 0] + c * t[:, 1])
+        found.append(GuideContacts(frame[mine], roller[mine], place, force[mine], along))
+    return found
+
+
+class GuideLoad(NamedTuple):
+    """What a guide bears over its length, in B stretches.
+
+    Attributes:
+        place: (B,) middles of the stretches [m].
+        mean: (B,) mean normal force per length, p [N/m] (a).
+        peak: (B,) largest force of one roller [N].
+        speed: (B,) mean sliding speed, weighted by force [m/s]; nan where nothing presses.
+        pv: (B,) mean of p v [W/m] (a).
+        pv_peak: (B,) largest force of a roller times its speed, over the pitch [W/m].
+        touching: share of the frames at which a roller presses the guide.
+    """
+
+    place: Array
+    mean: Array
+    peak: Array
+    speed: Array
+    pv: Array
+    pv_peak: Array
+    touching: float
+
+
+def load_over_length(contacts: GuideContacts, frames: int, edges: Array, pitch: float) -> GuideLoad:
+    """What a guide bears in the stretches between ascending `edges` (B + 1,) [m], over a number of frames."""
+    count, widths = len(edges) - 1, np.diff(edges)
+    inside = (contacts.place >= edges[0]) & (contacts.place <= edges[-1])
+    stretch = np.minimum(np.searchsorted(edges, contacts.place[inside], side="right") - 1, count - 1)
+    force, speed = contacts.force[inside], np.abs(contacts.speed[inside])
+    total, work = (np.bincount(stretch, values, minlength=count) for values in (force, force * speed))
+    peak, hottest = np.zeros(count), np.zeros(count)
+    np.maximum.at(peak, stretch, force)
+    np.maximum.at(hottest, stretch, force * speed / pitch)
+    rate = np.where(total > 0.0, work / np.where(total > 0.0, total, 1.0), np.nan)
+    touching = len(np.unique(contacts.frame)) / max(frames, 1)
+    scale = max(frames, 1) * widths
+    return GuideLoad(0.5 * (edges[:-1] + edges[1:]), total / scale, peak, rate, work / scale, hottest, touching)
+
+
+def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = None) -> list[GuideLoad]:
+    """What each of the G guides bears over its length and rounded ends, `STRETCHES` stretches in a pitch.
+
+    Args:
+        contacts: of `guide_contacts`, if known.
+    """
+    drive = trajectory.drive
+    found = []
+    for g, mine in enumerate(guide_contacts(trajectory) if contacts is None else contacts):
+        face = face_of(drive, g)
+        first, last = face.place[0], face.place[-1] + face.length[-1]
+        stretches = max(8, round(STRETCHES * face.face_length / drive.chain.pitch))
+        width = face.face_length / stretches
+        before, after = int(np.ceil(-first / width)), int(np.ceil((last - face.face_length) / width))
+        edges = np.arange(-before, stretches + after + 1) * np.float64(width)
+        found.append(load_over_length(mine, len(trajectory.time), edges, drive.chain.pitch))
+    return found

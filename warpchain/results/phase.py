@@ -1,0 +1,67 @@
+"""Phase error of driven shafts, in angle of the driver: where a camshaft stands against where the teeth put it.
+
+    e = (z_s / z_d) theta_s - theta_d,  forward, each from where it stood at the recording's first frame          (a)
+
+so that e < 0 where the camshaft lags. In degrees of the driver, e is the phase error in crank degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.results.rotation import CYCLE, order_amplitudes, rising, turns_of
+from warpchain.results.run import Trajectory, need
+from warpchain.results.signals import forward
+
+Array = NDArray[np.float64]
+
+ENGINE_ORDERS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)
+"""Orders of the driver that are told, halves as in four-stroke engines."""
+
+
+def phase_error(trajectory: Trajectory, s: int) -> Array:
+    """Phase error of sprocket s (a), (F,) [rad of the driver].
+
+    Raises:
+        SimulationError: recorded without sprocket angles.
+    """
+    need(trajectory, "sprocket_angle")
+    assert trajectory.sprocket_angle is not None
+    drive = trajectory.drive
+    own, driver = (forward(drive, trajectory.sprocket_angle, k) for k in (s, drive.driver))
+    gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
+    return gear * (own - own[0]) - (driver - driver[0])
+
+
+class Phase(NamedTuple):
+    """Phase error over a window.
+
+    Attributes:
+        shift: its mean [rad of the driver].
+        low, high: smallest and largest.
+        amplitude: (O,) by `orders` of the driver; None without a whole cycle.
+        orders: (O,).
+    """
+
+    shift: float
+    low: float
+    high: float
+    amplitude: Array | None
+    orders: tuple[float, ...]
+
+
+def phase_of(
+    trajectory: Trajectory, s: int, window: NDArray[np.bool_] | slice, orders: Sequence[float] = ENGINE_ORDERS
+) -> Phase:
+    """Mean shift, extremes and amplitudes by engine order of the phase error of sprocket s, in a window of frames.
+
+    Amplitudes are taken over its last whole cycles of `CYCLE` revolutions.
+    """
+    error, turns = phase_error(trajectory, s)[window], turns_of(trajectory)[window]
+    part = rising(turns)
+    found = order_amplitudes(turns[part], error[part], orders, CYCLE) if len(turns[part]) > 8 else None
+    return Phase(float(error.mean()), float(error.min()), float(error.max()), found, tuple(orders))

@@ -1,0 +1,159 @@
+"""Signals over the angle of the driver: order tracking by resampling, amplitudes of orders, averages over the cycle.
+
+An order is a number of oscillations per revolution of the driver. Samples at even times are put at even angles by a
+cubic spline, so that a speed that rises or sways does not smear orders. Over a whole number of periods
+
+    a_o = 2/K |sum over samples of x_k exp(-2 pi i o n_k)|,   n_k the revolutions                               (a)
+
+is the amplitude of order o, free of all other orders of the same period. In a run-up, the same is taken in blocks with
+a Hann window, its weights in place of 1/K, less the straight line through the block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.results.run import Trajectory, need
+from warpchain.results.signals import forward
+
+Array = NDArray[np.float64]
+
+CYCLE = 2.0
+"""Revolutions of the driver in the working cycle of a four-stroke engine."""
+SAMPLES = 256
+"""Least samples of a revolution after resampling."""
+BLOCK = 8.0
+"""Revolutions of a block of a run-up; orders half an order apart are then told apart (Hann)."""
+
+
+def turns_of(trajectory: Trajectory) -> Array:
+    """Revolutions of the driver in the direction of travel since the recording began (F,)."""
+    need(trajectory, "sprocket_angle")
+    assert trajectory.sprocket_angle is not None
+    angle = forward(trajectory.drive, trajectory.sprocket_angle, trajectory.drive.driver)
+    return (angle - angle[0]) / (2.0 * np.pi)
+
+
+def rising(turns: Array) -> slice:
+    """The longest last part of revolutions (F,) over which they rise from frame to frame."""
+    still = np.flatnonzero(np.diff(turns) <= 0.0)
+    return slice(int(still[-1]) + 1 if len(still) else 0, None)
+
+
+def resampled(turns: Array, values: Array, at: Array) -> Array:
+    """Samples at revolutions `turns` (F,), ascending, put at revolutions `at` (K,) by a cubic spline."""
+    from scipy.interpolate import CubicSpline
+
+    finite = np.isfinite(values)
+    if finite.sum() < 4:
+        return np.full(len(at), np.nan)
+    return np.asarray(CubicSpline(turns[finite], values[finite], axis=0)(at), dtype=float)
+
+
+def _rate(turns: Array) -> int:
+    """Samples of a revolution, as many as there are frames in the slowest of them, or `SAMPLES`."""
+    return max(SAMPLES, int(np.ceil(1.0 / float(np.diff(turns).max()))))
+
+
+def order_amplitudes(turns: Array, values: Array, orders: Sequence[float], cycle: float = CYCLE) -> Array | None:
+    """Amplitudes of orders over the last whole number of cycles (a), (O,); None where there is not one.
+
+    Args:
+        turns: (F,) revolutions, ascending.
+        values: (F,) the signal.
+        orders: whose period is the cycle: multiples of 1 / cycle.
+        cycle: revolutions after which all is as before.
+    """
+    cycles = int((turns[-1] - turns[0]) / cycle * (1.0 + 1e-9))
+    if cycles < 1 or not np.isfinite(values).all():
+        return None
+    count = int(np.ceil(cycles * cycle * _rate(turns)))
+    at = turns[-1] - cycles * cycle * (1.0 - np.arange(count) / count)
+    x = resampled(turns, values, at)
+    return np.abs(np.exp(-2j * np.pi * np.outer(orders, at)) @ x) * 2.0 / count
+
+
+class Cuts(NamedTuple):
+    """Orders over the driver's speed.
+
+    Attributes:
+        speed: (B,) mean speed of each block [rad/s].
+        time: (B,) its middle [s].
+        orders: (O,) the orders.
+        amplitude: (B, O) amplitudes in the unit of the signal.
+    """
+
+    speed: Array
+    time: Array
+    orders: Array
+    amplitude: Array
+
+
+def order_cuts(
+    time: Array, turns: Array, values: Array, orders: Sequence[float], block: float = BLOCK, overlap: float = 0.75
+) -> Cuts:
+    """Amplitudes of orders block by block of revolutions.
+
+    Args:
+        time, turns: (F,) of the samples [s], revolutions ascending.
+        values: (F,) the signal.
+        orders: those to be cut; of any value.
+        block: revolutions of a block.
+        overlap: share of a block that the next one has, too.
+    """
+    wanted = np.asarray(orders, dtype=float)
+    rate = _rate(turns)
+    count = int(block * rate)
+    at = turns[0] + np.arange(int((turns[-1] - turns[0]) * rate) + 1) / rate
+    x, t = resampled(turns, values, at), np.interp(at, turns, time)
+    step = max(1, int(count * (1.0 - overlap)))
+    firsts = range(0, max(len(at) - count, 0) + 1, step) if len(at) >= count else range(0)
+    window = np.hanning(count + 1)[:-1]
+    weights = window * 2.0 / window.sum()
+    line = np.arange(count) - 0.5 * (count - 1)
+    found = np.zeros((len(firsts), len(wanted)))
+    for b, first in enumerate(firsts):
+        part = x[first : first + count]
+        part = part - part.mean() - line * (line @ part) / (line @ line)
+        found[b] = np.abs(np.exp(-2j * np.pi * np.outer(wanted, at[first : first + count])) @ (part * weights))
+    begins, ends = t[list(firsts)], t[[first + count - 1 for first in firsts]]
+    speed = 2.0 * np.pi * (count - 1) / rate / np.where(ends > begins, ends - begins, np.nan)
+    return Cuts(speed, 0.5 * (begins + ends), wanted, found)
+
+
+class Cycle(NamedTuple):
+    """A signal over the angle of the working cycle.
+
+    Attributes:
+        angle: (A,) of the driver from where the recording began [rad].
+        mean, low, high: (A,) mean, smallest and largest of all cycles at that angle.
+        cycles: how many there are.
+    """
+
+    angle: Array
+    mean: Array
+    low: Array
+    high: Array
+    cycles: int
+
+
+def cycle_average(turns: Array, values: Array, cycle: float = CYCLE, points: int = 720) -> Cycle | None:
+    """Mean and envelope of a signal (F,) over the last whole cycles; None where there is not one.
+
+    Samples are joined by straight lines, so that the envelope goes no further than they do. Angles count from where
+    `turns` is 0, so that those of several signals, and of several slices, agree.
+    """
+    first = int(np.ceil(turns[0] / cycle * points - 1e-9))
+    last = int(np.floor(turns[-1] / cycle * points + 1e-9))
+    count = (last - first + 1) // points
+    if count < 1:
+        return None
+    steps = last + 1 - count * points + np.arange(count * points)
+    x = np.interp(steps * (cycle / points), turns, values)
+    x = np.roll(x.reshape(count, points), steps[0] % points, axis=1)
+    angle = 2.0 * np.pi * cycle * np.arange(points) / points
+    return Cycle(angle, x.mean(axis=0), x.min(axis=0), x.max(axis=0), count)

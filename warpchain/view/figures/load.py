@@ -1,0 +1,173 @@
+"""Figures of what rubs and bears: guides over their length, friction power, wear of the joints, probes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from warpchain.drive import Drive
+from warpchain.results.channels import CHANNELS
+from warpchain.results.friction_power import Array, by_group
+from warpchain.results.guide_load import GuideLoad
+from warpchain.results.handed_in import HandedIn
+from warpchain.results.run import Trajectory
+from warpchain.results.signals import forward
+from warpchain.view.figures.style import LINES, curve, panels, rpm, shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SPEEDS = 24
+"""Most spells of speed that friction power is averaged over."""
+SWAY = 0.2
+"""Speeds that differ by less than this share of the largest are one speed."""
+
+
+def guide_load_figure(found: HandedIn, g: int) -> Figure:
+    """Load of a guide over the arc length of its face: force per length, largest roller force, p v."""
+    load: GuideLoad = found.guides[g]
+    inside = load.mean > 0.0
+    span = load.place[inside] if inside.any() else load.place
+    figure, axes = panels(3, 6.4, "", None)
+    length, to_length = shown("m", load.place)
+    x, width = to_length * load.place, to_length * float(load.place[1] - load.place[0])
+    rows = (
+        ("mean load", "N/m", load.mean, None),
+        ("largest force\nof a roller", "N", load.peak, None),
+        ("p v: force times\nspeed per length", "W/m", load.pv, load.pv_peak),
+    )
+    for axis, (title, unit, values, peak) in zip(axes, rows, strict=True):
+        word, factor = _per_length(unit, values)
+        axis.bar(x, factor * values, width, color=LINES[0], lw=0, label="mean over time")
+        if peak is not None:
+            word_peak, factor_peak = _per_length(unit, peak)
+            twin = axis.twinx()
+            twin.step(x, factor_peak * peak, where="mid", color=LINES[3], lw=1.0)
+            twin.set_ylabel(f"largest\n[{word_peak}]", color=LINES[3])
+            twin.set_ylim(0.0)
+        axis.set_ylabel(f"{title}\n[{word}]")
+    face = to_length * float(np.clip(span.max(), 0.0, None))
+    for axis in axes:
+        axis.axvline(0.0, color="black", lw=0.8, ls="--")
+    axes[0].set_xlim(min(to_length * span.min(), 0.0) - width, face + 2.0 * width)
+    axes[-1].set_xlabel(f"arc length along the face [{length}], 0 where the face begins")
+    return figure
+
+
+def _per_length(unit: str, values: Array) -> tuple[str, float]:
+    """Unit and factor of a value per meter, shown per millimeter; of others as they are shown."""
+    if not unit.endswith("/m"):
+        return shown(unit, values)
+    word, factor = shown(unit.removesuffix("/m"), 1e-3 * values)
+    return f"{word}/mm", 1e-3 * factor
+
+
+def grouped_power(found: HandedIn) -> dict[str, Array]:
+    """Friction power (F,) [W] of joints, of all guides and of all teeth, of what rubs."""
+    return by_group(found.drive, found.power)
+
+
+def friction_figure(found: HandedIn) -> Figure | None:
+    """Friction power by group over the driver's speed, or over time where it keeps one; None where nothing rubs."""
+    groups = grouped_power(found)
+    if not groups:
+        return None
+    whole, drive = found.whole, found.drive
+    figure, (axis,) = panels(1, 3.4, "", None)
+    spells = 4 * SPEEDS
+    x, label = _spells(whole.time, spells), "time [s]"
+    order = np.arange(len(x))
+    if whole.sprocket_speed is not None:
+        speed = _spells(forward(drive, whole.sprocket_speed, drive.driver), SPEEDS)
+        later = speed[len(speed) // 2 :]
+        if np.ptp(later) > SWAY * float(np.abs(later).max()):
+            spells, order, label = SPEEDS, np.argsort(speed), f"speed of {drive.sprockets[drive.driver].name} [rpm]"
+            x = rpm(1.0) * speed[order]
+    rows = [_spells(values, spells)[order] for values in groups.values()]
+    unit, factor = shown("W", np.sum(rows, axis=0))
+    stacked(axis, x, {name: factor * values for name, values in zip(groups, rows, strict=True)})
+    axis.set_xlabel(label)
+    axis.set_ylabel(f"friction power [{unit}]")
+    return figure
+
+
+def stacked(axis: Any, x: Array, rows: Mapping[str, Array]) -> None:
+    """Values above each other, with a legend."""
+    axis.stackplot(x, *rows.values(), labels=list(rows), colors=LINES, alpha=0.75, lw=0)
+    axis.set_xlim(x[0], x[-1])
+    axis.legend(loc="upper left", fontsize=8)
+
+
+def variants_figure(drive: Drive, speed: Array, groups: Mapping[str, Array]) -> Figure:
+    """Mean friction power [W] of variants by group over the driver's mean speed (V,) [rad/s], ascending."""
+    figure, (axis,) = panels(1, 3.4, "", None)
+    unit, factor = shown("W", np.sum(list(groups.values()), axis=0))
+    stacked(axis, rpm(1.0) * speed, {name: factor * values for name, values in groups.items()})
+    axis.set_xlabel(f"mean speed of {drive.sprockets[drive.driver].name} [rpm]")
+    axis.set_ylabel(f"mean friction power [{unit}]")
+    return figure
+
+
+def _spells(values: Array, spells: int) -> Array:
+    """Means over at most so many equal spells of time."""
+    return np.array([part.mean() for part in np.array_split(values, min(spells, len(values)))])
+
+
+def wear_figure(found: HandedIn) -> Figure | None:
+    """Loaded sliding of every joint in the window, as a power; None without a pin radius."""
+    if found.wear is None:
+        return None
+    rate = found.wear.loaded / found.wear.seconds
+    unit, factor = shown("W", rate)
+    figure, (axis,) = panels(1, 2.5, "", None)
+    axis.bar(np.arange(len(rate)), factor * rate, 1.0, color=LINES[0], lw=0)
+    axis.axhline(factor * float(rate.mean()), color="black", lw=0.8, ls="--", label="mean")
+    axis.set_xlim(-0.5, len(rate) - 0.5)
+    axis.set_xlabel("joint number")
+    axis.set_ylabel(f"force times\nsliding speed [{unit}]")
+    axis.legend(loc="lower right", fontsize=8)
+    return figure
+
+
+BODIES = {"arm": "arms", "tensioner": "tensioners"}
+"""What channels can be of beside rollers, links and sprockets, with the drive's list of them."""
+
+
+def channels_of(trajectory: Trajectory, kind: str) -> dict[str, tuple[str, Array]]:
+    """The recorded channels of "arm" or "tensioner": title, unit and values (F, how many there are)."""
+    return {
+        channel.description: (channel.unit, np.asarray(values, dtype=float))
+        for channel in CHANNELS
+        if channel.per == kind and not channel.components
+        for values in [getattr(trajectory, channel.name)]
+        if values is not None
+    }
+
+
+def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
+    """All that is recorded of an arm or a tensioner over time; None where nothing is."""
+    held = channels_of(found.whole, kind)
+    if not held:
+        return None
+    figure, axes = panels(len(held), 1.9 * len(held) + 0.4, "", None)
+    for axis, (title, (unit, values)) in zip(axes, held.items(), strict=True):
+        word, factor = ("degrees", 180.0 / np.pi) if unit == "rad" else shown(unit, values[:, k])
+        curve(axis, found.whole.time, factor * values[:, k], color=LINES[0])
+        axis.set_ylabel(f"{title}\n[{word}]")
+    axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def probe_figure(found: HandedIn, name: str) -> Figure:
+    """What a probe sees over time: tension, speed along the chain, displacement to its left."""
+    seen = found.probes[name]
+    figure, axes = panels(3, 5.6, "", None)
+    rows = (("tension", "N", seen.tension), ("speed", "m/s", seen.speed), ("displacement", "m", seen.displacement))
+    for axis, (title, unit, values) in zip(axes, rows, strict=True):
+        word, factor = shown(unit, values)
+        curve(axis, found.whole.time, factor * values, color=LINES[0])
+        axis.set_ylabel(f"{title}\n[{word}]")
+    axes[-1].set_xlabel("time [s]")
+    return figure

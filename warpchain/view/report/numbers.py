@@ -1,0 +1,170 @@
+"""Tables of a run's page: metrics with engineering units, hub forces, guides, friction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from warpchain.drive import Drive
+from warpchain.results.columns import COLUMNS, column_of
+from warpchain.results.formulas import THINGS
+from warpchain.results.handed_in import HandedIn
+from warpchain.results.strokes import events, stroke
+from warpchain.results.units import display_unit
+from warpchain.view.html import number, table
+
+DIGITS = 4
+"""Significant digits of numbers in tables."""
+ERROR = "_se"
+"""Ends the names of standard errors."""
+
+
+def quantity(value: float, unit: str, largest: float | None = None) -> tuple[str, str]:
+    """A value [SI] as it is written, and its unit; angles in degrees.
+
+    Args:
+        largest: picks the unit, so that the values of a row or table share it; the value itself if None.
+    """
+    if unit == "rad":
+        return number(math.degrees(value), DIGITS), "degrees"
+    word, factor = display_unit(unit, value if largest is None else largest)
+    return number(factor * value, DIGITS), "" if word == "1" else word
+
+
+def written(value: float, unit: str) -> str:
+    """A value [SI] with its unit in one text."""
+    return " ".join(quantity(value, unit)).strip()
+
+
+def rounded(value: float) -> float:
+    """A number to `DIGITS` significant digits."""
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _rows(row: Mapping[str, Any], prefix: str) -> Iterable[list[str]]:
+    """The metrics whose names begin with a prefix, and have no further one, with their standard errors."""
+    for name, value in row.items():
+        own = name.removeprefix(prefix)
+        column = column_of(name)
+        if not name.startswith(prefix) or own not in COLUMNS or column is None or own.endswith(ERROR):
+            continue
+        if value is None or isinstance(value, str) or own in ("variant", "diverged"):
+            continue
+        error = row.get(name + ERROR)
+        if column.kind is not float:
+            yield [name, str(value).lower() if isinstance(value, bool) else str(value), "", "", column.title]
+            continue
+        shown, unit = quantity(float(value), column.unit)
+        spread = "" if error is None else "\u00b1 " + quantity(float(error), column.unit, float(value))[0]
+        yield [name, shown, spread, unit, column.title]
+
+
+def metric_tables(drive: Drive, row: Mapping[str, Any]) -> dict[str, str]:
+    """Tables of all metrics of a row by what they are of: the run, each strand, shaft, guide and probe."""
+    prefixes = [prefix for things in THINGS.values() for prefix in things(drive)]
+    found = {}
+    for prefix in dict.fromkeys(prefixes):
+        rows = list(_rows(row, prefix))
+        if rows:
+            head = ("metric", "value", "standard error", "unit", "what it is")
+            found[prefix.removesuffix(".") or "The whole drive"] = table(head, rows)
+    return found
+
+
+def hub_table(found: HandedIn, row: Mapping[str, Any]) -> str:
+    """Mean and largest force on each shaft: from the sums over every step where there are any, or else from frames."""
+    unit, factor = display_unit("N", float(np.hypot(*np.moveaxis(found.hubs, -1, 0)).max()))
+    rows: list[list[Any]] = []
+    for s, sprocket in enumerate(found.drive.sprockets):
+        frames = found.hubs[:, s]
+        x, y, most = (row.get(f"{sprocket.name}.hub_force_{end}") for end in ("x_mean", "y_mean", "max"))
+        exact = x is not None and y is not None and most is not None
+        mean = np.array([x, y], dtype=float) if exact else frames.mean(axis=0)
+        top = float(most) if exact and most is not None else float(np.hypot(*frames.T).max())
+        values = [mean[0], mean[1], float(np.hypot(*mean)), top]
+        heading = math.degrees(math.atan2(mean[1], mean[0]))
+        rows.append([sprocket.name, *(rounded(factor * value) for value in values), round(heading, 1)])
+    head = [f"mean to the right [{unit}]", f"mean upward [{unit}]", f"size of the mean [{unit}]", f"largest [{unit}]"]
+    return table(["shaft", *head, "direction of the mean [degrees]"], rows)
+
+
+def phase_table(found: HandedIn) -> str:
+    """Mean shift, range and orders of each shaft's phase error, in degrees of the driver."""
+    if not found.phases:
+        return ""
+    of = {found.drive.sprockets[s].name: phase for s, phase in found.phases.items()}
+    rows: list[list[Any]] = [
+        [words, *(round(math.degrees(getattr(phase, field)), 4) for phase in of.values())]
+        for words, field in (("mean shift", "shift"), ("least", "low"), ("most", "high"))
+    ]
+    if all(phase.amplitude is not None for phase in of.values()):
+        amplitudes = [np.degrees(phase.amplitude) for phase in of.values() if phase.amplitude is not None]
+        for k, order in enumerate(next(iter(of.values())).orders):
+            rows.append([f"amplitude of order {order:g}", *(round(float(each[k]), 4) for each in amplitudes)])
+    driver = found.drive.sprockets[found.drive.driver].name
+    return table([f"degrees of {driver}", *of], rows)
+
+
+def guide_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str, Any]) -> str:
+    """What each guide bears, in numbers; pressures where the contact's width is known."""
+    rows = []
+    for g, guide in enumerate(found.drive.guides):
+        load, width = found.guides[g], found.drive.guide_contact(g).width
+        mean = float(found.contacts[g].force.sum()) / len(found.part.time)
+        peak = row.get(f"{guide.name}.force_max")
+        pv = metrics.get(f"{guide.name}.pv_max", math.nan)
+        pressure = "\u2013" if width is None else f"{number(1e-6 * float(load.mean.max()) / width, 3)} MPa"
+        heat = "\u2013" if width is None else f"{number(1e-6 * pv / width, 3)} MPa m/s"
+        rows.append([
+            guide.name,
+            written(mean, "N"),
+            written(float(load.peak.max()) if peak is None else float(peak), "N"),
+            f"{number(1e-3 * float(load.mean.max()), 3)} N/mm",
+            written(metrics.get(f"{guide.name}.sliding_speed", math.nan), "m/s"),
+            f"{number(1e-3 * pv, 3)} W/mm",
+            pressure,
+            heat,
+            f"{100.0 * (1.0 - load.touching):.1f} %",
+        ])  # fmt: skip
+    head = ["guide", "mean force", "largest force of a roller", "largest mean load", "sliding speed", "largest p v",
+            "mean pressure over the width", "p v over the width", "time untouched"]  # fmt: skip
+    return table(head, rows)
+
+
+def stroke_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
+    """How each channel (F, count) of body k moves in the window: extremes, mean, travel, way in a second, openings.
+
+    What never falls below 0 and rests there, as a valve's lift does, has openings.
+    """
+    rows = []
+    for title, (unit, values) in channels.items():
+        mine, time = values[:, k], found.part.time
+        moved, opened = stroke(time, mine), events(time, mine)
+        cells = [quantity(value, unit, max(abs(moved.low), abs(moved.high))) for value in
+                 (moved.low, moved.mean, moved.high, moved.travel, moved.path)]  # fmt: skip
+        opens = moved.low == 0.0 and opened.share < 1.0
+        spells = f"{opened.openings}, {100.0 * opened.share:.1f} % of the time" if opens else ""
+        rows.append([title, *(value for value, _ in cells), cells[0][1], spells])
+    head = ["what", "least", "mean", "most", "travel", "way in a second", "unit", "openings"]
+    return table(head, rows)
+
+
+def friction_table(found: HandedIn, row: Mapping[str, Any]) -> str:
+    """Mean friction power of everything that rubs in the window: of every step (metrics), and of the frames."""
+    seconds = found.end - found.start
+    inside = found.whole.time >= found.start - 1e-12
+    means = {name: float(values[inside].mean()) for name, values in found.power.items()}
+    whole = {name: row.get(f"{name}.friction") for name in means}
+    steps = {name: means[name] if work is None else float(work) / seconds for name, work in whole.items()}
+    total = sum(steps.values())
+    unit, factor = display_unit("W", max([total, *means.values()], default=0.0))
+    rows: list[list[Any]] = [
+        [name, rounded(factor * steps[name]), rounded(factor * means[name]), round(100.0 * steps[name] / total, 1)]
+        for name in means
+        if total > 0.0
+    ]
+    rows.append(["all", rounded(factor * total), rounded(factor * sum(means.values())), 100.0])
+    return table(["what rubs", f"mean power [{unit}]", f"from the frames [{unit}]", "share [%]"], rows)
