@@ -43,7 +43,8 @@ def prepare(
         rainflow_counter()  # refused now, not when all variants have run
     design = make_design(study, Path(source))
     _check_names(study, drive, design.num_rows, source)
-    size = study.run.shard or shard_size(study, drive, design.num_rows, parts, workers or available_cores(), memory)
+    runs = design.num_rows * study.design.copies
+    size = study.run.shard or shard_size(study, drive, runs, parts, workers or available_cores(), memory)
     return make_folder(Path(out), study, drive, design, size)
 
 
