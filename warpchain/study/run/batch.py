@@ -131,6 +131,14 @@ def _build(study: Study, base: Drive, variant: Variant) -> None:
         variant.fail(error)
 
 
+def buildable(study: Study, base: Drive, variant: Variant) -> Variant:
+    """A row with its drive, if that can be assembled and stepped; else with the reason why not."""
+    _build(study, base, variant)
+    if variant.drive is not None:
+        _try_alone(study, variant)
+    return variant
+
+
 def _simulate(
     study: Study, variants: Sequence[Variant], archive: Path | None, options: Mapping[str, Any], report: Report
 ) -> None:

@@ -82,9 +82,7 @@ def _write(
     """Simulates rows; the archive lands first, then the table, which says that the shard is done."""
     study = folder.study
     found = enumerate(rows.to_pylist())
-    variants = [
-        Variant(row, reason=row["reason"], recorded=i in recorded, copy=row.pop(COPY, 0)) for i, row in found
-    ]
+    variants = [Variant(row, reason=row["reason"], recorded=i in recorded, copy=row.pop(COPY, 0)) for i, row in found]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands of offset links need no line each
         simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
