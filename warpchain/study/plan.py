@@ -174,12 +174,13 @@ def plan_study(
 
 def _built(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
     """Drives of some rows, evenly spread, and why others of these give none."""
-    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), LOOKED)).astype(int)) if rows else []
-    drives, reasons = [], []
+    chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), LOOKED)).tolist()})
+    drives: list[Drive] = []
+    reasons: list[str] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for i in chosen:
-            variant = buildable(study, base, Variant(rows[int(i)]))
+            variant = buildable(study, base, Variant(rows[i]))
             if variant.drive is None:
                 reasons.append(variant.reason or "no reason given")
             else:
