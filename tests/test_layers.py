@@ -43,6 +43,7 @@ STUDY_LEVELS = (
     ("design",),
     ("run",),
     ("analysis",),
+    ("plan",),
     ("report",),
 )
 WITHOUT_WARP = ("drive", "assembly", "results", "archive", "view")

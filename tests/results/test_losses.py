@@ -14,7 +14,7 @@ def test_losses_close_the_energy_balance():
     metrics = row(drive)
     found = losses(drive, metrics)
     assert list(found) == sorted(found, key=lambda group: -found[group])
-    assert set(found) == {"joints", "sprocket contacts", "guide-bars", "links", "mounts"}
+    assert set(found) == {"joints", "sprocket contacts", "guides", "links", "mounts"}
     assert min(found.values()) > 0.0
     total = metrics["output_work"] + sum(found.values()) + metrics["energy_change"] + metrics["energy_residual"]
     assert total == pytest.approx(metrics["input_work"], rel=1e-9)

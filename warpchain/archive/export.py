@@ -72,10 +72,13 @@ def flat(trajectory: Trajectory) -> pa.Table:
     values: list[NDArray[np.floating]] = [trajectory.time]
     names, units = ["time"], [UNITS["time"]]
     drive = trajectory.drive
-    named = {"sprocket": drive.sprockets, "arm": drive.arms, "tensioner": drive.tensioners}
+    named = {
+        "sprocket": [sprocket.name for sprocket in drive.sprockets],
+        "arm": [arm.name for arm in drive.arms],
+        "tensioner": [tensioner.name for tensioner in drive.tensioners],
+    }
     for channel, array in trajectory.channels().items():
-        parts = named.get(CHANNEL[channel].per)
-        of = [str(i) for i in range(array.shape[1])] if parts is None else [part.name for part in parts]
+        of = named.get(CHANNEL[channel].per) or [str(i) for i in range(array.shape[1])]
         for i, part in enumerate(of):
             if array.ndim == 2:
                 names.append(f"{channel}.{part}")

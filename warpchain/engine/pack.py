@@ -48,7 +48,7 @@ def _layout(drive: Drive) -> tuple[Any, ...]:
     wear = (chain.elongation, chain.worn_links, chain.outer, chain.play)
     lengths = (chain.pitch, chain.links, *wear, chain.roller_radius)
     bodies = drive.guides, drive.arms, drive.tensioners
-    return (*lengths, sprockets, *bodies, drive.contact.sprocket, drive.run.gravity)
+    return (*lengths, sprockets, *bodies, drive.contact.sprocket, drive.run.gravity, drive.run.phase)
 
 
 def _assembled(v: int, drive: Drive, known: dict[tuple[Any, ...], Assembly]) -> Assembly:

@@ -23,15 +23,14 @@ def losses(drive: Drive, metrics: Mapping[str, Any]) -> dict[str, float]:
     """
     teeth = [s.name for s in drive.sprockets]
     bars = [g.name for g in drive.guides]
+    pushed = [arm.name for arm in drive.arms] + [tensioner.name for tensioner in drive.tensioners]
     columns = {
         JOINTS: ["joints.friction"],
         TEETH: [f"{name}.{kind}" for name in teeth for kind in ("dissipated", "friction")],
         BARS: [f"{name}.{kind}" for name in bars for kind in ("dissipated", "friction")],
         LINKS: ["links.dissipated"],
         MOUNTS: [f"{name}.mount_dissipated" for name in teeth],
-        ARMS: [
-            f"{part.name}.{kind}" for part in (*drive.arms, *drive.tensioners) for kind in ("damping_loss", "oil_loss")
-        ],
+        ARMS: [f"{name}.{kind}" for name in pushed for kind in ("damping_loss", "oil_loss")],
     }
     found = {
         group: [float(metrics[name]) for name in names if metrics.get(name) is not None]
