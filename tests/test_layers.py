@@ -43,6 +43,8 @@ STUDY_LEVELS = (
     ("design",),
     ("run",),
     ("analysis",),
+    ("surrogate",),
+    ("optimize",),
     ("report",),
 )
 WITHOUT_WARP = ("drive", "assembly", "results", "archive", "view")

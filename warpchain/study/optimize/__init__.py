@@ -1,0 +1,1 @@
+"""Decisions out of studies: objectives, limits, rounds of rows."""
