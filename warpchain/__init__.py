@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from warpchain.modal import Modes, modes
     from warpchain.results.judgement import Limits
     from warpchain.results.run import Record, Run, Trajectory
+    from warpchain.study.optimize import open_study, optimize
     from warpchain.study.run import run_study
 
 _HOME = {
@@ -29,6 +30,8 @@ _HOME = {
     "load_drive": "drive",
     "loads_drive": "drive",
     "modes": "modal",
+    "open_study": "study.optimize",
+    "optimize": "study.optimize",
     "read_archive": "archive",
     "run_study": "study.run",
     "simulate": "engine.simulation",
@@ -50,6 +53,8 @@ __all__ = [
     "load_drive",
     "loads_drive",
     "modes",
+    "open_study",
+    "optimize",
     "read_archive",
     "run_study",
     "simulate",

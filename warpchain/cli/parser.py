@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | modes | run | view | plot | export | recover | study`.
+"""The command line: `warpchain check | chains | fit | modes | run | view | plot | export | recover | study | optimize`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
 user's or a refusal of the machine's, said in one line each.
@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 from warpchain.cli import commands as do
 from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number, whole_number
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
+from warpchain.cli.optimize import add_optimize
 from warpchain.cli.study import add_commands
 from warpchain.cli.study_report import add_report_commands
 from warpchain.errors import WarpchainError
@@ -224,7 +225,7 @@ def _study(commands: Any) -> None:
     add_report_commands(studies)
 
 
-COMMANDS = (_check, _chains, _fit, _modes, _run, _view, _plot, _export, _recover, _study)
+COMMANDS = (_check, _chains, _fit, _modes, _run, _view, _plot, _export, _recover, _study, add_optimize)
 """What adds each command, in the order of the help."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,8 @@ from warpchain.study.results import Array, Results
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    Rows = pa.Table | Mapping[str, Sequence[Any]] | Iterable[Mapping[str, Any]]
+Rows: TypeAlias = "pa.Table | Mapping[str, Sequence[Any]] | Iterable[Mapping[str, Any]]"
+"""A table, a column by name, or a mapping a row."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +93,12 @@ def columns_of(rows: Rows, names: Iterable[str]) -> dict[str, list[Any]]:
     Raises:
         StudyError: one is missing.
     """
-    if isinstance(rows, Mapping):
-        found = {name: list(values) for name, values in rows.items()}
-    elif hasattr(rows, "column_names"):
+    import pyarrow as pa
+
+    if isinstance(rows, pa.Table):
         found = {name: rows[name].to_pylist() for name in names if name in rows.column_names}
+    elif isinstance(rows, Mapping):
+        found = {name: list(values) for name, values in rows.items()}
     else:
         listed = [dict(row) for row in rows]
         found = {name: [row[name] for row in listed] for name in names if all(name in row for row in listed)}

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from warpchain.errors import StudyError
 from warpchain.study.results import Array, Results
-from warpchain.study.surrogate.features import Features, columns_of, features_of
+from warpchain.study.surrogate.features import Features, Rows, columns_of, features_of
 from warpchain.study.surrogate.gaussian import Process, fit_process
 from warpchain.study.surrogate.noise import standard_errors
 from warpchain.study.surrogate.quadratic import Quadratic, fit_quadratic
 from warpchain.study.surrogate.validation import CrossValidation
-
-if TYPE_CHECKING:
-    from warpchain.study.surrogate.features import Rows
 
 KINDS = ("gaussian", "quadratic")
 

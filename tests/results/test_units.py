@@ -1,0 +1,42 @@
+"""Units that values are shown in."""
+
+import pytest
+
+from warpchain.results.columns import COLUMNS
+from warpchain.results.units import DISPLAYED, display_unit
+
+
+@pytest.mark.parametrize(
+    "unit, largest, shown",
+    [
+        ("m", 0.0075, ("mm", 1e3)),
+        ("m", -0.0075, ("mm", 1e3)),
+        ("m", 7.5, ("m", 1.0)),
+        ("m", 2e-6, ("\N{MICRO SIGN}m", 1e6)),
+        ("N", 42e3, ("kN", 1e-3)),
+        ("N", 999.0, ("N", 1.0)),
+        ("N/m", 1.5e9, ("GN/m", 1e-9)),
+        ("N/m", 4e8, ("MN/m", 1e-6)),
+        ("N", 0.0, ("N", 1.0)),
+        ("N", float("nan"), ("N", 1.0)),
+        ("1", 1e9, ("1", 1.0)),
+        ("furlong", 1e9, ("furlong", 1.0)),
+    ],
+)
+def test_units_fit_the_size_of_the_values(unit, largest, shown):
+    assert display_unit(unit, largest) == shown
+
+
+def test_shown_values_stay_readable():
+    """From a tenth of the second step to the last one's 900-fold, no value is shown below 0.1 or above 10,000."""
+    for unit, steps in DISPLAYED.items():
+        least, most = max(steps[1][0] * 1e-1, 1e-12), steps[-1][0] * 900.0
+        value = least
+        while value < most:
+            word, factor = display_unit(unit, value)
+            assert 0.099 <= value * factor < 1e4, (unit, value, word)
+            value *= 1.3
+
+
+def test_units_of_metrics_are_known_where_they_scale():
+    assert {"N", "m", "J", "N m", "N s", "rad"} <= {column.unit for column in COLUMNS.values()} & set(DISPLAYED)

@@ -1,0 +1,41 @@
+"""Units as engineers read them: 42 kN instead of 42,000 N, 7.5 mm instead of 0.0075 m."""
+
+from __future__ import annotations
+
+import math
+
+MILLI, MICRO, KILO, MEGA, GIGA = 1e3, 1e6, 1e-3, 1e-6, 1e-9
+
+DISPLAYED: dict[str, tuple[tuple[float, str, float], ...]] = {
+    "m": ((0.0, "\N{MICRO SIGN}m", MICRO), (1e-4, "mm", MILLI), (1.0, "m", 1.0)),
+    "s": ((0.0, "\N{MICRO SIGN}s", MICRO), (1e-3, "ms", MILLI), (1.0, "s", 1.0)),
+    "rad": ((0.0, "mrad", MILLI), (1.0, "rad", 1.0)),
+    "N": ((0.0, "mN", MILLI), (0.1, "N", 1.0), (1e3, "kN", KILO), (1e6, "MN", MEGA)),
+    "N m": ((0.0, "mN m", MILLI), (0.1, "N m", 1.0), (1e4, "kN m", KILO)),
+    "N s": ((0.0, "mN s", MILLI), (0.1, "N s", 1.0), (1e3, "kN s", KILO)),
+    "N/m": ((0.0, "N/m", 1.0), (1e3, "kN/m", KILO), (1e6, "MN/m", MEGA), (1e9, "GN/m", GIGA)),
+    "N s/m": ((0.0, "N s/m", 1.0), (1e3, "kN s/m", KILO), (1e6, "MN s/m", MEGA)),
+    "J": ((0.0, "mJ", MILLI), (1.0, "J", 1.0), (1e3, "kJ", KILO), (1e6, "MJ", MEGA)),
+    "W": ((0.0, "mW", MILLI), (1.0, "W", 1.0), (1e3, "kW", KILO), (1e6, "MW", MEGA)),
+    "Pa": ((0.0, "Pa", 1.0), (1e3, "kPa", KILO), (1e6, "MPa", MEGA), (1e9, "GPa", GIGA)),
+    "Hz": ((0.0, "Hz", 1.0), (1e3, "kHz", KILO)),
+}
+"""For an SI unit the units that values are shown in: from which largest value on, the unit, and its factor."""
+
+
+def display_unit(unit: str, largest: float) -> tuple[str, float]:
+    """The unit to show values in.
+
+    Args:
+        unit: their SI unit, as columns of results have it.
+        largest: the largest magnitude among them; 0, or what is not finite, keeps the unit.
+
+    Returns:
+        Unit and factor to multiply the values by; (unit, 1) for units that have no other.
+    """
+    found = (unit, 1.0)
+    if largest != 0.0 and math.isfinite(largest):
+        for least, word, factor in DISPLAYED.get(unit, ()):
+            if abs(largest) >= least:
+                found = word, factor
+    return found
