@@ -92,7 +92,7 @@ def test_rows_come_to_lie_along_a_known_front(engine, count, noise):
 
 def test_a_noisy_ishigami_function_gives_its_minimum():
     """sin a + 7 sin^2 b + 0.1 c^4 sin a is least at a = -pi/2, b = 0, c = +-pi: -1 - 0.1 pi^4 = -10.74."""
-    text = TOY.format(engine="bayes", start=24, batch=6).replace("[-2.0, 2.0]", "[-3.14159265, 3.14159265]")
+    text = TOY.format(engine="bayes", start=16, batch=6).replace("[-2.0, 2.0]", "[-3.14159265, 3.14159265]")
     third = '[[factors]]\nname = "c"\npath = "x.c"\nrange = [-3.14159265, 3.14159265]\n[[objectives]]\nmetric = "f1"\n'
     text = text.replace('[[objectives]]\nmetric = "f1"\n[[objectives]]\nmetric = "f2"\n', third)
 
@@ -100,7 +100,7 @@ def test_a_noisy_ishigami_function_gives_its_minimum():
         return np.sin(a) + 7.0 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a)
 
     study = loads_study(text)
-    results = searched(study, {"f1": ishigami}, 60, noise=0.3)
+    results = searched(study, {"f1": ishigami}, 56, noise=0.3)
     (best, *_) = recommend(results, goals_of(study))
     row = {name: float(results.values(name)[best.row]) for name in "abc"}
     # the lowest of 60 random rows is about -7; the function's own deviation is 3.7
@@ -111,7 +111,7 @@ def test_a_noisy_ishigami_function_gives_its_minimum():
 
 def test_limits_are_kept_and_known_with_a_probability():
     """Least (a - 1)^2 + b^2 with f2 = (a + 1)^2 + b^2 at most 1: a = 0, b = 0, of value 1."""
-    text = TOY.format(engine="bayes", start=12, batch=6).replace(
+    text = TOY.format(engine="bayes", start=16, batch=6).replace(
         '[[objectives]]\nmetric = "f2"\n', '[[limits]]\nmetric = "f2"\nmax = 1.0\n'
     )
     study = loads_study(text)
@@ -240,7 +240,7 @@ def whole(tmp_path_factory):
 
 
 @pytest.mark.parametrize("engine", ["bayes", "population"])
-@pytest.mark.parametrize("after", [1, 7, 12])
+@pytest.mark.parametrize("after", [3, 12])
 def test_interrupted_and_gone_on_with_it_ends_the_same(tmp_path, whole, engine, after):
     class Stop(Exception):
         pass
@@ -344,7 +344,7 @@ def test_mistakes_are_said_in_one_line_each(tmp_path, capsys):
             'metric = "tension_mux"',
             'objectives.0.metric = "tension_mux": no such metric; near',
         ),
-        ("max = 900", "min = 5\nmax = 3", "limits.1.max = 3: must be above min, which is 5"),
+        ("max = 900", "min = 5.0\nmax = 3.0", "limits.1.max = 3.0: must be above min, which is 5"),
         ('sense = "max"', 'sense = "most"', 'must be "min" or "max"'),
         ('metric = "tension_max"', 'metric = "s1.transmission_error_rms"', "it needs record.every = 1"),
         ('"bayes"', '"luck"', 'must be "bayes" or "population"'),

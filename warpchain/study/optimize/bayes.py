@@ -1,13 +1,17 @@
 """A Bayesian search for costly runs that scatter: few rows, several objectives, limits, rows that fail.
 
 Each metric has a Gaussian process with noise (`surrogate.gaussian`) over the rows that ran. Costs f are scaled to
-0 .. 1 from the best to the worst of the present front; with weights w drawn uniformly from the simplex for each row,
+0 .. 1 from the best to the worst of the present front. The volume of costs that a set of rows beats, up to r = 1.2, is
+for directions l drawn uniformly from the positive part of the unit sphere (Golovin and Zhang 2020)
 
-    s = max_i w_i f_i + 0.05 sum_i w_i f_i                                   (augmented Chebyshev, Knowles 2006)  (a)
-    a(x) = E[max(0, s* - s(x))] P(limits kept) P(ok)                                                              (b)
+    V ~ E_l max_rows s_l(f),      s_l(f) = min_i (max(0, r - f_i) / l_i)^M,                                       (a)
 
-is made large, the mean in (b) over draws of the processes, s* the lowest s of the processes' means at rows that likely
-keep the limits: noise makes no row look better than it is. Rows of one batch are told apart by taking the mean at each
+so that what a row at x is expected to add to it, times the chance that it counts, is
+
+    a(x) = E[max(0, s_l(f(x)) - s_l*)] P(limits kept) P(ok),                                                      (b)
+
+the mean over l and draws of the processes together, s_l* the largest s_l of the processes' means at rows that likely
+keep the limits: noise makes no row look better than it is. With one objective (b) is expected improvement. Rows of one batch are told apart by taking the mean at each
 chosen one as if it had been measured (Ginsbourger et al. 2010). The maximum is looked for among Sobol' points and
 points about the best rows, which takes whole numbers, choices and constraints as they come.
 """
@@ -31,9 +35,10 @@ SPREADS = (0.15, 0.04, 0.01)
 """Deviations of points about a row."""
 BEST = 6
 """Rows that points are laid about."""
-DRAWS = 64
+DRAWS = 128
 """Draws that the mean of (b) is taken over."""
-AUGMENT = 0.05
+REFERENCE = 1.2
+"""r of eq. (a)."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,7 @@ class Belief:
 
     Attributes:
         goals: what is wanted.
-        processes: by metric; of factors, which are known, there is none.
+        processes: by metric, also of a factor that is an objective.
         ok: process of 1 for rows that are ok and 0 for others; None where none failed.
     """
 
@@ -99,7 +104,8 @@ def propose(cube: Cube, measured: Measured, points: Array, count: int, seed: int
     for _ in range(count):
         about = _best(belief, measured, cube, points)
         candidates = np.vstack([_spread(cube, rng, GLOBAL_POINTS), *(_around(p, LOCAL_POINTS, rng) for p in about)])
-        weights = rng.dirichlet(np.ones(len(measured.goals.objectives)))
+        ways = np.abs(rng.standard_normal((DRAWS, len(measured.goals.objectives))))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
         normal = rng.standard_normal((DRAWS, len(measured.goals.metrics)))
         best = None
         for spread in (None, 0.02):  # then once more about the best of these
@@ -108,7 +114,7 @@ def propose(cube: Cube, measured: Measured, points: Array, count: int, seed: int
             candidates = _fresh(cube, candidates, known)
             if not len(candidates):
                 break
-            values = _worth(belief, measured, cube, (points, candidates), weights, normal)
+            values = _worth(belief, measured, cube, (points, candidates), ways, normal)
             best = candidates[int(np.argmax(values))]
         if best is None:
             break
@@ -143,10 +149,9 @@ def _fresh(cube: Cube, candidates: Array, known: Array) -> Array:
     return np.asarray(snapped[new][cube.feasible(snapped[new])]) if new else snapped[:0]
 
 
-def _scalar(costs: Array, weights: Array) -> Array:
-    """Eq. (a) of scaled costs (..., M)."""
-    weighted = costs * weights
-    return np.asarray(weighted.max(axis=-1) + AUGMENT * weighted.sum(axis=-1))
+def _beaten(costs: Array, ways: Array) -> Array:
+    """s_l of eq. (a) of scaled costs (..., M) along ways (..., M)."""
+    return np.asarray((np.maximum(REFERENCE - costs, 0.0) / ways).min(axis=-1) ** costs.shape[-1])
 
 
 def _scaling(belief: Belief, measured: Measured, x: Array) -> tuple[Array, Array, Array]:
@@ -183,7 +188,7 @@ def _best(belief: Belief, measured: Measured, cube: Cube, points: Array) -> Arra
 
 
 def _worth(
-    belief: Belief, measured: Measured, cube: Cube, places: tuple[Array, Array], weights: Array, normal: Array
+    belief: Belief, measured: Measured, cube: Cube, places: tuple[Array, Array], ways: Array, normal: Array
 ) -> Array:
     """Eq. (b) at candidates (C,); `places` are the rows that ran and the candidates."""
     points, candidates = places
@@ -191,12 +196,13 @@ def _worth(
     found, chance = belief.at(cube.coordinates(candidates))
     if not measured.kept.any():
         return chance  # first a row within the limits
-    reached = float(_scalar((means - low) / (high - low), weights)[np.isfinite(means).all(axis=1)].min())
+    held = (means[np.isfinite(means).all(axis=1)] - low) / (high - low)
+    reached = _beaten(held[:, None, :], ways[None]).max(axis=0)
     names = list(found)
     draws = []
     for objective, sign in zip(*_goals(measured), strict=True):
         mean, deviation = found[objective.metric]
         draws.append(sign * (mean + deviation * normal[:, [names.index(objective.metric)]]))
     costs = (np.stack(draws, axis=-1) - low) / (high - low)
-    gain = np.maximum(reached - _scalar(costs, weights), 0.0).mean(axis=0)
+    gain = np.maximum(_beaten(costs, ways[:, None, :]) - reached[:, None], 0.0).mean(axis=0)
     return np.asarray((gain + 1e-12 * gain.max(initial=1e-300)) * chance)

@@ -22,6 +22,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,15 @@ LENGTHS, NOISES = (0.05, 50.0), (1e-7, 2.0)
 """Allowed lengths, in parts of the range that was run, and noise v."""
 
 
+@cache
+def _libraries() -> Any:
+    """The libraries of linear algebra that are loaded; looking for them takes longer than a small process."""
+    import sklearn.gaussian_process  # noqa: F401  loads what it calls
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Linear algebra on one thread, so that its sums are the same again.
@@ -46,11 +56,10 @@ def one_thread() -> Iterator[None]:
         StudyError: scikit-learn is not installed.
     """
     try:
-        import sklearn.gaussian_process  # noqa: F401
-        from threadpoolctl import threadpool_limits
+        limited = _libraries().limit(limits=1)
     except ImportError:
         raise StudyError("a Gaussian process needs scikit-learn: pip install 'warpchain[surrogate]'") from None
-    with threadpool_limits(limits=1), warnings.catch_warnings():
+    with limited, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # lengths at their bound: a factor without effect
         yield
 
