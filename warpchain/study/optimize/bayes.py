@@ -11,9 +11,10 @@ so that what a row at x is expected to add to it, times the chance that it count
     a(x) = E[max(0, s_l(f(x)) - s_l*)] P(limits kept) P(ok),                                                      (b)
 
 the mean over l and draws of the processes together, s_l* the largest s_l of the processes' means at rows that likely
-keep the limits: noise makes no row look better than it is. With one objective (b) is expected improvement. Rows of one batch are told apart by taking the mean at each
-chosen one as if it had been measured (Ginsbourger et al. 2010). The maximum is looked for among Sobol' points and
-points about the best rows, which takes whole numbers, choices and constraints as they come.
+keep the limits: noise makes no row look better than it is. With one objective (b) is expected improvement.
+Rows of one batch are told apart by taking the mean at each chosen one as if it had been measured (Ginsbourger et al.
+2010). The maximum is looked for among Sobol' points and points about the best rows, which takes whole numbers, choices
+and constraints as they come.
 """
 
 from __future__ import annotations
