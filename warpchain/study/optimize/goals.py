@@ -107,7 +107,7 @@ def keeping(bound: Bound, mean: Array, deviation: Array) -> Array:
     """Probability that a normal metric keeps a limit."""
     from scipy.stats import norm
 
-    spread = np.maximum(deviation, 1e-12 * np.maximum(np.abs(mean), 1e-300))
+    spread = np.maximum(deviation, 1e-12 * np.abs(mean) + 1e-200)
     upper = 1.0 if bound.max is None else norm.cdf((bound.max - mean) / spread)
     lower = 0.0 if bound.min is None else norm.cdf((bound.min - mean) / spread)
     return np.asarray(upper - lower)

@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.study.analysis.pareto import non_dominated
+from warpchain.study.analysis.surface import TRUSTED
 from warpchain.study.optimize.goals import Goals, keeping
 from warpchain.study.results import Array, Results
 from warpchain.study.surrogate import fit_surrogate
 
 SURE = 0.95
 """Probability of keeping all limits from which a row counts as keeping them."""
-KINDS = ("gaussian", "quadratic")
+PROCESS_ROWS = 300
+"""Of more variants, a quadratic surface that predicts well is taken before a process, which takes long."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +67,14 @@ def believed(results: Results, metric: str) -> Believed:
     values, rows = results.values(metric), results.rows_for(metric)
     if metric in results.factors:
         return Believed(values, np.zeros(len(values)), "set")
-    for kind in KINDS:
+    many = rows.sum() > PROCESS_ROWS
+    for kind, least in (*((("quadratic", TRUSTED),) if many else ()), ("gaussian", 0.0), ("quadratic", 0.0)):
         try:
             found = fit_surrogate(results, metric, kind)
         except StudyError:
             continue
-        if found.cross_validated().q2 < 0.0:
-            continue  # no better than the mean of all rows
+        if found.cross_validated().q2 < least:
+            continue  # at 0 no better than the mean of all rows
         mean, deviation = np.full(len(values), np.nan), np.full(len(values), np.nan)
         taken = rows & results.rows_for(metric, found.factors)
         at = {

@@ -1,46 +1,19 @@
-"""Pieces of a self-contained HTML page: tables, figures as data in the page, style. Nothing is fetched."""
+"""Pieces of a self-contained HTML page: tables, figures and rows as data, style and script. Nothing is fetched."""
 
 from __future__ import annotations
 
-import base64
-import io
+import json
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from warpchain.errors import StudyError
+from warpchain.files import read_text
 
-STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.5 system-ui, "DejaVu Sans", Arial, sans-serif; margin: 0; }
-body { color: #22303c; background: #f6f7f9; }
-main { max-width: 1180px; margin: 0 auto; padding: 1.2rem 1.5rem 4rem; }
-h1 { font-size: 1.7rem; margin: 0.6rem 0 0.2rem; }
-h2 { font-size: 1.25rem; margin: 0 0 0.4rem; }
-h3 { font-size: 1rem; margin: 1.2rem 0 0.3rem; }
-section { background: white; border: 1px solid #dde2e7; border-radius: 8px; padding: 1rem 1.3rem; margin: 1rem 0; }
-nav a { margin-right: 1rem; white-space: nowrap; }
-a { color: #1f5f8b; }
-p, ul { margin: 0.4rem 0; max-width: 75ch; }
-.muted { color: #5d6b78; font-size: 0.92rem; }
-.counts { display: flex; gap: 0.8rem; flex-wrap: wrap; margin: 0.6rem 0; }
-.counts div { border-radius: 8px; padding: 0.5rem 1.1rem; background: #eef2f6; min-width: 7rem; }
-.counts b { font-size: 1.6rem; display: block; }
-.counts .ok { background: #e3f3e8; }
-.counts .suspect { background: #fdeed8; }
-.counts .infeasible { background: #fdf3d8; }
-.counts .diverged { background: #fbe3e4; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 0.9rem; margin: 0.5rem 0; }
-th, td { border-bottom: 1px solid #e4e8ec; padding: 0.25rem 0.7rem; text-align: left; vertical-align: top; }
-th { background: #f1f4f7; font-weight: 600; }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
-img { max-width: 100%; height: auto; display: block; margin: 0.6rem 0; }
-@media print { body { background: white; } section { border: 0; padding: 0; } nav { display: none; } }
-"""
+_HERE = Path(__file__).parent
 
 
 class Section(NamedTuple):
@@ -56,15 +29,24 @@ class Section(NamedTuple):
         return f'<section id="{escape(self.name)}">\n<h2>{escape(self.title)}</h2>\n{inside}\n</section>'
 
 
-def page(title: str, sections: Sequence[Section]) -> str:
-    """A whole HTML document: heading, links to the sections, sections."""
+def page(title: str, sections: Sequence[Section], rows: Mapping[str, Any] | None = None) -> str:
+    """A whole HTML document: heading, links to the sections, sections, the rows and the script that shows them."""
     links = " ".join(f'<a href="#{escape(s.name)}">{escape(s.title)}</a>' for s in sections)
     body = "\n".join([f"<h1>{escape(title)}</h1>", f"<nav>{links}</nav>", *(s.html() for s in sections)])
+    style, script = (read_text(_HERE / name, "text", StudyError) for name in ("page.css", "page.js"))
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>{STYLE}</style>\n</head>\n'
-        f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>{style}</style>\n</head>\n'
+        f'<body>\n<main>\n{body}\n</main>\n<div id="tip"></div>\n'
+        f'<script type="application/json" id="report-data">{data(rows)}</script>\n<script>\n{script}</script>\n'
+        f"</body>\n</html>\n"
     )
+
+
+def data(values: Any) -> str:
+    """Values as JSON that can stand in a script element."""
+    text = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return text.replace("<", "\\u003c")
 
 
 def section(name: str, title: str, *parts: str) -> Section:
@@ -125,13 +107,14 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     return f'<div class="wide"><table>\n<tr>{head}</tr>\n' + "\n".join(lines) + "\n</table></div>"
 
 
-def picture(figure: Figure, words: str) -> str:
-    """A figure as SVG data in the page; `words` is what it is called by those who cannot see it."""
-    import matplotlib
+def chart(panels: Sequence[Mapping[str, Any]], words: str) -> str:
+    """Panels that the page's script draws; `words` is what they are called by those who cannot see them."""
+    if not panels:
+        return ""
+    inside = f'<script type="application/json">{data(panels)}</script>'
+    return f'<div class="panels" role="group" aria-label="{escape(words)}">{inside}</div>'
 
-    buffer = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": "warpchain", "svg.fonttype": "path"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=110)
-    data = base64.b64encode(buffer.getvalue()).decode()
-    width = int(72 * figure.get_figwidth() * 1.25)
-    return f'<img src="data:image/svg+xml;base64,{data}" width="{width}" alt="{escape(words)}">'
+
+def place(name: str, words: str = "") -> str:
+    """An empty place that the page's script fills."""
+    return f'<div id="{escape(name)}" aria-label="{escape(words)}"></div>'

@@ -26,15 +26,16 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
 from warpchain.errors import StudyError
 from warpchain.study.results import Array
 
-MOST_ROWS = 1000
-"""Rows that a process is fitted to; of more, every k-th: the work grows with their third power."""
-RESTARTS = 2
-"""Further places that the search for the likeliest lengths starts from."""
+MOST_ROWS, FIT_ROWS = 1000, 150
+"""Rows that a process stands on, and that its lengths are fitted to; of more, every k-th: the work grows as n^3."""
+RESTARTS, RESTARTED = 2, 60
+"""Further places that the search for the likeliest lengths starts from, with at most so many rows."""
 LENGTHS, NOISES = (0.05, 50.0), (1e-7, 2.0)
 """Allowed lengths, in parts of the range that was run, and noise v."""
 
@@ -116,6 +117,11 @@ class Process:
         return _process(rows, z, self.kernel, self.noise, np.append(self.errors, error), (self.center, self.scale))
 
 
+def _some(rows: int, most: int) -> NDArray[np.intp]:
+    """At most so many rows, evenly taken."""
+    return np.unique(np.linspace(0, rows - 1, min(rows, most)).astype(int))
+
+
 def _process(x: Array, z: Array, kernel: Any, noise: float, errors: Array, scaling: tuple[float, float]) -> Process:
     center, scale = scaling
     with one_thread():
@@ -140,13 +146,14 @@ def fit_process(x: Array, y: Array, errors: Array | None = None, isotropic: bool
     """
     if len(y) < 4:
         raise StudyError(f"Gaussian process: {len(y)} rows, at least 4 are needed")
-    chosen = np.unique(np.linspace(0, len(y) - 1, min(len(y), MOST_ROWS)).astype(int))
+    chosen = _some(len(y), MOST_ROWS)
     x, y = x[chosen], y[chosen]
     known = np.zeros(len(y)) if errors is None else errors[chosen]
     if np.isnan(known).any():
         known = np.where(np.isnan(known), np.nanmean(known) if np.isfinite(known).any() else 0.0, known)
     center, scale = float(y.mean()), float(y.std()) or 1.0
     z = (y - center) / scale
+    fit = _some(len(y), FIT_ROWS)
     with one_thread():
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
@@ -155,9 +162,9 @@ def fit_process(x: Array, y: Array, errors: Array | None = None, isotropic: bool
         signal = ConstantKernel(1.0, (0.05, 100.0)) * Matern(lengths, LENGTHS, nu=2.5)
         fitted = GaussianProcessRegressor(
             signal + WhiteKernel(0.05, NOISES),
-            alpha=(known / scale) ** 2 + 1e-10,
-            n_restarts_optimizer=RESTARTS,
+            alpha=(known[fit] / scale) ** 2 + 1e-10,
+            n_restarts_optimizer=RESTARTS if len(fit) <= RESTARTED else 0,
             random_state=0,
-        ).fit(x, z)
+        ).fit(x[fit], z[fit])
     noise = float(fitted.kernel_.k2.noise_level) * scale**2
     return _process(x, z, fitted.kernel_.k1, noise, known, (center, scale))

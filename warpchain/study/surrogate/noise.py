@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.study.results import Array, Results
 
@@ -41,6 +42,16 @@ def standard_errors(results: Results, metric: str) -> Array | None:
     return results.values(name) if name in results.table.column_names and results.numeric(name) else None
 
 
+def _groups(results: Results, rows: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Number of the combination of factors that each chosen row has."""
+    group = np.zeros(int(rows.sum()), dtype=np.intp)
+    for name in results.factors:
+        column = results.values(name) if results.numeric(name) else np.array(results.labels(name))
+        values, place = np.unique(column[rows], return_inverse=True)
+        _, group = np.unique(group * len(values) + place, return_inverse=True)
+    return group
+
+
 def pure_error(results: Results, metric: str) -> PureError | None:
     """Scatter of a metric between equal runs; None where the table tells nothing of it."""
     rows = results.rows_for(metric)
@@ -53,8 +64,7 @@ def pure_error(results: Results, metric: str) -> PureError | None:
         known = errors[rows][np.isfinite(errors[rows])]
         variance, freedom, source = float(np.mean(known**2)), len(known), "standard errors of the rows"
     else:
-        keys = list(zip(*(np.array(results.labels(name))[rows] for name in results.factors), strict=True))
-        _, group = np.unique(np.array([repr(key) for key in keys]), return_inverse=True)
+        group = _groups(results, rows)
         counts = np.bincount(group)
         freedom = int((counts - 1).sum())
         if not freedom:

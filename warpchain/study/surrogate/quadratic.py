@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warpchain.study.analysis.surface import Surface, fit_surface
+from warpchain.study.analysis.surface import Surface, _scaled, _terms, fit_surface
 from warpchain.study.results import Array, Results
 
 
@@ -37,7 +37,7 @@ class Quadratic:
 
     def _terms(self, x: Array) -> Array:
         low, high = self.surface.low, self.surface.high
-        return np.prod(((2.0 * x - low - high) / (high - low))[:, None, :] ** self.surface.powers[None], axis=2)
+        return _terms(_scaled(x, low, high), self.surface.powers)
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and standard deviation of the surface at factor values (R, A), eq. (a)."""
