@@ -21,6 +21,7 @@ from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number, w
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.optimize import add_optimize
 from warpchain.cli.study import add_commands
+from warpchain.cli.study_play import add_play_command
 from warpchain.cli.study_report import add_report_commands
 from warpchain.errors import WarpchainError
 from warpchain.files import reason
@@ -223,6 +224,7 @@ def _study(commands: Any) -> None:
     studies = parser.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
     add_commands(studies)
     add_report_commands(studies)
+    add_play_command(studies)
 
 
 COMMANDS = (_check, _chains, _fit, _modes, _run, _view, _plot, _export, _recover, _study, add_optimize)

@@ -111,6 +111,7 @@ def _wanted(source: Path) -> Any:
     """What the study in a folder wants, and the folder as it is named; None of a table alone."""
     from warpchain.study.report.decisions import Wanted
     from warpchain.study.spec import load_study
+    from warpchain.view.chosen import NEEDED
 
     if not source.is_dir():
         return None
@@ -119,7 +120,8 @@ def _wanted(source: Path) -> Any:
     except StudyError:
         return None  # a table in a folder without its study
     most = study.optimize.recommend if study.optimize is not None else Wanted.most
-    return Wanted(study.objectives, study.bounds, str(source), most)
+    played = set(NEEDED) <= set(study.record.channels)
+    return Wanted(study.objectives, study.bounds, str(source), most, played)
 
 
 def _objectives(arguments: argparse.Namespace) -> dict[str, str] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 
 import numpy as np
@@ -31,12 +31,14 @@ class Wanted:
         objectives, bounds: of the study file.
         folder: of the study, for the commands that play variants; None gives none.
         most: designs to recommend.
+        recorded: whether the study's archives hold what playback needs.
     """
 
     objectives: tuple[Objective, ...] = ()
     bounds: tuple[Bound, ...] = ()
     folder: str | None = None
     most: int = 4
+    recorded: bool = True
 
     @property
     def senses(self) -> dict[str, str]:
@@ -61,15 +63,11 @@ def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wa
             if sense not in SENSES:
                 raise StudyError(f'objectives: {metric} = {sense!r}: allowed are "min" and "max"')
         given = tuple(Objective(metric=metric, sense=sense) for metric, sense in objectives.items())
-        found = Wanted(given, found.bounds, found.folder, found.most)
+        found = replace(found, objectives=given)
     held = results.table.column_names
     if objectives is None:  # of a study of which nothing ran, metrics have no columns
-        found = Wanted(
-            tuple(o for o in found.objectives if o.metric in held),
-            tuple(b for b in found.bounds if b.metric in held),
-            found.folder,
-            found.most,
-        )
+        objectives_held = tuple(o for o in found.objectives if o.metric in held)
+        found = replace(found, objectives=objectives_held, bounds=tuple(b for b in found.bounds if b.metric in held))
     for metric in found.metrics:
         results.values(metric)
     return found
@@ -122,20 +120,21 @@ def designs_section(results: Results, wanted: Wanted) -> tuple[page.Section | No
         ),
     ]
     for k, one in enumerate(found):
-        parts.append(_design(results, goals, one, LETTERS[k % len(LETTERS)], wanted.folder))
+        parts.append(_design(results, goals, one, LETTERS[k % len(LETTERS)], wanted))
     parts.append(rows_table(results, [one.row for one in found], results.factors, LETTERS[: len(found)]))
     return page.section("designs", "Recommended designs", *parts), found
 
 
-def play_command(folder: str, results: Results, row: int) -> str:
+def play_command(wanted: Wanted, results: Results, row: int) -> str:
     """The command that plays a variant: its recording, or a run of it that is recorded."""
     names = results.table.column_names
-    if "archive" in names and (archive := results.table["archive"][row].as_py()) is not None:
+    folder = wanted.folder
+    if wanted.recorded and "archive" in names and (archive := results.table["archive"][row].as_py()) is not None:
         return f"warpchain view {folder}/{archive} --variant {results.table['archive_variant'][row].as_py()}"
     return f"warpchain study play {folder} {results.variants[row]}"
 
 
-def _design(results: Results, goals: Goals, one: Recommended, letter: str, folder: str | None) -> str:
+def _design(results: Results, goals: Goals, one: Recommended, letter: str, wanted: Wanted) -> str:
     lines = []
     for name in goals.metrics:
         mean, deviation = one.believed[name]
@@ -145,7 +144,8 @@ def _design(results: Results, goals: Goals, one: Recommended, letter: str, folde
             continue
         lines.append((name, quantity(mean, unit, deviation), quantity(one.measured[name], unit), ""))
     told = page.table(("metric", "believed", "its run gave", ""), lines)
-    play = "" if folder is None else f"<p>Play it: <code>{escape(play_command(folder, results, one.row))}</code></p>"
+    command = "" if wanted.folder is None else escape(play_command(wanted, results, one.row))
+    play = command and f"<p>Play it: <code>{command}</code></p>"
     head = page.heading(f"{letter}: variant {one.variant}")
     return f'<div class="design">{head}{page.bullets(one.reasons)}{told}{play}</div>'
 

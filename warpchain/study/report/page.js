@@ -143,11 +143,17 @@
     const [low, high] = column.words ? [-0.4, column.words.length - 0.6] : extent([held]);
     Object.assign(column, { low, high });
   }
-  const shade = (k) => {  // from blue over gray to red by the tinted column
-    const c = columns[tinted], part = Math.min(1, Math.max(0, (c.values[k] - c.low) / (c.high - c.low || 1)));
-    const mix = (a, b, t) => a.map((v, i) => Math.round(v + (b[i] - v) * t)).join(",");
-    return part < 0.5 ? `rgb(${mix([31, 95, 175], [160, 150, 170], 2 * part)})` : `rgb(${mix([160, 150, 170], [209, 60, 75], 2 * part - 1)})`;
+  const SHADES = 24;  // from blue over gray to red by the tinted column; rows are drawn shade by shade
+  const mix = (a, b, t) => `rgb(${a.map((v, i) => Math.round(v + (b[i] - v) * t)).join(",")})`;
+  const shades = Array.from({ length: SHADES }, (_, n) => { const t = (2 * n) / (SHADES - 1); return t < 1 ? mix([31, 95, 175], [160, 150, 170], t) : mix([160, 150, 170], [209, 60, 75], t - 1); });
+  let byShade = [];
+  const tint = (index) => {
+    tinted = index;
+    byShade = Array.from({ length: SHADES }, () => []);
+    const c = columns[index];
+    for (let k = 0; k < count; k++) byShade[Math.min(SHADES - 1, Math.max(0, Math.floor((SHADES * (c.values[k] - c.low)) / (c.high - c.low || 1)) || 0))].push(k);
   };
+  tint(tinted);
   const value = (c, k) => (c.words ? c.words[c.values[k]] ?? "–" : `${plain(c.values[k])}${c.unit ? " " + c.unit : ""}`);
   const command = (k) => {
     if (!rows.folder) return null;
@@ -233,8 +239,15 @@
       const rare = Math.max(1, Math.ceil((count - kept) / 3000));  // what is left out is only a ground
       for (let k = 0; k < count; k += rare) if (!mask[k]) thread(list, k);
       pen.stroke();
-      pen.globalAlpha = Math.min(0.9, Math.max(0.06, 120 / Math.max(kept, 1)));
-      for (let k = 0; k < count; k++) if (mask[k]) { pen.strokeStyle = shade(k); pen.beginPath(); thread(list, k); pen.stroke(); }
+      pen.globalAlpha = Math.min(0.9, Math.max(0.12, 120 / Math.max(kept, 1)));
+      byShade.forEach((some, n) => {
+        pen.strokeStyle = shades[n];
+        for (let start = 0; start < some.length; start += 60) {  // few strokes, but enough that lines add up
+          pen.beginPath();
+          for (const k of some.slice(start, start + 60)) if (mask[k]) thread(list, k);
+          pen.stroke();
+        }
+      });
       pen.globalAlpha = 1;
       pen.lineWidth = 2.2;
       pen.strokeStyle = HIT;
@@ -247,10 +260,10 @@
         pen.fillStyle = INK;
         pen.font = "11px system-ui, sans-serif";
         pen.textAlign = "center";
-        const words = c.name.split(/(?<=[._ ])/), lines = [""];
-        for (const w of words) { if ((lines[lines.length - 1] + w).length > 17) lines.push(""); lines[lines.length - 1] += w; }
+        const words = c.name.split(/(?<=[._ ]|->)/), lines = [""], most = list.length < 2 ? 40 : Math.floor((width - 120) / (list.length - 1) / 6.2);
+        for (const w of words) { if ((lines[lines.length - 1] + w).length > most) lines.push(""); lines[lines.length - 1] += w; }
         if (c.unit) lines.push(`[${c.unit}]`);
-        lines.slice(-4).forEach((line, n, all) => pen.fillText(line.trim(), px, top - 10 - 12 * (all.length - 1 - n)));
+        lines.slice(-5).forEach((line, n, all) => pen.fillText(line.trim(), px, top - 10 - 12 * (all.length - 1 - n)));
         pen.font = "10px system-ui, sans-serif";
         pen.textAlign = i === list.length - 1 ? "right" : "left";
         const side = i === list.length - 1 ? -5 : 5;
@@ -303,7 +316,7 @@
       const r = count > 4000 ? 0.9 : count > 600 ? 1.3 : 2;
       pen.fillStyle = "rgba(170,178,186,0.35)";
       for (let k = 0; k < count; k++) if (!mask[k]) dot(k, r);
-      for (let k = 0; k < count; k++) if (mask[k] && !front[k]) { pen.fillStyle = shade(k); dot(k, r); }
+      byShade.forEach((some, n) => { pen.fillStyle = shades[n]; for (const k of some) if (mask[k] && !front[k]) dot(k, r); });
       pen.fillStyle = MARK;
       if (options.front) {
         const held = [];
@@ -373,7 +386,7 @@
     const clear = html("button", line, "clear all");
     clear.id = "clear";
     clear.onclick = () => { filters.clear(); marked = -1; refresh(); };
-    picker(line, "color by", () => tinted, (index) => { tinted = index; });
+    picker(line, "color by", () => tinted, tint);
     const save = html("button", line, "save the chosen as CSV");
     save.onclick = () => {
       const head = ["variant", ...columns.map((c) => c.name + (c.unit ? ` [${c.unit}]` : ""))], lines = [head];
@@ -411,13 +424,16 @@
       if (marked >= 0) { order.splice(0, 0, ...order.splice(order.indexOf(marked) < 0 ? order.length : order.indexOf(marked), 1)); if (order[0] !== marked) order.unshift(marked); }
       table.replaceChildren();
       const head = html("tr", table);
-      for (const word of ["variant", "front", ...shown.map((i) => columns[i].name + (columns[i].unit ? ` [${columns[i].unit}]` : "")), "play it"]) html("th", head, word);
+      for (const word of ["variant", "front", "play it", ...shown.map((i) => columns[i].name + (columns[i].unit ? ` [${columns[i].unit}]` : ""))]) {
+        const cell = html("th", head);
+        word.split(/(?<=[._])/).forEach((part, n) => { if (n) html("wbr", cell); cell.append(part); });
+      }
       for (const k of order.slice(0, 15)) {
         const line = html("tr", table, null, k === marked ? "marked" : "");
         html("td", line, rows.variant[k], "n"); html("td", line, front[k] ? "●" : "");
+        const cell = html("td", line, null, "play"), words = command(k);
+        if (words) { html("code", cell, `${words} `); const button = html("button", cell, "copy"); button.onclick = () => copy(words, button); }
         for (const i of shown) html("td", line, columns[i].words ? columns[i].words[columns[i].values[k]] ?? "–" : plain(columns[i].values[k]), "n");
-        const cell = html("td", line), words = command(k);
-        if (words) { html("code", cell, words); const button = html("button", cell, "copy"); button.onclick = () => copy(words, button); }
         line.onclick = (e) => { if (e.target.tagName !== "BUTTON" && !String(window.getSelection())) { marked = k; refresh(); } };
       }
       if (order.length > 15) html("caption", table, `the first 15 of ${order.length}, those on the front first`);
@@ -434,7 +450,7 @@
       const line = html("div", place, null, "controls");
       picker(line, "across", () => a, (index) => { a = index; });
       picker(line, "up", () => b, (index) => { b = index; });
-      scatter(place, [760, 420], () => a, () => b, { edge: true, front: true, id: "front-scatter" });
+      scatter(place, [1100, 430], () => a, () => b, { edge: true, front: true, id: "front-scatter" });
     }
   }
   html("h3", home, "Scatter matrix");

@@ -58,7 +58,7 @@ def rows_data(
         "limits": limits,
         "recommended": [[row, letter] for row, letter in row_of.items()],
         "folder": wanted.folder,
-        "archives": _archives(results),
+        "archives": _archives(results) if wanted.recorded else None,
     }
 
 
