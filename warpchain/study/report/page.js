@@ -29,7 +29,7 @@
   };
   const ticks = (low, high, most) => {
     const step = (high - low) / Math.max(1, most), power = 10 ** Math.floor(Math.log10(step || 1));
-    const wide = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= step * 0.999) || power;
+    const wide = [1, 2, 2.5, 5, 10].map((m) => m * power).find((s) => s >= step * 0.75) || power;
     const found = [];
     for (let k = Math.ceil(low / wide - 1e-9); k * wide <= high + 1e-9 * wide; k++) found.push(Number((k * wide).toPrecision(12)));
     return found;
@@ -79,7 +79,11 @@
       make("text", { x: inner.left - 6, y: py + 4, "text-anchor": "end" }, svg, word);
     }
     if (panel.x.label) make("text", { x: (inner.left + inner.right) / 2, y: height - 8, "text-anchor": "middle", class: "axis" }, svg, panel.x.label);
-    if (panel.y.label) make("text", { x: 12, y: (inner.top + inner.bottom) / 2, "text-anchor": "middle", class: "axis", transform: `rotate(-90 12 ${(inner.top + inner.bottom) / 2})` }, svg, panel.y.label);
+    if (panel.y.label) {
+      const most = Math.floor((height - 10) / 6), lines = [""], middle = (inner.top + inner.bottom) / 2;
+      for (const part of panel.y.label.split(/(?<=[._ ]|->)/)) { if ((lines[lines.length - 1] + part).length > most) lines.push(""); lines[lines.length - 1] += part; }
+      lines.slice(0, 2).forEach((line, n) => make("text", { x: 11 + 12 * n, y: middle, "text-anchor": "middle", class: "axis", transform: `rotate(-90 ${11 + 12 * n} ${middle})` }, svg, line));
+    }
     return { svg, x, y, inner };
   };
   const path = (series, x, y, ys) => series.x.map((v, k) => (finite(ys[k]) ? `${x.at(v).toFixed(1)},${y.at(ys[k]).toFixed(1)}` : null)).filter(Boolean);
@@ -119,6 +123,7 @@
   for (const box of document.querySelectorAll(".panels")) {
     for (const panel of JSON.parse(box.querySelector("script").textContent)) {
       const place = html("figure", box);
+      place.style.maxWidth = `${panel.width || 340}px`;
       const view = frame(panel, place);
       for (const s of panel.series) drawn[s.kind](view, s, s.color || ACCENT);
       const named = panel.series.filter((s) => s.label);

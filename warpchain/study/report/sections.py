@@ -197,7 +197,7 @@ def _spread(results: Results, metrics: tuple[str, ...]) -> str:
 def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Section:
     told = {metric: found for metric, found in effects.items() if found}
     errors = {metric: pure_error(results, metric) for metric in told}
-    shares = [min(1.0, sum(effect.explained for effect in found)) for found in told.values()]
+    shares = [min(1.0, sum(_beyond_chance(effect) for effect in found)) for found in told.values()]
     parts = [
         page.text(
             "Mean of the metric in each group of a factor's values, with two standard errors, and its median, which a "
@@ -215,6 +215,12 @@ def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Sect
         parts.append(page.chart(means, f"main effects on {metric}"))
         parts.append(page.chart(panels.interactions(results, metric, found), f"interactions in {metric}"))
     return page.section("effects", "Effects and interactions", *parts)
+
+
+def _beyond_chance(effect: Effect) -> float:
+    """Part of the variance between an effect's groups, less what as many groups have by chance (Ezekiel 1930)."""
+    rows, groups = int(effect.counts.sum()), len(effect.counts)
+    return max(0.0, 1.0 - (1.0 - effect.explained) * (rows - 1) / (rows - groups)) if rows > groups else 0.0
 
 
 def _error_line(results: Results, metric: str, error: PureError | None) -> str:
