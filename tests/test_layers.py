@@ -44,6 +44,8 @@ STUDY_LEVELS = (
     ("run",),
     ("analysis",),
     ("plan",),
+    ("surrogate",),
+    ("optimize",),
     ("report",),
 )
 WITHOUT_WARP = ("drive", "assembly", "results", "archive", "view")

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from warpchain.results.handed_in import Wear
     from warpchain.results.judgement import Limits
     from warpchain.results.run import Record, Run, Trajectory
+    from warpchain.study.optimize import open_study, optimize
     from warpchain.study.run import run_study
     from warpchain.view.report import report
 
@@ -34,6 +35,8 @@ _HOME = {
     "load_drive": "drive",
     "loads_drive": "drive",
     "modes": "modal",
+    "open_study": "study.optimize",
+    "optimize": "study.optimize",
     "read_archive": "archive",
     "report": "view.report",
     "run_study": "study.run",
@@ -58,6 +61,8 @@ __all__ = [
     "load_drive",
     "loads_drive",
     "modes",
+    "open_study",
+    "optimize",
     "read_archive",
     "report",
     "run_study",

@@ -2,15 +2,13 @@
 
 import os
 import re
-import shutil
-import subprocess
+import time
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
-from PIL import Image
 
 from warpchain.cli import main
 from warpchain.errors import StudyError
@@ -42,22 +40,22 @@ def study(rows=120):
 
 
 class Page(HTMLParser):
-    """Sections, pictures and links of a page; complains of tags that do not close."""
+    """Sections, charts and links of a page; complains of tags that do not close."""
 
     def __init__(self, text):
         super().__init__()
-        self.open, self.sections, self.pictures, self.links, self.words = [], [], [], [], []
+        self.open, self.sections, self.charts, self.links, self.words = [], [], [], [], []
         self.feed(text)
         assert self.open == []
 
     def handle_starttag(self, tag, attributes):
         found = dict(attributes)
+        if found.get("class") == "panels":
+            self.charts.append(found["aria-label"])
         if tag not in ("meta", "img", "wbr"):
             self.open.append(tag)
         if tag == "section":
             self.sections.append(found["id"])
-        if tag == "img":
-            self.pictures.append(found)
         self.links += [found[key] for key in ("href", "src") if key in found]
 
     def handle_endtag(self, tag):
@@ -78,18 +76,19 @@ def html():
 def test_page_tells_what_happened_and_needs_no_network(html):
     page = Page(html)
     words = " ".join(page.words)
-    named = "summary inputs ends distributions effects correlation surface sobol front extremes"
+    named = "summary designs front explore inputs ends distributions effects correlation surface sobol extremes"
     assert page.sections == named.split()
-    assert all(link.startswith(("#", "data:image/svg+xml;base64,")) for link in page.links)
-    assert not re.search(r"@import|url\(|<script|<link", html)
-    assert all(picture["alt"] for picture in page.pictures)
-    assert len(page.pictures) == 1 + 2 + 1 + 2 + 1 + 1
+    assert all(link.startswith("#") for link in page.links)
+    assert not re.search(
+        r"@import|url\(|<script[^>]* src|<link|fetch\(|XMLHttpRequest|https?://(?!www.w3.org/2000/svg)", html
+    )
+    assert len(page.charts) == 1 + 1 + 2 * 2 + 1 + 2 + 1  # with interactions of two numeric factors
     status = study()["status"].to_pylist()
     for word in ("ok", "infeasible", "diverged"):
         assert f"<b>{status.count(word)}</b>{word}" in html
     assert "<b>hunt</b>" in words  # as words, not as markup
     assert "why & how" in words
-    assert re.search(r"tension_max: from .* N \(variant \d+\).*load\.torque matters most, with 9\d %", words)
+    assert re.search(r"tension_max: from .* kN \(variant \d+\).*load\.torque matters most, with 9\d %", words)
 
 
 def test_same_study_same_page(html):
@@ -112,7 +111,7 @@ def test_words_and_switches_alone_make_a_page():
     )
     for factors in (["law"], ["law", "settle"]):
         html = report_html(read_results(table, factors))
-        assert "Main effects" in html
+        assert "Effects and interactions" in html
         # switches count as the numbers 0 and 1, words do not
         assert ("no factor holds numbers that vary" in html) == ("settle" not in factors)
 
@@ -184,29 +183,34 @@ def test_examples_of_the_documents_run(tmp_path, monkeypatch):
     assert read_results(tmp_path / "design.csv", ["torque", "speed"]).table.num_rows == 1024
 
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = (
-    *("--headless", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update"),
-    *("--disable-sync", "--disable-quic", "--hide-scrollbars", "--host-resolver-rules=MAP * ~NOTFOUND"),
-)
+def test_rows_that_are_not_ok_are_listed_with_their_reasons(html):
+    words = " ".join(Page(html).words)
+    lost = [row for row in study().to_pylist() if row["status"] != "ok"]
+    assert "Each of them" in words
+    for row in lost[:40]:
+        assert re.search(rf">{row['variant']}</td><td>{row['status']}</td><td>why &amp; how<", html)
 
 
-@pytest.mark.viewer
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium (Debian: chromium)")
-def test_browser_shows_the_figures(html, tmp_path):
-    page, shot = tmp_path / "r.html", tmp_path / "r.png"
-    page.write_text(html)
-    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
-    command = [CHROMIUM, *QUIET, *sandbox, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1280,5000"]
-    subprocess.run([*command, f"--screenshot={shot}", page.as_uri()], capture_output=True, timeout=120, check=True)
-    pixels = np.asarray(Image.open(shot).convert("RGB")).astype(int)
-    assert pixels.shape == (5000, 1280, 3)
+def test_units_are_those_that_engineers_read(html):
+    assert "tension_max [kN]" in html and "contact_energy_per_revolution [J]" in html
+    front = html[html.index('id="front"') : html.index('id="explore"')]
+    assert re.search(r"tension_<wbr>max \[kN\]", front)
 
-    def count(color, tolerance=12):
-        return int((np.abs(pixels - color).max(axis=2) < tolerance).sum())
 
-    # colors of the page: boxes of the counts; of its figures: histogram bars (alpha 0.8 on white), effects, front
-    assert count((0xE3, 0xF3, 0xE8), 2) > 3000
-    assert count((0x4C, 0x92, 0xC3)) > 20_000
-    assert count((0x1F, 0x77, 0xB4)) > 500
-    assert count((0xD1, 0x49, 0x5B)) > 500
+def large(rows):
+    rng = np.random.default_rng(1)
+    x = rng.random((rows, 6))
+    columns = {f"f{k}": x[:, k] for k in range(6)}
+    metrics = {f"s{k}.force_max": 1e4 * (3.0 + x @ rng.standard_normal(6) + 0.1 * rng.random(rows)) for k in range(30)}
+    return read_results(pa.table({"variant": np.arange(rows)} | columns | metrics), list(columns))
+
+
+def test_ten_thousand_rows_make_a_small_page_soon():
+    results = large(10_000)
+    objectives = {"s0.force_max": "min", "s1.force_max": "min"}
+    report_html(large(100), objectives=objectives)  # imports are not the page's
+    begin = time.process_time()
+    page = report_html(results, objectives=objectives)
+    # 2 s of one core; threads of linear algebra that wait count here, too, and the machine may be busy
+    assert time.process_time() - begin < 5.0 * (os.cpu_count() or 1)
+    assert len(page.encode()) < 3e6  # 10 MB are allowed

@@ -19,7 +19,9 @@ from typing import Any, NoReturn
 from warpchain.cli import commands as do
 from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number, whole_number
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
+from warpchain.cli.optimize import add_optimize
 from warpchain.cli.study import add_commands
+from warpchain.cli.study_play import add_play_command
 from warpchain.cli.study_report import add_report_commands
 from warpchain.errors import WarpchainError
 from warpchain.files import reason
@@ -321,9 +323,25 @@ def _study(commands: Any) -> None:
     studies = parser.add_subparsers(dest="study_command", metavar="COMMAND", required=True)
     add_commands(studies)
     add_report_commands(studies)
+    add_play_command(studies)
 
 
-COMMANDS = (_check, _chains, _fit, _modes, _tensioner, _run, _view, _plot, _report, _export, _import, _recover, _study)
+COMMANDS = (
+    _check,
+    _chains,
+    _fit,
+    _modes,
+    _tensioner,
+    _run,
+    _view,
+    _plot,
+    _report,
+    _export,
+    _import,
+    _recover,
+    _study,
+    add_optimize,
+)
 """What adds each command, in the order of the help."""
 
 

@@ -76,6 +76,7 @@ def report(arguments: argparse.Namespace) -> int:
         metrics=tuple(arguments.metric),
         objectives=_objectives(arguments),
         notes=notes,
+        wanted=_wanted(arguments.study),
     )
     print(page)
     if arguments.table is not None:
@@ -104,6 +105,23 @@ def _read(arguments: argparse.Namespace) -> tuple[Path, Results]:
 
     path = table_path(arguments.study)
     return path, read_results(path, arguments.factor or None)
+
+
+def _wanted(source: Path) -> Any:
+    """What the study in a folder wants, and the folder as it is named; None of a table alone."""
+    from warpchain.study.report.decisions import Wanted
+    from warpchain.study.spec import load_study
+    from warpchain.view.chosen import NEEDED
+
+    if not source.is_dir():
+        return None
+    try:
+        study = load_study(source / "study.toml")
+    except StudyError:
+        return None  # a table in a folder without its study
+    most = study.optimize.recommend if study.optimize is not None else Wanted.most
+    played = set(NEEDED) <= set(study.record.channels)
+    return Wanted(study.objectives, study.bounds, str(source), most, played)
 
 
 def _objectives(arguments: argparse.Namespace) -> dict[str, str] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,14 +84,14 @@ class Results:
             return np.full(self.table.num_rows, np.nan)
         return self.values(name)
 
-    @property
+    @cached_property
     def status(self) -> list[str]:
         """How each variant ended; "ok" where the table does not tell."""
         if "status" not in self.table.column_names:
             return ["ok"] * self.table.num_rows
         return [str(word) for word in self.table["status"].to_pylist()]
 
-    @property
+    @cached_property
     def ok(self) -> NDArray[np.bool_]:
         """Whether each variant ran to its end and nothing of it is suspect (R,)."""
         return np.array([word == "ok" for word in self.status], dtype=bool)

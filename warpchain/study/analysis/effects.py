@@ -213,14 +213,18 @@ def correlation(results: Results, metrics: tuple[str, ...] | None = None) -> Cor
     shape = (len(factors), len(chosen))
     pearson, spearman, counts = np.zeros(shape), np.zeros(shape), np.zeros(len(chosen), dtype=np.int64)
     inputs = [results.values(factor) for factor in factors]
+    ranks: dict[bytes, list[Array]] = {}  # of the factors, by which rows a metric has
     for b, metric in enumerate(chosen):
         rows, y = results.rows_for(metric, factors), results.values(metric)
         counts[b] = rows.sum()
         if counts[b] < 3:
             raise StudyError(f"metric {metric!r}: {counts[b]} variants have a value, at least 3 are needed")
+        known = ranks.setdefault(rows.tobytes(), [])
+        known += [] if known else [rankdata(x[rows]) for x in inputs]
+        ranked = rankdata(y[rows])
         for a, x in enumerate(inputs):
             pearson[a, b] = _pearson(x[rows], y[rows])
-            spearman[a, b] = _pearson(rankdata(x[rows]), rankdata(y[rows]))
+            spearman[a, b] = _pearson(known[a], ranked)
     return Correlation(factors, chosen, pearson, spearman, counts)
 
 

@@ -117,7 +117,11 @@ def _scaled(values: Array, low: Array, high: Array) -> Array:
 
 def _terms(x: Array, powers: NDArray[np.int64]) -> Array:
     """Each term of eq. (a) at scaled values (R, A) -> (R, T)."""
-    return np.prod(x[:, None, :] ** powers[None], axis=2)
+    terms = np.ones((len(x), len(powers)))
+    for t, row in enumerate(powers):
+        for a in np.flatnonzero(row):
+            terms[:, t] *= x[:, a] ** row[a]
+    return terms
 
 
 def _powers(levels: list[int], order: int) -> NDArray[np.int64]:

@@ -10,14 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.errors import StudyError
+from warpchain.results.quantities import quantity
 from warpchain.study.analysis import Effect, correlation, main_effects
-from warpchain.study.analysis.pareto import pareto_front
+from warpchain.study.analysis.robust import median_effects
 from warpchain.study.analysis.sensitivity import Indices, best_indices
-from warpchain.study.analysis.surface import TRUSTED, fit_surface
-from warpchain.study.report import charts
+from warpchain.study.analysis.surface import TRUSTED
+from warpchain.study.report import page, panels
+from warpchain.study.report.decisions import Wanted, designs_section, ends_section, front_section, rows_table, wanted_of
+from warpchain.study.report.rows import rows_data
 from warpchain.study.results import STATUSES, Results, read_results
 from warpchain.study.store import write_text
-from warpchain.view import html as page
+from warpchain.study.surrogate import Surrogate, fit_surrogate
+from warpchain.study.surrogate.noise import PureError, pure_error
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -41,6 +45,8 @@ SHOWN = 6
 """Most metrics that a report shows in figures where none are named."""
 EXTREMES = 3
 """Variants listed at each end of a metric."""
+PROCESS_ROWS = 300
+"""Most variants that figures are drawn from a Gaussian process for: of more, a quadratic surface tells enough."""
 
 
 def telling_metrics(results: Results) -> tuple[str, ...]:
@@ -57,6 +63,7 @@ def report_html(
     metrics: tuple[str, ...] = (),
     objectives: Mapping[str, str] | None = None,
     notes: Mapping[str, str] | None = None,
+    wanted: Wanted | None = None,
 ) -> str:
     """The page.
 
@@ -64,8 +71,10 @@ def report_html(
         results: the study's results.
         title: heading of the page.
         metrics: those to show; none takes the objectives and the telling ones.
-        objectives: "min" or "max" by metric, for the Pareto front; None takes the first two metrics, both low.
+        objectives: "min" or "max" by metric, for the Pareto front; None takes those of `wanted`, or else the first two
+            metrics, both low.
         notes: further lines about the study, by name: its design, its drive, its seed.
+        wanted: objectives and limits of the study file, and its folder for the commands that play variants.
 
     Raises:
         StudyError: an unknown metric or sense, or a table without a variant.
@@ -74,32 +83,54 @@ def report_html(
         raise StudyError("the study has no variant yet: nothing to report")
     for metric in metrics:
         results.values(metric)
-    wanted = tuple(metric for metric in objectives or () if metric not in results.factors)
-    shown = tuple(metrics) or tuple(dict.fromkeys((*wanted, *telling_metrics(results))))[: max(SHOWN, len(wanted))]
-    chosen = dict(objectives or {metric: "min" for metric in shown[:2]})
+    wanted = wanted_of(results, objectives, wanted)
+    named = tuple(metric for metric in wanted.metrics if metric not in results.factors)
+    shown = tuple(metrics) or tuple(dict.fromkeys((*named, *telling_metrics(results))))[: max(SHOWN, len(named))]
+    chosen = wanted.senses or {metric: "min" for metric in shown[:2]}
     enough = tuple(m for m in shown if results.rows_for(m).sum() >= 3)
     effects = {metric: main_effects(results, metric) for metric in enough}
-    sections: list[page.Section | None] = [_summary(results, effects, notes or {}), _inputs(results), _ends(results)]
-    if enough:
-        sections += [
-            page.section(
-                "distributions",
-                "How the metrics are distributed",
-                page.picture(charts.distributions_figure(results, enough), "histograms of the metrics"),
-                _spread(results, enough),
-            ),
-            _effects(results, effects),
-            _correlation(results, shown),
-            _surfaces(results, enough),
-            _sobol(results, enough),
-            _front(results, chosen, objectives is None),
-            _extremes(results, enough),
-        ]
-    else:
-        sections.append(
-            page.section("none", "No analysis", page.text("Fewer than three variants have a metric that varies."))
-        )
-    return page.page(title, [section for section in sections if section])
+    ends = ends_section(results)
+    if not enough:
+        few = page.section("none", "No analysis", page.text("Fewer than three variants have a metric that varies."))
+        return page.page(title, [_summary(results, effects, notes or {}), _inputs(results), ends, few])
+    designs, recommended = designs_section(results, wanted)
+    sections = [
+        _summary(results, effects, notes or {}),
+        designs,
+        front_section(results, chosen, not wanted.senses),
+        page.section("explore", "Explore the variants", page.text(EXPLORE, muted=True), page.place("work", "variants")),
+        _inputs(results),
+        ends,
+        page.section(
+            "distributions",
+            "How the metrics are distributed",
+            page.chart(panels.distributions(results, enough), "histograms of the metrics"),
+            _spread(results, enough),
+        ),
+        _effects(results, effects),
+        _correlation(results, shown),
+        _surfaces(results, enough),
+        _sobol(results, enough),
+        _extremes(results, enough),
+    ]
+    data = rows_data(results, shown, _telling_factors(effects), chosen, wanted, recommended)
+    return page.page(title, [section for section in sections if section], data)
+
+
+EXPLORE = (
+    "Draw along an axis to keep a range, click it to let it go; draw a box in the scatter matrix to keep it in both "
+    "of its columns. Point at a dot to see its variant and the command that plays it; click it to mark it. Red dots "
+    "are on the Pareto front of those that are kept. The study's limits are set at first."
+)
+
+
+def _telling_factors(effects: Mapping[str, list[Effect]]) -> list[str]:
+    """Factors by the most that they explain of any metric."""
+    weight: dict[str, float] = {}
+    for found in effects.values():
+        for effect in found:
+            weight[effect.factor] = max(weight.get(effect.factor, 0.0), effect.explained)
+    return sorted(weight, key=lambda name: -weight[name])
 
 
 def _summary(results: Results, effects: Mapping[str, list[Effect]], notes: Mapping[str, str]) -> page.Section:
@@ -115,18 +146,18 @@ def _summary(results: Results, effects: Mapping[str, list[Effect]], notes: Mappi
 def _verdict(results: Results, metric: str, effects: list[Effect]) -> str:
     """One line on a metric: its range, and the factor that matters most."""
     rows = np.flatnonzero(results.rows_for(metric))
-    values, unit = results.values(metric)[rows], f" {results.unit(metric)}".rstrip()
+    values, unit = results.values(metric)[rows], results.unit(metric)
     low, high = int(values.argmin()), int(values.argmax())
     line = (
-        f"{metric}: from {page.number(values[low], 4)}{unit} (variant {results.variants[rows[low]]}) "
-        f"to {page.number(values[high], 4)}{unit} (variant {results.variants[rows[high]]})"
+        f"{metric}: from {quantity(float(values[low]), unit)} (variant {results.variants[rows[low]]}) "
+        f"to {quantity(float(values[high]), unit)} (variant {results.variants[rows[high]]})"
     )
     telling = [e for e in effects if e.explained > 3.0 * (len(e.counts) - 1) / max(len(rows) - 1, 1)]
     if not telling:
         return f"{line}; no factor stands out of the scatter."
     best = max(telling, key=lambda effect: effect.explained)
     least, most = (
-        f"{page.number(best.means[g], 4)}{unit} ({best.labels[g]})"
+        f"{quantity(float(best.means[g]), unit)} ({best.labels[g]})"
         for g in (int(best.means.argmin()), int(best.means.argmax()))
     )
     return (
@@ -139,56 +170,67 @@ def _inputs(results: Results) -> page.Section:
     rows, tied = [], results.ties()
     for factor in results.factors:
         words = results.labels(factor)
-        distinct = len(set(words))
+        distinct, unit = len(set(words)), ""
         if not results.numeric(factor):
             span = ", ".join(sorted(set(words))[:8])
         else:
             values = results.values(factor)
-            ends = [page.number(float(value)) for value in (np.nanmin(values), np.nanmax(values))]
+            axis = panels.Axis(results, factor)
+            ends = [page.number(axis.factor * float(value)) for value in (np.nanmin(values), np.nanmax(values))]
+            unit = axis.unit
             span = ends[0] if distinct == 1 else " to ".join(ends)
         note = f"goes along with {tied[factor]}" if factor in tied else "" if distinct > 1 else "held"
-        rows.append((factor, results.unit(factor), span, distinct, note))
+        rows.append((factor, unit, span, distinct, note))
     return page.section("inputs", "What was varied", page.table(("factor", "unit", "range", "values", ""), rows))
-
-
-def _ends(results: Results) -> page.Section:
-    reasons = results.reasons()
-    if not reasons:
-        return page.section("ends", "How the variants ended", page.text("Every variant is ok."))
-    return page.section(
-        "ends",
-        "How the variants ended",
-        page.text(
-            "Infeasible variants could not be run as drawn; diverged ones were stopped when their motion ran away; "
-            "suspect ones are beyond a limit of the study. None of them takes part in what follows."
-        ),
-        page.table(("status", "reason (of the first one, where only its numbers differ)", "variants"), reasons[:25]),
-        page.text(f"{len(reasons) - 25} further reasons are in the table.") if len(reasons) > 25 else "",
-    )
 
 
 def _spread(results: Results, metrics: tuple[str, ...]) -> str:
     rows = []
     for metric in metrics:
         values = results.values(metric)[results.rows_for(metric)]
-        rows.append((metric, results.unit(metric), *np.percentile(values, (0, 5, 50, 95, 100)).tolist(), len(values)))
+        axis = panels.Axis(results, metric)
+        parts = (axis.factor * np.percentile(values, (0, 5, 50, 95, 100))).tolist()
+        rows.append((metric, axis.unit, *parts, len(values)))
     return page.table(("metric", "unit", "least", "5 %", "median", "95 %", "most", "variants"), rows)
 
 
 def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Section:
+    told = {metric: found for metric, found in effects.items() if found}
+    errors = {metric: pure_error(results, metric) for metric in told}
+    shares = [min(1.0, sum(_beyond_chance(effect) for effect in found)) for found in told.values()]
     parts = [
         page.text(
-            "Mean of the metric in each group of a factor's values, with two standard errors; the dashed line is the "
-            "mean of all. A factor explains the part of the variance that lies between its groups; without "
-            "interactions the parts add up to one, less what is scatter.",
+            "Mean of the metric in each group of a factor's values, with two standard errors, and its median, which a "
+            "few wild values do not move; the gray line is the mean of all. A factor explains the part of the variance "
+            "that lies between its groups; without interactions the parts add up to one, less what is scatter.",
             muted=True,
-        )
+        ),
+        page.heading("Scatter against effect"),
+        page.chart(panels.scatter_shares(list(told), shares, list(errors.values())), "parts of the variance"),
+        page.bullets(_error_line(results, metric, error) for metric, error in errors.items()),
     ]
-    for metric, found in effects.items():
-        if found:
-            parts.append(page.heading(metric))
-            parts.append(page.picture(charts.effects_figure(results, metric, found), f"main effects on {metric}"))
-    return page.section("effects", "Main effects", *parts)
+    for metric, found in told.items():
+        parts.append(page.heading(metric))
+        means = panels.effects(results, metric, found, median_effects(results, metric))
+        parts.append(page.chart(means, f"main effects on {metric}"))
+        parts.append(page.chart(panels.interactions(results, metric, found), f"interactions in {metric}"))
+    return page.section("effects", "Effects and interactions", *parts)
+
+
+def _beyond_chance(effect: Effect) -> float:
+    """Part of the variance between an effect's groups, less what as many groups have by chance (Ezekiel 1930)."""
+    rows, groups = int(effect.counts.sum()), len(effect.counts)
+    return max(0.0, 1.0 - (1.0 - effect.explained) * (rows - 1) / (rows - groups)) if rows > groups else 0.0
+
+
+def _error_line(results: Results, metric: str, error: PureError | None) -> str:
+    if error is None:
+        return f"{metric}: no two variants are equal runs, so the table does not tell how far they scatter."
+    return (
+        f"{metric}: {100.0 * error.share:.2g} % of its variance is scatter between equal runs "
+        f"(standard deviation {quantity(error.deviation, results.unit(metric))}, by {error.source}, "
+        f"{error.freedom} degrees of freedom)."
+    )
 
 
 def _correlation(results: Results, first: tuple[str, ...], most: int = 40) -> page.Section | None:
@@ -205,7 +247,7 @@ def _correlation(results: Results, first: tuple[str, ...], most: int = 40) -> pa
             f"below {both.noise():.2f} in size are gray: chance alone stays below that in 19 of 20 cases.",
             muted=True,
         ),
-        page.picture(charts.correlation_figure(both), "heat map of rank correlations of factors and metrics"),
+        page.chart(panels.correlations(both), "heat map of rank correlations of factors and metrics"),
         page.text(f"The first {most} of {len(usable)} metrics are shown.") if len(usable) > most else "",
     )
 
@@ -214,24 +256,42 @@ def _surfaces(results: Results, metrics: tuple[str, ...]) -> page.Section:
     parts, refused = [], []
     for metric in metrics:
         try:
-            surface = fit_surface(results, metric)
+            found = _surrogate(results, metric)
         except StudyError as error:
             refused.append(str(error))
             continue
-        parts.append(page.picture(charts.surface_figure(results, surface), f"response surface of {metric}"))
-        if not surface.trusted:
-            parts.append(page.text(f"{metric}: predicted R\u00b2 is below {TRUSTED}: take the slices as a hint only."))
+        checked = found.cross_validated()
+        words = {"gaussian": "Gaussian process with noise", "quadratic": "quadratic surface"}[found.kind]
+        parts.append(page.heading(f"{metric}: {words} of {found.rows} variants"))
+        parts.append(page.chart(panels.surrogate(results, found, checked), f"surrogate of {metric}"))
+        if checked.q2 < TRUSTED:
+            parts.append(page.text(f"{metric}: Q\u00b2 is below {TRUSTED}: take the cuts as a hint only."))
     return page.section(
         "surface",
-        "Response surfaces",
+        "Between the variants",
         page.text(
-            "Quadratic surfaces by least squares, cut along each factor with the others midway between their ends; "
-            "gray points are the variants. Predicted R\u00b2 tells how well variants left out one at a time are met.",
+            "Surrogates of the metrics, cut along each factor with the others midway between their ends. The inner "
+            "band is where the metric is with 95 %, the outer one where a single run would come out. Q\u00b2 tells how "
+            "well variants left out one at a time are met: 1 is perfect, 0 no better than the mean.",
             muted=True,
         ),
         *parts,
         page.bullets(refused) if refused else "",
     )
+
+
+def _surrogate(results: Results, metric: str) -> Surrogate:
+    """A Gaussian process where it is at hand and quick, else a quadratic surface.
+
+    Raises:
+        StudyError: neither can be had.
+    """
+    if results.rows_for(metric).sum() <= PROCESS_ROWS:
+        try:
+            return fit_surrogate(results, metric)
+        except StudyError:
+            pass  # few rows, or no scikit-learn: a surface may do
+    return fit_surrogate(results, metric, "quadratic")
 
 
 def _sobol(results: Results, metrics: tuple[str, ...]) -> page.Section:
@@ -253,34 +313,9 @@ def _sobol(results: Results, metrics: tuple[str, ...]) -> page.Section:
             "both bars are alike, the factor acts on its own.",
             muted=True,
         ),
-        page.picture(charts.indices_figure(found), "Sobol' indices of the metrics") if found else "",
+        page.chart(panels.indices(found) if found else [], "Sobol' indices of the metrics"),
         page.bullets(lines),
     )
-
-
-def _front(results: Results, objectives: Mapping[str, str], by_default: bool) -> page.Section | None:
-    if len(objectives) < 2:
-        return None
-    front = pareto_front(results, objectives)
-    words = " and ".join(f"{metric} {'low' if sense == 'min' else 'high'}" for metric, sense in objectives.items())
-    hint = " (taken for want of chosen objectives)" if by_default else ""
-    heads = ("variant", *objectives, *results.factors)
-    return page.section(
-        "front",
-        "Pareto front",
-        page.text(
-            f"Wanted: {words}{hint}. No other variant beats those on the front in one without losing in another."
-        ),
-        page.picture(charts.front_figure(results, objectives), f"Pareto front of {words}"),
-        page.table(heads, (_row(results, int(row), tuple(objectives)) for row in front[:30])),
-        page.text(f"{len(front) - 30} further variants are on the front.") if len(front) > 30 else "",
-    )
-
-
-def _row(results: Results, row: int, metrics: tuple[str, ...]) -> list[object]:
-    """Variant, metrics and factors of a row, for a table."""
-    values = [results.table[name][row].as_py() for name in (*metrics, *results.factors)]
-    return [int(results.variants[row]), *values]
 
 
 def _extremes(results: Results, metrics: tuple[str, ...]) -> page.Section:
@@ -289,11 +324,7 @@ def _extremes(results: Results, metrics: tuple[str, ...]) -> page.Section:
         rows = np.flatnonzero(results.rows_for(metric))
         order = rows[np.argsort(results.values(metric)[rows], kind="stable")]
         ends = dict.fromkeys([*order[:EXTREMES].tolist(), *order[-EXTREMES:].tolist()])
-        unit = f" [{results.unit(metric)}]" if results.unit(metric) else ""
-        parts.append(page.heading(metric))
-        parts.append(
-            page.table(("variant", f"{metric}{unit}", *results.factors), (_row(results, r, (metric,)) for r in ends))
-        )
+        parts += [page.heading(metric), rows_table(results, list(ends), (metric, *results.factors))]
     return page.section("extremes", "Lowest and highest variants", *parts)
 
 
@@ -305,6 +336,7 @@ def write_report(
     metrics: tuple[str, ...] = (),
     objectives: Mapping[str, str] | None = None,
     notes: Mapping[str, str] | None = None,
+    wanted: Wanted | None = None,
 ) -> Path:
     """Writes the report of a study; it appears under its name only when whole.
 
@@ -313,14 +345,14 @@ def write_report(
         output: the HTML file.
         title: heading; None takes the table's file name.
         factors: columns that were varied; none takes those that the table marks.
-        metrics, objectives, notes: see `report_html`.
+        metrics, objectives, notes, wanted: see `report_html`.
 
     Raises:
         StudyError: a table that cannot be read or lacks a column, or a folder that cannot be written.
     """
     results = source if isinstance(source, Results) else read_results(source, factors or None)
     heading = title or (Path(source).stem if isinstance(source, str | Path) else "Study")
-    html = report_html(results, heading, metrics, objectives, notes)
+    html = report_html(results, heading, metrics, objectives, notes, wanted)
     target = Path(output)
     write_text(target, html)
     return target

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import os
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,17 +37,29 @@ def prepare(
     source: str | os.PathLike[str], out: str | os.PathLike[str], parts: int, workers: int | None, memory: int
 ) -> Folder:
     """Reads and checks a study, and makes or opens its folder; see `run_study`."""
-    study, drive, design = read_study(source)
+    study, drive, design = designed(source)
     runs = design.num_rows * study.design.copies
     size = study.run.shard or shard_size(study, drive, runs, parts, workers or available_cores(), memory)
     return make_folder(Path(out), study, drive, design, size)
 
 
-def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
+def designed(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
     """A study, its base drive and its rows, checked.
 
     Raises:
         StudyError: one line for each error.
+    """
+    study, drive = read_study(source)
+    design = make_design(study, Path(source))
+    check_names(study, drive, design.num_rows, source)
+    return study, drive, design
+
+
+def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive]:
+    """Reads a study and its base drive, and holds one against the other.
+
+    Raises:
+        StudyError: an error of either file; one line each.
     """
     study = load_study(source)
     word = study.study.drive
@@ -57,9 +71,7 @@ def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
     check_drive(study, drive, str(source))
     if study.fatigue is not None:
         rainflow_counter()  # refused now, not when all variants have run
-    design = make_design(study, Path(source))
-    _check_names(study, drive, design.num_rows, source)
-    return study, drive, design
+    return study, drive
 
 
 def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
@@ -92,7 +104,7 @@ def gpus_of(device: str | None) -> int:
     return int(str(device).startswith("cuda:"))
 
 
-def _check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLike[str]) -> None:
+def check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLike[str]) -> None:
     """Checks what a study says of metrics and variants.
 
     Raises:
@@ -112,6 +124,7 @@ def _check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLik
     worst = study.record.worst
     if worst is not None and worst.metric not in names:
         lines.append(f'record.worst.metric = "{worst.metric}": no such metric; there are {some_of(names, 8)}')
+    lines += _wanted_lines(study, drive, names)
     for factor in study.factors:
         if factor.name in names:
             lines.append(f'factors.{factor.name}.name = "{factor.name}": must not be the name of a metric')
@@ -120,3 +133,24 @@ def _check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLik
             lines.append(f"record.variants = {variant}: must be below the number of rows, {rows}")
     if lines:
         raise StudyError("\n".join(f"{source}: {line}" for line in lines))
+
+
+def _wanted_lines(study: Study, drive: Drive, names: Sequence[str]) -> Iterator[str]:
+    """What is wrong with the metrics that objectives and limits name."""
+    from warpchain.results.columns import RECORDED, of_drive
+
+    recorded = {
+        prefix + c.name
+        for prefix, _, group in of_drive(drive, tuple((group,) for group in RECORDED))
+        for c in group.columns
+    }
+    factors = [factor.name for factor in study.factors]
+    wanted = (("objectives", [o.metric for o in study.objectives]), ("limits", [b.metric for b in study.bounds]))
+    for key, metrics in wanted:
+        for i, metric in enumerate(metrics):
+            if metric in recorded:
+                if study.record.every != 1:
+                    yield f'{key}.{i}.metric = "{metric}": is of recorded variants; it needs record.every = 1'
+            elif metric not in (*names, *factors):
+                near = difflib.get_close_matches(metric, [*names, *recorded, *factors], 3, 0.4)
+                yield f'{key}.{i}.metric = "{metric}": no such metric; near it are {", ".join(near) or "none"}'

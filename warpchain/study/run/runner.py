@@ -63,6 +63,19 @@ def run_study(
     if part is not None and not 0 <= part[0] < part[1]:
         raise StudyError(f"--shard {part[0]}/{part[1]}: must be i/n with 0 <= i < n")
     folder = prepare(source, out, max(parts, part[1] if part else 1), workers, memory)
+    return run_folder(folder, executor=executor, part=part, workers=workers, memory=memory, progress=progress)
+
+
+def run_folder(
+    folder: Folder,
+    *,
+    executor: Executor | None = None,
+    part: tuple[int, int] | None = None,
+    workers: int | None = None,
+    memory: int = MEMORY,
+    progress: bool | Report = False,
+) -> Outcome:
+    """Runs what is left of a study's folder; see `run_study`."""
     options = {"workers": workers, "memory": memory}
     mine = [shard for shard in folder.shards if part is None or shard % part[1] == part[0]]
     with _bar(progress, folder, mine) as report:
@@ -72,7 +85,7 @@ def run_study(
         else:
             _run_there(folder, left, executor, options, report)
     if part is not None:
-        return study_status(out)
+        return study_status(folder.path)
     return finish(folder, executor, options)
 
 

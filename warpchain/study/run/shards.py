@@ -137,6 +137,7 @@ def _kept(study: Study, variants: Sequence[Variant]) -> list[dict[str, Any]]:
 
 
 def kept_patterns(study: Study) -> tuple[str, ...]:
-    """The patterns of the metrics that are kept: those asked for, and the one that tells the worst."""
+    """The patterns of the metrics that are kept: those asked for, the one that tells the worst, and those wanted."""
     worst = study.record.worst
-    return study.metrics.keep if worst is None else (*study.metrics.keep, worst.metric)
+    wanted = [name for metric in study.wanted for name in (metric, f"{metric}_se")]
+    return (*study.metrics.keep, *wanted, *(() if worst is None else (worst.metric,)))

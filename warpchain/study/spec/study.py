@@ -17,6 +17,15 @@ from warpchain.errors import DriveError, StudyError
 from warpchain.files import read_text
 from warpchain.results.judgement import Limits
 from warpchain.study.spec.factor import Factor
+from warpchain.study.spec.objectives import (
+    Bound,
+    Objective,
+    Search,
+    as_written,
+    joined_limits,
+    objective_rules,
+    split_limits,
+)
 from warpchain.study.spec.parts import Adjust, Constraint, Design, Fatigue, Keep, Recording, RunOptions
 from warpchain.study.spec.rules import design_rules, expression_rules, fatigue_rules, name_rules
 
@@ -49,6 +58,9 @@ class Study(Part):
         record: which variants are recorded in full.
         fatigue: of a link; with it, recorded variants have the objectives of `results.objectives` in the table.
         limits: what a variant may come to and still be ok.
+        objectives: what should be small or large.
+        bounds: limits on metrics, the entries of a list `limits` that name one.
+        optimize: how to look for designs.
 
     Raises:
         DriveError: with one line for each value that is wrong (`load_study` makes it a StudyError).
@@ -64,10 +76,22 @@ class Study(Part):
     record: Recording = Recording()
     fatigue: Fatigue | None = None
     limits: Limits = Limits()
+    objectives: Annotated[tuple[Objective, ...], Allowed("must be a list of objectives")] = ()
+    bounds: Annotated[tuple[Bound, ...], Allowed("must be a list of limits on metrics")] = ()
+    optimize: Search | None = None
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """The metrics and factors that objectives and limits name."""
+        return tuple(dict.fromkeys([*(o.metric for o in self.objectives), *(b.metric for b in self.bounds)]))
 
     @classmethod
     def _source(cls) -> str:
         return ""
+
+    @classmethod
+    def _completed(cls, values: Any) -> Any:
+        return split_limits(values)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
@@ -75,6 +99,7 @@ class Study(Part):
         yield from expression_rules(node)
         yield from design_rules(node)
         yield from fatigue_rules(node)
+        yield from objective_rules(node)
 
 
 def loads_study(text: str, source: str = "<text>") -> Study:
@@ -90,7 +115,7 @@ def loads_study(text: str, source: str = "<text>") -> Study:
     try:
         return Study(**values)
     except DriveError as error:
-        raise StudyError("\n".join(f"{source}: {line}" for line in error.errors)) from None
+        raise StudyError("\n".join(f"{source}: {as_written(line, values)}" for line in error.errors)) from None
 
 
 def load_study(path: str | os.PathLike[str]) -> Study:
@@ -104,7 +129,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 
 def dumps_study(study: Study) -> str:
     """A study as TOML text, which `loads_study` reads back equal."""
-    return drive_toml.dumps(_given(study))
+    return drive_toml.dumps(joined_limits(_given(study)))
 
 
 def _given(value: Any) -> Any:

@@ -1,0 +1,373 @@
+"""Searches: known fronts and minima, noise, limits, restarts, the cache, what is recommended."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from study_helpers import write_study
+
+import warpchain
+from warpchain.cli import main
+from warpchain.drive import load_drive
+from warpchain.errors import StudyError
+from warpchain.study.design.rows import Cube
+from warpchain.study.optimize import Optimizer, open_study, optimize, recommend
+from warpchain.study.optimize.goals import goals_of
+from warpchain.study.results import read_results
+from warpchain.study.spec import dumps_study, loads_study
+from warpchain.study.store import read_table
+
+pytest.importorskip("sklearn")
+pytest.importorskip("pymoo")
+
+TOY = """
+[study]
+drive = "none"
+[design]
+kind = "sobol"
+count = {start}
+[[factors]]
+name = "a"
+path = "x.a"
+range = [-2.0, 2.0]
+[[factors]]
+name = "b"
+path = "x.b"
+range = [-2.0, 2.0]
+[[objectives]]
+metric = "f1"
+[[objectives]]
+metric = "f2"
+[optimize]
+engine = "{engine}"
+batch = {batch}
+"""
+
+
+def toy(engine, start=16, batch=8, more=""):
+    return loads_study(TOY.format(engine=engine, start=start, batch=batch) + more)
+
+
+def searched(study, functions, count, noise=0.0):
+    """Runs a search on functions by metric; returns the study's results as told."""
+    optimizer, rng, tables = Optimizer(study), np.random.default_rng(0), []
+    while optimizer.told < count:
+        rows = optimizer.ask()
+        table = pa.Table.from_pylist(rows)
+        for name, function in functions.items():
+            values = np.array([function(**row) for row in rows])
+            table = table.append_column(name, pa.array(values + noise * rng.standard_normal(len(rows))))
+        optimizer.tell(table)
+        tables.append(table)
+    return read_results(pa.concat_tables(tables), [factor.name for factor in study.factors])
+
+
+TWO = {"f1": lambda a, b: (a - 1.0) ** 2 + b * b, "f2": lambda a, b: (a + 1.0) ** 2 + b * b}
+"""The front: b = 0 and a from -1 to 1, where sqrt(f1) + sqrt(f2) = 2; elsewhere that sum is larger."""
+
+
+def off_the_front(results):
+    """sqrt(f1) + sqrt(f2) - 2 of the true values, and a, of each row."""
+    a, b = results.values("a"), results.values("b")
+    true = np.sqrt(TWO["f1"](a, b)) + np.sqrt(TWO["f2"](a, b)) - 2.0
+    return true, a
+
+
+@pytest.mark.parametrize(
+    ("engine", "count", "noise"), [("bayes", 32, 0.0), ("bayes", 32, 0.1), ("population", 160, 0.0)]
+)
+def test_rows_come_to_lie_along_a_known_front(engine, count, noise):
+    results = searched(toy(engine), TWO, count, noise)
+    off, a = off_the_front(results)
+    near = off < 0.1  # a band of |b| < 0.3 or so at a = 0: a part of 0.1 of the square
+    start = int(near[:16].sum())
+    assert near[16:].mean() > max(0.4, 2.0 * start / 16)  # chance would go on with the part of the first rows
+    covered = np.unique(np.floor(4.0 * np.clip(a[near], -0.999, 0.999)))
+    assert len(covered) >= 5  # of the 8 parts of the front
+
+
+def test_a_noisy_ishigami_function_gives_its_minimum():
+    """sin a + 7 sin^2 b + 0.1 c^4 sin a is least at a = -pi/2, b = 0, c = +-pi: -1 - 0.1 pi^4 = -10.74."""
+    text = TOY.format(engine="bayes", start=16, batch=6).replace("[-2.0, 2.0]", "[-3.14159265, 3.14159265]")
+    third = '[[factors]]\nname = "c"\npath = "x.c"\nrange = [-3.14159265, 3.14159265]\n[[objectives]]\nmetric = "f1"\n'
+    text = text.replace('[[objectives]]\nmetric = "f1"\n[[objectives]]\nmetric = "f2"\n', third)
+
+    def ishigami(a, b, c):
+        return np.sin(a) + 7.0 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a)
+
+    study = loads_study(text)
+    results = searched(study, {"f1": ishigami}, 56, noise=0.3)
+    (best, *_) = recommend(results, goals_of(study))
+    row = {name: float(results.values(name)[best.row]) for name in "abc"}
+    # the lowest of 60 random rows is about -7; the function's own deviation is 3.7
+    assert ishigami(**row) < -9.0
+    mean, deviation = best.believed["f1"]
+    assert abs(mean - ishigami(**row)) < 4.0 * deviation + 0.3
+
+
+def test_limits_are_kept_and_known_with_a_probability():
+    """Least (a - 1)^2 + b^2 with f2 = (a + 1)^2 + b^2 at most 1: a = 0, b = 0, of value 1."""
+    text = TOY.format(engine="bayes", start=16, batch=6).replace(
+        '[[objectives]]\nmetric = "f2"\n', '[[limits]]\nmetric = "f2"\nmax = 1.0\n'
+    )
+    study = loads_study(text)
+    results = searched(study, TWO, 36)
+    (best, *_) = recommend(results, goals_of(study))
+    # without noise the row itself is known: what is left is how near to the corner of the limit rows came
+    assert best.measured["f2"] <= 1.0 and best.measured["f1"] < 1.15
+    assert best.chance >= 0.95 and "probability" in " ".join(best.reasons)
+
+
+def test_same_study_same_rows_and_told_rows_decide():
+    for engine in ("bayes", "population"):
+        first, second = (searched(toy(engine, 8, 4), TWO, 16) for _ in range(2))
+        assert first.table.equals(second.table)
+    other = searched(toy("bayes", 8, 4, "seed = 1\n"), TWO, 16)
+    assert not other.table.equals(searched(toy("bayes", 8, 4), TWO, 16).table)
+
+
+def test_places_in_the_cube_are_those_of_the_values():
+    factors = """
+[[factors]]
+name = "n"
+path = "x.n"
+range = [17, 25]
+integer = true
+[[factors]]
+name = "k"
+path = "x.k"
+range = [1e3, 1e7]
+distribution = "log-uniform"
+[[factors]]
+name = "law"
+path = "x.law"
+choice = ["flores", "hunt", "kv"]
+[[factors]]
+name = "z"
+path = "x.z"
+distribution = "normal"
+mean = 3.0
+std = 0.5
+"""
+    text = '[study]\ndrive = "none"\n[design]\nkind = "sobol"\ncount = 8\n' + factors
+    cube = Cube(loads_study(text))
+    points = np.random.default_rng(0).random((40, 4))
+    rows = cube.rows(points)
+    again = cube.points(rows)
+    assert np.abs(again - points)[:, [1, 3]].max() < 1e-9  # bisected to 2^-60; a normal's tail is flat to 1e-12 there
+    assert cube.rows(again)[0]["n"] == rows[0]["n"]
+    assert (np.abs(again - points)[:, 0] <= 0.5 / 9 + 1e-9).all()  # the middle of one of nine parts
+    assert np.array_equal(cube.snapped(points)[:, [0, 2]], again[:, [0, 2]])
+    assert cube.coordinates(again).shape == (40, 6)
+    for before, after in zip(rows, cube.rows(again), strict=True):
+        assert before["law"] == after["law"] and before["n"] == after["n"]
+
+
+# ------------------------------------------------------------------------------------------- on a drive
+
+WANTED = """
+[study]
+drive = "tiny.toml"
+
+[design]
+kind = "sobol"
+count = 4
+
+[[factors]]
+name = "torque"
+path = "sprockets.s1.load.torque"
+range = [0.0, 20.0]
+unit = "N m"
+
+[[factors]]
+name = "links"
+path = "chain.links"
+levels = [44, 45]
+
+[[objectives]]
+metric = "tension_max"
+
+[[objectives]]
+metric = "torque"
+sense = "max"
+
+[[limits]]
+energy_residual = inf
+
+[[limits]]
+metric = "tension_std"
+max = 900
+
+[optimize]
+engine = "{engine}"
+count = 10
+batch = 3
+
+[run]
+duration = 0.0003
+step = 1e-5
+shard = 2
+"""
+
+
+def written(folder, engine="bayes", **changes):
+    text = WANTED.format(engine=engine)
+    for old, new in changes.items():
+        text = text.replace(f"{old} = ", f"{new} #")
+    path = write_study(folder)
+    path.write_text(text)
+    return path
+
+
+def contents(folder):
+    """What a search decides: the tables' rows and the drive files."""
+    found = {p.relative_to(folder): read_table(p) for p in sorted(folder.rglob("*.parquet"))}
+    return found | {p.relative_to(folder): p.read_text() for p in sorted(folder.rglob("design-*.toml"))}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Searches that nothing stopped, by engine."""
+    place = tmp_path_factory.mktemp("whole")
+    return {
+        engine: (place / engine / "out", optimize(written(place / engine, engine), place / engine / "out"))
+        for engine in ("bayes", "population")
+    }
+
+
+@pytest.mark.parametrize("engine", ["bayes", "population"])
+@pytest.mark.parametrize("after", [3, 12])
+def test_interrupted_and_gone_on_with_it_ends_the_same(tmp_path, whole, engine, after):
+    class Stop(Exception):
+        pass
+
+    calls = 0
+
+    def stop(done, total):
+        nonlocal calls
+        calls += 1
+        if calls == after:
+            raise Stop
+
+    path, out = written(tmp_path, engine), tmp_path / "out"
+    with pytest.raises(Stop):
+        optimize(path, out, progress=stop)
+    assert not (out / "recommended").exists()
+    optimize(path, out)
+    assert contents(out) == contents(whole[engine][0])
+
+
+def test_a_killed_process_is_gone_on_with(tmp_path, whole):
+    path, out = written(tmp_path), tmp_path / "out"
+    command = [sys.executable, "-m", "warpchain", "optimize", str(path), "-o", str(out), "--quiet"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    end = time.monotonic() + 120.0
+    while not (out / "rounds/0001/plan.json").exists() and process.poll() is None and time.monotonic() < end:
+        time.sleep(0.01)
+    process.kill()
+    assert process.wait() != 0
+    optimize(path, out)
+    assert contents(out) == contents(whole["bayes"][0])
+
+
+def test_more_rows_are_a_longer_search(tmp_path, whole):
+    path, out = written(tmp_path), tmp_path / "out"
+    path.write_text(path.read_text().replace("count = 10", "count = 4"))
+    assert optimize(path, out).results.table.num_rows == 4
+    path.write_text(
+        path.read_text()
+        .replace("batch = 3", "batch = 3\n")
+        .replace("engine", "count = 10\nengine")
+        .replace("count = 4\nbatch", "batch")
+    )
+    optimize(path, out)
+    found = contents(out)
+    assert {p: t for p, t in contents(whole["bayes"][0]).items()}.items() <= {p: t for p, t in found.items()}.items()
+
+
+def test_found_designs_can_be_played_and_are_drives(whole):
+    folder, found = whole["bayes"]
+    assert 1 <= len(found.recommended) <= 4
+    for one, file, place in zip(found.recommended, found.drives, found.archives, strict=True):
+        drive = load_drive(file)
+        row = found.results.table.slice(one.row, 1).to_pylist()[0]
+        assert drive.get_value("sprockets.s1.load.torque") == row["torque"]
+        archive, number = place
+        run = warpchain.read_archive(archive)
+        assert run.metrics["tension_max"][number].as_py() == row["tension_max"]  # the same drive, the same run
+        assert one.measured["tension_max"] == row["tension_max"]
+        mean, deviation = one.believed["tension_max"]
+        assert np.isfinite(mean) and deviation >= 0.0
+    text = dumps_study(loads_study((folder / "study.toml").read_text()))
+    assert "[[limits]]\nmetric" in text
+
+
+def test_a_drive_is_run_once(tmp_path):
+    study = open_study(written(tmp_path))
+    rows = [{"torque": 1.0, "links": 44}, {"torque": 2.0, "links": 44}, {"torque": 1.0, "links": 44}]
+    seen = []
+    first = study.evaluate(rows, progress=lambda done, total: seen.append(total))
+    assert max(seen) == 2.0  # of three rows two are different
+    assert first["torque"].to_pylist() == [1.0, 2.0, 1.0]
+    assert first["variant"].to_pylist() == [0, 1, 2]
+    assert first["tension_max"][0] == first["tension_max"][2] != first["tension_max"][1]
+    seen.clear()
+    again = study.evaluate(rows[1:], progress=lambda done, total: seen.append(total))
+    assert not seen
+    assert again["tension_max"].to_pylist() == first["tension_max"].to_pylist()[1:]
+    alone = warpchain.simulate(study.drives(rows[:2]), record=warpchain.Record("none"), duration=0.0003, step=1e-5)
+    assert alone.metrics["tension_max"].to_pylist() == first["tension_max"].to_pylist()[:2]
+    with pytest.raises(StudyError, match="row 0: factor 'links' has no value"):
+        study.drives([{"torque": 1.0}])
+
+
+def test_surrogate_of_a_folder_predicts(whole, tmp_path):
+    study = open_study(whole["bayes"][0].parent / "study.toml", whole["bayes"][0])
+    mean, deviation = study.surrogate("tension_max").predict([{"torque": 10.0, "links": 44}])
+    assert np.isfinite(mean[0]) and deviation[0] > 0.0
+    rows = study.ask()
+    assert [row["links"] in (44, 45) for row in rows] == [True] * 4
+    study.tell(study.evaluate(rows))
+    assert len(study.ask(2)) == 2
+
+
+def test_mistakes_are_said_in_one_line_each(tmp_path, capsys):
+    path = written(tmp_path)
+    good = path.read_text()
+    for old, new, told in (
+        (
+            'metric = "tension_max"',
+            'metric = "tension_mux"',
+            'objectives.0.metric = "tension_mux": no such metric; near',
+        ),
+        ("max = 900", "min = 5.0\nmax = 3.0", "limits.1.max = 3.0: must be above min, which is 5"),
+        ('sense = "max"', 'sense = "most"', 'must be "min" or "max"'),
+        ('metric = "tension_max"', 'metric = "s1.transmission_error_rms"', "it needs record.every = 1"),
+        ('"bayes"', '"luck"', 'must be "bayes" or "population"'),
+    ):
+        path.write_text(good.replace(old, new))
+        assert main(["optimize", str(path), "-o", str(tmp_path / "out")]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert told in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_another_search_is_refused(tmp_path, whole, capsys):
+    path = written(tmp_path)
+    path.write_text(path.read_text().replace("20.0]", "21.0]"))
+    assert main(["optimize", str(path), "-o", str(whole["bayes"][0])]) == 2
+    assert "another study, which differs in factors" in capsys.readouterr().err
+
+
+def test_the_command_tells_what_to_build_and_how_to_play_it(whole, capsys):
+    folder, found = whole["population"]
+    assert main(["optimize", str(folder.parent / "study.toml"), "-o", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "10 variants in 3 rounds" in out
+    assert f"play it: warpchain view {found.archives[0][0]} --variant 0" in out
+    assert "±" in out and "torque = " in out
+    assert Path(found.drives[0]).is_file()

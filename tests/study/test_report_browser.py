@@ -1,0 +1,212 @@
+"""The report in a browser: opened without a network, brushed, filtered, pointed at, printed."""
+
+import base64
+import importlib.util
+import io
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from PIL import Image
+
+from warpchain.study.report import report_html
+from warpchain.study.report.decisions import Wanted
+from warpchain.study.results import read_results
+from warpchain.study.spec.objectives import Bound, Objective
+
+ROOT = Path(__file__).resolve().parents[2]
+spec = importlib.util.spec_from_file_location("render_picture", ROOT / "scripts" / "render_picture.py")
+browsers = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(browsers)
+pytestmark = [
+    pytest.mark.viewer,
+    pytest.mark.skipif(browsers.no_browser() is not None, reason=str(browsers.no_browser())),
+]
+
+ROWS = 400
+
+
+def study():
+    rng = np.random.default_rng(2)
+    torque, x = rng.uniform(6e3, 14e3, ROWS), rng.uniform(1.1, 1.3, ROWS)
+    status = np.where(np.arange(ROWS) % 50 == 0, "suspect", "ok")
+    return pa.table(
+        {
+            "variant": np.arange(ROWS),
+            "torque": torque,
+            "x": x,
+            "law": rng.choice(["flores", "hunt"], ROWS),
+            "tension_max": 3.0 * torque + 100.0 * rng.standard_normal(ROWS),
+            "contact_energy_per_revolution": 50.0 - 20.0 * x - 1e-3 * torque,
+            "status": status,
+            "reason": np.where(status == "ok", "", "energy_residual 0.2 above 0.05"),
+            "archive": [f"shards/{k:05d}.mcap" if k % 10 == 1 else None for k in range(ROWS)],
+            "archive_variant": [0 if k % 10 == 1 else None for k in range(ROWS)],
+        }
+    )
+
+
+class Opened:
+    """A page in the browser."""
+
+    def __init__(self, browser):
+        self.browser = browser
+
+    def call(self, method, **values):
+        return self.browser.call(method, self.browser._session, **values)
+
+    def value(self, expression):
+        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+
+    def settled(self):
+        """Waits until what was asked for is drawn."""
+        time.sleep(0.3)
+        self.call(
+            "Runtime.evaluate",
+            expression="new Promise(f => requestAnimationFrame(() => requestAnimationFrame(f)))",
+            awaitPromise=True,
+        )
+
+    def box(self, name):
+        """Left, top, width and height of an element that is scrolled to."""
+        found = f"const e = document.querySelector({json.dumps(name)}); e.scrollIntoView({{block: 'center'}});"
+        box = "const b = e.getBoundingClientRect(); return [b.left, b.top, b.width, b.height];"
+        return self.value(f"(() => {{ {found} {box} }})()")
+
+    def drag(self, start, end):
+        mouse = {"button": "left", "buttons": 1, "clickCount": 1}
+        self.call("Input.dispatchMouseEvent", type="mousePressed", x=start[0], y=start[1], **mouse)
+        for part in (0.3, 0.7, 1.0):
+            x, y = (a + part * (b - a) for a, b in zip(start, end, strict=True))
+            self.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y, **mouse)
+        self.call("Input.dispatchMouseEvent", type="mouseReleased", x=end[0], y=end[1], button="left", clickCount=1)
+        self.settled()
+
+    def picture(self):
+        data = self.call("Page.captureScreenshot", format="png")["data"]
+        return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    file = tmp_path_factory.mktemp("report") / "r.html"
+    objectives = (Objective(metric="tension_max"), Objective(metric="contact_energy_per_revolution"))
+    wanted = Wanted(objectives, (Bound(metric="tension_max", max=40e3),), "out/study")
+    file.write_text(report_html(read_results(study(), ["torque", "x", "law"]), "Brushed", wanted=wanted))
+    with browsers.browser() as browser:
+        opened = Opened(browser)
+        opened.call("Emulation.setDeviceMetricsOverride", width=1280, height=900, deviceScaleFactor=1, mobile=False)
+        opened.call("Network.enable")
+        opened.call(
+            "Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=0, uploadThroughput=0
+        )
+        opened.browser.open(file.as_uri())
+        end = time.monotonic() + 60.0
+        while opened.value("window.warpchain && document.readyState") != "complete" and time.monotonic() < end:
+            time.sleep(0.2)
+        yield opened
+
+
+def kept(low_tension=-np.inf, high_tension=40e3, more=True):
+    table = study()
+    tension = np.array(table["tension_max"])
+    return (np.array(table["status"]) == "ok") & (tension >= low_tension) & (tension <= high_tension) & more
+
+
+def test_limits_of_the_study_are_set_and_can_be_let_go(page):
+    assert page.value("warpchain.kept()") == int(kept().sum())
+    assert page.value("document.querySelectorAll('svg').length") >= 12
+    assert page.value("document.querySelector('#tally').textContent") == f"{int(kept().sum())} of {ROWS} variants"
+    page.value("document.querySelector('#clear').click()")
+    page.settled()
+    assert page.value("warpchain.kept()") == ROWS
+
+
+def test_a_brush_on_an_axis_keeps_its_range(page):
+    page.value("document.querySelector('#clear').click()")
+    page.settled()
+    left, top, width, height = page.box("#parallel")
+    # axes are at 60 .. 1060 of 1120, ranges at 56 .. 300 of 330 (5 % of the range beyond either end)
+    names = [
+        c
+        for c in page.value(
+            "[...document.querySelectorAll('.limits input[type=checkbox]')].map(e => e.nextSibling.textContent)"
+        )
+    ]
+    place = names.index("torque")
+    x = left + width * (60 + place * 1000 / (len(names) - 1)) / 1120
+    up, down = (top + height * y / 330 for y in (56, 178))
+    page.drag((x, up), (x, down))
+    low, high = page.value("warpchain.filters()")["torque"]
+    torque = np.array(study()["torque"])
+    pad = 0.05 * np.ptp(torque)
+    middle = 0.5 * (torque.min() + torque.max())
+    assert low == pytest.approx(middle, abs=0.01 * np.ptp(torque))  # a pixel is 0.4 % of the range
+    assert high == pytest.approx(torque.max() + pad, abs=0.01 * np.ptp(torque))
+    assert page.value("warpchain.kept()") == int(((torque >= low) & (torque <= high)).sum())
+    page.drag((x, up + 20), (x, up + 20))  # a click lets go
+    assert page.value("warpchain.kept()") == ROWS
+
+
+def test_a_box_in_the_scatter_matrix_keeps_two_ranges(page):
+    page.value("document.querySelector('#clear').click()")
+    page.settled()
+    left, top, width, height = page.box("#matrix canvas")
+    page.drag((left + 0.2 * width, top + 0.2 * height), (left + 0.7 * width, top + 0.8 * height))
+    filters = page.value("warpchain.filters()")
+    assert len(filters) == 2
+    assert 0 < page.value("warpchain.kept()") < ROWS
+    page.value("document.querySelector('#clear').click()")
+    page.settled()
+
+
+def test_a_typed_limit_filters(page):
+    typed = 'document.querySelector(\'input[data-column="tension_max"][data-end="at most"]\')'
+    page.value(f"(() => {{ const i = {typed}; i.value = '30'; i.onchange(); }})()")
+    page.settled()
+    assert page.value("warpchain.kept()") == int(kept(high_tension=30e3).sum())
+    page.value("document.querySelector('#clear').click()")
+    page.settled()
+
+
+def test_pointing_at_a_dot_tells_its_variant_and_the_command(page):
+    left, top, width, height = page.box("#front-scatter")
+    found = None
+    for y in np.linspace(0.2, 0.8, 13):
+        page.call("Input.dispatchMouseEvent", type="mouseMoved", x=left + 0.5 * width, y=top + y * height)
+        if page.value("document.querySelector('#tip').style.display") == "block":
+            found = page.value("document.querySelector('#tip').innerText")
+            break
+    assert found is not None
+    number = int(found.split()[1])
+    command = (
+        f"warpchain view out/study/shards/{number:05d}.mcap --variant 0"
+        if number % 10 == 1
+        else f"warpchain study play out/study {number}"
+    )
+    assert command in found and "tension_max = " in found and " kN" in found
+
+
+def test_the_front_is_that_of_the_variants_that_are_kept(page):
+    from warpchain.study.analysis.pareto import pareto_front
+
+    page.value("document.querySelector('#clear').click()")
+    page.settled()
+    senses = {"tension_max": "min", "contact_energy_per_revolution": "min"}
+    front = pareto_front(read_results(study(), ["torque", "x", "law"]), senses)
+    # the page has five digits of each value: two that differ less are one
+    assert abs(page.value("warpchain.front()") - len(front)) <= 2
+
+
+def test_it_is_drawn_and_can_be_printed(page):
+    page.box("#parallel")
+    page.settled()
+    pixels = page.picture()
+    colored = (np.ptp(pixels, axis=2) > 40).sum()
+    assert colored > 5000  # lines of 400 variants; a page without them has some hundred pixels of links
+    data = page.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)["data"]
+    assert base64.b64decode(data).startswith(b"%PDF") and len(data) > 50_000
+    assert page.value("getComputedStyle(document.querySelector('#tip')).display") == "none"

@@ -1,0 +1,209 @@
+"""A Bayesian search for costly runs that scatter: few rows, several objectives, limits, rows that fail.
+
+Each metric has a Gaussian process with noise (`surrogate.gaussian`) over the rows that ran. Costs f are scaled to
+0 .. 1 from the best to the worst of the present front. The volume of costs that a set of rows beats, up to r = 1.2, is
+for directions l drawn uniformly from the positive part of the unit sphere (Golovin and Zhang 2020)
+
+    V ~ E_l max_rows s_l(f),      s_l(f) = min_i (max(0, r - f_i) / l_i)^M,                                       (a)
+
+so that what a row at x is expected to add to it, times the chance that it counts, is
+
+    a(x) = E[max(0, s_l(f(x)) - s_l*)] P(limits kept) P(ok),                                                      (b)
+
+the mean over l and draws of the processes together, s_l* the largest s_l of the processes' means at rows that likely
+keep the limits: noise makes no row look better than it is. With one objective (b) is expected improvement.
+Rows of one batch are told apart by taking the mean at each chosen one as if it had been measured (Ginsbourger et al.
+2010). The maximum is looked for among Sobol' points and points about the best rows, which takes whole numbers, choices
+and constraints as they come.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from warpchain.study.analysis.pareto import non_dominated
+from warpchain.study.design.rows import Cube
+from warpchain.study.optimize.goals import Goals, Measured, keeping
+from warpchain.study.results import Array
+from warpchain.study.spec.objectives import Objective
+from warpchain.study.surrogate.gaussian import Process, fit_process
+
+GLOBAL_POINTS, LOCAL_POINTS = 1024, 96
+"""Points all over, and about each of the best rows."""
+SPREADS = (0.15, 0.04, 0.01)
+"""Deviations of points about a row."""
+BEST = 6
+"""Rows that points are laid about."""
+DRAWS = 128
+"""Draws that the mean of (b) is taken over."""
+REFERENCE = 1.2
+"""r of eq. (a)."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is believed of the metrics and of rows ending well.
+
+    Attributes:
+        goals: what is wanted.
+        processes: by metric, also of a factor that is an objective.
+        ok: process of 1 for rows that are ok and 0 for others; None where none failed.
+    """
+
+    goals: Goals
+    processes: dict[str, Process]
+    ok: Process | None
+
+    def at(self, x: Array) -> tuple[dict[str, tuple[Array, Array]], Array]:
+        """Mean and deviation by metric at coordinates (C, D), and the probability of ending well and in the limits."""
+        found = {name: process.predict(x) for name, process in self.processes.items()}
+        chance = np.ones(len(x))
+        if self.ok is not None:
+            chance = np.clip(self.ok.predict(x)[0], 0.01, 1.0)
+        for bound in self.goals.bounds:
+            chance = chance * keeping(bound, *found[bound.metric])
+        return found, chance
+
+    def with_row(self, x: Array) -> Belief:
+        """As if its own means had been measured at coordinates (D,)."""
+        more = {n: p.with_row(x, float(p.predict(x[None])[0][0])) for n, p in self.processes.items()}
+        return replace(self, processes=more)
+
+
+def believe(measured: Measured, x: Array) -> Belief:
+    """Fits the processes to rows at coordinates (R, D)."""
+    rows = measured.ok
+    processes = {}
+    for name, column in measured.columns.items():
+        errors = measured.errors.get(name)
+        processes[name] = fit_process(x[rows], column[rows], None if errors is None else errors[rows])
+    failed = None if rows.all() else fit_process(x, rows.astype(float), isotropic=True)
+    return Belief(measured.goals, processes, failed)
+
+
+def propose(cube: Cube, measured: Measured, points: Array, count: int, seed: int) -> Array:
+    """The next rows to run.
+
+    Args:
+        cube: of the study.
+        measured: what the rows that were run gave.
+        points: (R, D) where they lie.
+        count: how many rows.
+        seed: of this round.
+
+    Returns:
+        Points (count, D), fewer where the study has no more.
+    """
+    rng = np.random.default_rng(seed)
+    if measured.ok.sum() < 4:
+        return _fresh(cube, _spread(cube, rng, GLOBAL_POINTS), points)[:count]
+    belief = believe(measured, cube.coordinates(points))
+    chosen: list[Array] = []
+    known = points
+    for _ in range(count):
+        about = _best(belief, measured, cube, points)
+        candidates = np.vstack([_spread(cube, rng, GLOBAL_POINTS), *(_around(p, LOCAL_POINTS, rng) for p in about)])
+        ways = np.abs(rng.standard_normal((DRAWS, len(measured.goals.objectives))))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        normal = rng.standard_normal((DRAWS, len(measured.goals.metrics)))
+        best = None
+        for spread in (None, 0.02):  # then once more about the best of these
+            if spread is not None and best is not None:
+                candidates = np.vstack([best[None], best + spread * rng.standard_normal((128, len(best)))])
+            candidates = _fresh(cube, candidates, known)
+            if not len(candidates):
+                break
+            values = _worth(belief, measured, cube, (points, candidates), ways, normal)
+            best = candidates[int(np.argmax(values))]
+        if best is None:
+            break
+        chosen.append(best)
+        known = np.vstack([known, best])
+        belief = belief.with_row(cube.coordinates(best[None])[0])
+    return np.array(chosen).reshape(-1, points.shape[1])
+
+
+def _spread(cube: Cube, rng: np.random.Generator, count: int) -> Array:
+    from scipy.stats import qmc
+
+    return np.asarray(qmc.Sobol(len(cube.axes), rng=rng).random(count), dtype=float)
+
+
+def _around(point: Array, count: int, rng: np.random.Generator) -> Array:
+    """Points about one, some of whose coordinates move."""
+    spreads = np.repeat(SPREADS, count // len(SPREADS))[:, None]
+    moved = rng.random((len(spreads), len(point))) < max(0.3, 2.0 / len(point))
+    return np.asarray(point + spreads * moved * rng.standard_normal(moved.shape))
+
+
+def _fresh(cube: Cube, candidates: Array, known: Array) -> Array:
+    """Candidates as the study's values make them, that meet its constraints and were not run."""
+    snapped = cube.snapped(candidates)
+    seen = {tuple(row) for row in np.round(known, 9).tolist()}
+    new = []
+    for i, row in enumerate(np.round(snapped, 9).tolist()):
+        if tuple(row) not in seen:
+            seen.add(tuple(row))
+            new.append(i)
+    return np.asarray(snapped[new][cube.feasible(snapped[new])]) if new else snapped[:0]
+
+
+def _beaten(costs: Array, ways: Array) -> Array:
+    """s_l of eq. (a) of scaled costs (..., M) along ways (..., M)."""
+    return np.asarray((np.maximum(REFERENCE - costs, 0.0) / ways).min(axis=-1) ** costs.shape[-1])
+
+
+def _scaling(belief: Belief, measured: Measured, x: Array) -> tuple[Array, Array, Array]:
+    """Means of the costs at the rows that ran (R, M), and what is 0 and what 1 on their scale (M,), (M,)."""
+    means = np.stack(
+        [sign * belief.processes[o.metric].predict(x)[0] for o, sign in zip(*_goals(measured), strict=True)], axis=1
+    )
+    _, chance = belief.at(x)
+    likely = measured.ok & (chance > 0.5)
+    held = means[likely if likely.any() else measured.ok]
+    front = held[non_dominated(held)]
+    low, high = front.min(axis=0), front.max(axis=0)
+    width = np.where(high - low > 1e-12 * np.abs(high), high - low, held.std(axis=0) + 1e-12)
+    return np.where((likely if likely.any() else measured.ok)[:, None], means, np.inf), low, low + width
+
+
+def _goals(measured: Measured) -> tuple[tuple[Objective, ...], Array]:
+    return measured.goals.objectives, measured.goals.signs
+
+
+def _best(belief: Belief, measured: Measured, cube: Cube, points: Array) -> Array:
+    """The rows that points are laid about: of the front of means, or the nearest to the limits (K, D)."""
+    x = cube.coordinates(points)
+    means, low, high = _scaling(belief, measured, x)
+    scaled = (means - low) / (high - low)
+    finite = np.flatnonzero(np.isfinite(scaled).all(axis=1))
+    front = finite[non_dominated(scaled[finite])]
+    order = front[np.argsort(scaled[front].sum(axis=1), kind="stable")]
+    if len(order) < BEST:
+        rest = np.setdiff1d(finite, order)
+        order = np.append(order, rest[np.argsort(scaled[rest].sum(axis=1), kind="stable")])
+    ends = [int(front[int(np.argmin(scaled[front, m]))]) for m in range(scaled.shape[1])]
+    return points[list(dict.fromkeys([*ends, *order.tolist()]))[:BEST]]
+
+
+def _worth(
+    belief: Belief, measured: Measured, cube: Cube, places: tuple[Array, Array], ways: Array, normal: Array
+) -> Array:
+    """Eq. (b) at candidates (C,); `places` are the rows that ran and the candidates."""
+    points, candidates = places
+    means, low, high = _scaling(belief, measured, cube.coordinates(points))
+    found, chance = belief.at(cube.coordinates(candidates))
+    if not measured.kept.any():
+        return chance  # first a row within the limits
+    held = (means[np.isfinite(means).all(axis=1)] - low) / (high - low)
+    reached = _beaten(held[:, None, :], ways[None]).max(axis=0)
+    names = list(found)
+    draws = []
+    for objective, sign in zip(*_goals(measured), strict=True):
+        mean, deviation = found[objective.metric]
+        draws.append(sign * (mean + deviation * normal[:, [names.index(objective.metric)]]))
+    costs = (np.stack(draws, axis=-1) - low) / (high - low)
+    gain = np.maximum(_beaten(costs, ways[:, None, :]) - reached[:, None], 0.0).mean(axis=0)
+    return np.asarray((gain + 1e-12 * gain.max(initial=1e-300)) * chance)

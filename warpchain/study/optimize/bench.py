@@ -1,0 +1,276 @@
+"""A study at hand: its rows as drives, its rows run, its surrogates; each drive is run once.
+
+A row is known by its drive's content and by what else decides its metrics (run settings, limits, replicates), so a
+row that gives a drive which was run before, in whatever round, takes that one's metrics.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpchain.drive import Drive, dumps_drive
+from warpchain.engine.simulation import MEMORY, available_cores
+from warpchain.errors import StudyError
+from warpchain.study.columns import ARCHIVED
+from warpchain.study.design import make_design
+from warpchain.study.design.rows import table_of_rows
+from warpchain.study.optimize.search import Optimizer
+from warpchain.study.results import Results, read_results
+from warpchain.study.run.batch import Variant, _build
+from warpchain.study.run.folder import make_folder
+from warpchain.study.run.prepare import check_names, read_study, shard_size
+from warpchain.study.run.runner import run_folder
+from warpchain.study.spec import Study
+from warpchain.study.store import read_table, write_table
+from warpchain.study.surrogate import Surrogate, fit_surrogate
+from warpchain.version import installed
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+DIGEST = "digest"
+"""Column of a row's identity."""
+Rows = Sequence[Mapping[str, Any]]
+Report = bool | Callable[[float, float], None]
+
+
+class Bench:
+    """A study with its base drive.
+
+    Args:
+        source: the study file.
+        folder: where rounds are kept; None keeps nothing but what this object remembers.
+        workers: CPU threads; None takes all cores.
+        memory: budget of a shard [bytes].
+
+    Raises:
+        StudyError: an error of the study or its drive; one line each.
+    """
+
+    def __init__(
+        self,
+        source: str | os.PathLike[str],
+        folder: str | os.PathLike[str] | None = None,
+        *,
+        workers: int | None = None,
+        memory: int = MEMORY,
+    ) -> None:
+        self.source = Path(source)
+        self.study, self.drive = read_study(source)
+        self.folder = None if folder is None else Path(folder)
+        self._workers, self._memory = workers, memory
+        self._known: dict[str, tuple[pa.Table, int]] = {}
+        self._optimizer: Optimizer | None = None
+        self._results: Results | None = None
+        check_names(self.study, self.drive, 1 << 62, source)
+
+    # ------------------------------------------------------------------------------------------------ rows
+
+    def design(self) -> list[dict[str, Any]]:
+        """The rows of the study's design, values by factor."""
+        return list(make_design(self.study, self.source).select([f.name for f in self.study.factors]).to_pylist())
+
+    def drives(self, rows: Rows) -> list[Drive]:
+        """The drives of rows, adjusted so that they fit.
+
+        Raises:
+            StudyError: a row that gives no drive; one line each.
+        """
+        variants = self._variants(table_of_rows(self.study, rows))
+        lines = [f"rows: row {i}: {variant.reason}" for i, variant in enumerate(variants) if variant.drive is None]
+        if lines:
+            raise StudyError("\n".join(lines))
+        return [variant.drive for variant in variants if variant.drive is not None]
+
+    def _variants(self, design: pa.Table) -> list[Variant]:
+        variants = [Variant(row, reason=row["reason"]) for row in design.to_pylist()]
+        for variant in variants:
+            _build(self.study, self.drive, variant)
+        return variants
+
+    def digests(self, design: pa.Table) -> list[str | None]:
+        """Identity of each row of a design; None of one that gives no drive."""
+        study = self.study
+        settings = study.model_dump(mode="json", include={"limits", "metrics", "fatigue"})
+        settings["run"] = study.run.model_dump(mode="json", exclude={"shard"})
+        settings["copies"] = [getattr(study.design, name, None) for name in ("replicates", "replicate_by")]
+        settings["warpchain"] = installed()
+        common = json.dumps(settings, sort_keys=True)
+        texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._variants(design)]
+        return [text and hashlib.sha256(f"{common}\n{text}".encode()).hexdigest() for text in texts]
+
+    def evaluate(self, rows: Rows, progress: Report = False) -> pa.Table:
+        """Runs rows, those whose drive was not run yet.
+
+        Adjustment, constraints, limits, recording and replicates are the study's.
+
+        Args:
+            rows: values by factor.
+            progress: True shows a bar; a function is called with (variants done, all that are run).
+
+        Returns:
+            A table like a study's, a row each in this order.
+
+        Raises:
+            StudyError: a factor is missing, or a folder or disk that refuses.
+            KeyboardInterrupt: the user stopped it; what is done stays, if there is a folder.
+        """
+        if self.folder is not None:
+            number = len(list(self.folder.glob("rounds/*/rows.parquet")))
+            return self.round(number, rows, progress)
+        with tempfile.TemporaryDirectory(prefix="warpchain-") as place:
+            return self._run(Path(place), "", table_of_rows(self.study, rows), progress)
+
+    def round(self, number: int, rows: Rows, progress: Report = False) -> pa.Table:
+        """Runs rows as a round of the folder, or reads what that round gave.
+
+        Raises:
+            StudyError: the folder has other rows in that round, or is damaged.
+        """
+        assert self.folder is not None  # who asks for rounds has one
+        name = f"rounds/{number:04d}"
+        place, design = self.folder / name, table_of_rows(self.study, rows)
+        done = place / "rows.parquet"
+        if done.exists():
+            table = read_table(done)
+            factors = [factor.name for factor in self.study.factors]
+            if table.select(factors).to_pylist() != design.select(factors).to_pylist():
+                raise StudyError(f"{done}: has other rows than this study asks for in that round; give another folder")
+            self._remember(table)
+            return table
+        table = self._run(place, f"{name}/", design, progress)
+        write_table(done, table)
+        return table
+
+    def _run(self, place: Path, prefix: str, design: pa.Table, progress: Report) -> pa.Table:
+        """Runs what is new of a design in a folder of its own; returns all its rows."""
+        import pyarrow as pa
+
+        digests = self.digests(design)
+        new: list[int] = []
+        asked: set[str] = set()
+        for i, digest in enumerate(digests):
+            if digest is None or (digest not in self._known and digest not in asked):
+                new.append(i)
+                asked.add(digest or "")
+        fresh = self._simulated(place, prefix, design.take(pa.array(new, pa.int64())), progress) if new else None
+        if fresh is not None:
+            fresh = fresh.append_column(DIGEST, pa.array([digests[i] for i in new], pa.string()))
+            self._remember(fresh)
+        at = {} if fresh is None else {i: (fresh, k) for k, i in enumerate(new)}
+        parts = [at[i] if digest is None else self._known[digest] for i, digest in enumerate(digests)]
+        found = pa.concat_tables([table.slice(k, 1) for table, k in parts], promote_options="permissive")
+        return _with_factors(found, design, [factor.name for factor in self.study.factors])
+
+    def _simulated(self, place: Path, prefix: str, design: pa.Table, progress: Report) -> pa.Table:
+        import pyarrow as pa
+
+        design = design.set_column(0, design.schema.field(0), pa.array(range(design.num_rows), pa.int64()))
+        study, cores = self.study, self._workers or available_cores()
+        size = study.run.shard or shard_size(study, self.drive, design.num_rows, 1, cores, self._memory)
+        folder = make_folder(place, study, self.drive, design, size)
+        if folder.design() != design:
+            raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
+        outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
+        assert outcome.table is not None  # all shards are done
+        table = read_table(outcome.table)
+        if study.record.every == 1:
+            table = self._with_recorded(table, place)
+        archive = ARCHIVED[0]
+        if archive in table.column_names:
+            at = table.column_names.index(archive)
+            names = [name and prefix + name for name in table[archive].to_pylist()]
+            table = table.set_column(at, table.schema.field(at), pa.array(names, pa.string()))
+        return table
+
+    def _with_recorded(self, table: pa.Table, place: Path) -> pa.Table:
+        """The table with the objectives that only recorded variants have, where the study wants one."""
+        from warpchain.study.run.recordings import with_recorded_objectives
+
+        if all(name in table.column_names or name in self._factors for name in self.study.wanted):
+            return table
+        results = read_results(table, self._factors)
+        return with_recorded_objectives(results, place).table if results.ok.any() else table
+
+    @property
+    def _factors(self) -> list[str]:
+        return [factor.name for factor in self.study.factors]
+
+    def _remember(self, table: pa.Table) -> None:
+        for k, digest in enumerate(table[DIGEST].to_pylist()):
+            if digest is not None:
+                self._known.setdefault(digest, (table, k))
+
+    # ------------------------------------------------------------------------------- what follows from rows
+
+    def results(self) -> Results:
+        """The rows of all rounds of the folder, or of the study that was run there.
+
+        Raises:
+            StudyError: there is no folder, or no table in it.
+        """
+        if self.folder is None:
+            raise StudyError("results: this study was opened without a folder")
+        return read_results(self.folder / "results.parquet", self._factors)
+
+    def surrogate(self, metric: str, kind: str = "gaussian", logarithm: bool = False) -> Surrogate:
+        """What stands for a metric between the rows that were run: `predict(rows) -> mean, sd`; see `fit_surrogate`."""
+        return fit_surrogate(self.results(), metric, kind, logarithm=logarithm)
+
+    @property
+    def optimizer(self) -> Optimizer:
+        """The study's search; made when first asked for."""
+        if self._optimizer is None:
+            self._optimizer = Optimizer(self.study, str(self.source))
+        return self._optimizer
+
+    def ask(self, count: int | None = None) -> list[dict[str, Any]]:
+        """The next rows to run; see `Optimizer.ask`."""
+        return self.optimizer.ask(count)
+
+    def tell(self, table: pa.Table) -> None:
+        """What rows gave; see `Optimizer.tell`."""
+        self.optimizer.tell(table)
+
+
+def _with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> pa.Table:
+    """Rows that were found, with the factors that were asked for and numbers from 0 on."""
+    found = found.combine_chunks()
+    for name in ("variant", *factors):
+        at = found.column_names.index(name)
+        column = design["variant"] if name == "variant" else design[name]
+        found = found.set_column(at, design.schema.field(name), column.combine_chunks())
+    import pyarrow as pa
+
+    at = found.column_names.index("variant")
+    return found.set_column(at, found.schema.field(at), pa.array(range(found.num_rows), pa.int64()))
+
+
+def open_study(
+    source: str | os.PathLike[str],
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    workers: int | None = None,
+    memory: int = MEMORY,
+) -> Bench:
+    """A study to work with in Python: rows as drives, rows run, surrogates, ask and tell; see `Bench`.
+
+    Raises:
+        StudyError: an error of the study or its drive; one line each.
+    """
+    return Bench(source, folder, workers=workers, memory=memory)
+
+
+def make_run(study: Study, drive: Drive, place: Path, design: pa.Table, workers: int | None, memory: int) -> Path:
+    """Runs a design in a folder; returns its table's file."""
+    size = study.run.shard or shard_size(study, drive, design.num_rows, 1, workers or available_cores(), memory)
+    folder = make_folder(place, study, drive, design, size)
+    outcome = run_folder(folder, workers=workers, memory=memory)
+    assert outcome.table is not None  # all shards are done
+    return outcome.table

@@ -1,0 +1,212 @@
+"""`warpchain optimize`: rounds of rows in a folder until the rows are used up, then what to recommend.
+
+    study.toml  drive.toml    the study and its base drive, as they were when the folder was made
+    rounds/NNNN/              a round: a study's folder of the rows whose drives were not run yet
+    rounds/NNNN/rows.parquet  all rows of the round; it is done when this is there
+    results.parquet           the rows of all rounds that are done
+    recommended/NNNN/         the designs to recommend after so many rows: design-K.toml, and their recordings
+
+Which rows come next follows from the study and the rows before. So a folder can be gone on with after any end of any
+process, `optimize.count` can be raised, and the same study gives the same rows, bit by bit.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from warpchain.drive import dumps_drive, load_drive
+from warpchain.engine.simulation import MEMORY
+from warpchain.errors import StudyError
+from warpchain.study.columns import ARCHIVED
+from warpchain.study.design.rows import table_of_rows
+from warpchain.study.optimize.bench import Bench, Report, make_run
+from warpchain.study.optimize.goals import Goals, goals_of
+from warpchain.study.optimize.recommend import Recommended, recommend
+from warpchain.study.results import Results, read_results
+from warpchain.study.spec import Study, dumps_study, load_study
+from warpchain.study.spec.objectives import Search
+from warpchain.study.spec.parts import Recording
+from warpchain.study.store import read_table, write_table, write_text
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+ROUND = "round"
+"""Column of the number of a row's round."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """How a search ended.
+
+    Attributes:
+        folder: its folder.
+        goals: what was wanted.
+        results: all rows.
+        rounds: how many there were.
+        recommended: designs, the first the one to look at first.
+        drives: their drive files.
+        archives: archive and number in it of each one's recording; None where it has none.
+    """
+
+    folder: Path
+    goals: Goals
+    results: Results
+    rounds: int
+    recommended: tuple[Recommended, ...]
+    drives: tuple[Path, ...]
+    archives: tuple[tuple[Path, int] | None, ...]
+
+
+def optimize(
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    memory: int = MEMORY,
+    progress: Report = False,
+    tell: Callable[[str], object] | None = None,
+) -> Found:
+    """Looks for the designs that a study file wants, or goes on with it.
+
+    Args:
+        source: the study file, with `[[objectives]]`.
+        out: the folder; made if there is none.
+        workers: CPU threads; None takes all cores.
+        memory: budget of a shard [bytes].
+        progress: True shows a bar for each round; see `Bench.evaluate`.
+        tell: called with a line after each round.
+
+    Raises:
+        StudyError: an error of the study, a folder of another one, a package that is missing, or no row that is ok.
+        KeyboardInterrupt: the user stopped it; what is done stays.
+    """
+    bench = Bench(source, out, workers=workers, memory=memory)
+    search = bench.study.optimize or Search()
+    optimizer = bench.optimizer
+    folder = _made(Path(out), bench)
+    rounds = 0
+    while optimizer.told < search.count:
+        done = folder / f"rounds/{rounds:04d}/rows.parquet"
+        if rounds and search.engine == "bayes" and done.exists():
+            table = read_table(done)  # what was asked for follows from the rows before: it need not be found again
+            bench._remember(table)
+        else:
+            rows = optimizer.ask()
+            if not rows:
+                break
+            table = bench.round(rounds, rows, progress)
+        optimizer.tell(table)
+        rounds += 1
+        results = _gathered(folder, rounds, bench)
+        if tell is not None:
+            tell(f"round {rounds}: {_line(results, optimizer.goals)}")
+    results = read_results(folder / "results.parquet", bench._factors)
+    chosen = tuple(recommend(results, optimizer.goals, search.recommend))
+    drives, archives = _recorded(folder, bench, results, chosen)
+    return Found(folder, optimizer.goals, results, rounds, chosen, drives, archives)
+
+
+def _made(path: Path, bench: Bench) -> Path:
+    """The folder, with the study in it.
+
+    Raises:
+        StudyError: it holds another study, or cannot be written.
+    """
+    try:
+        (path / "rounds").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be made ({error.strerror or error})") from None
+    if (path / "plan.json").exists():
+        raise StudyError(f"{path}: holds a study that was run; give another folder")
+    fixed = bench.study.model_copy(update={"study": bench.study.study.model_copy(update={"drive": "drive.toml"})})
+    write_text(path / "drive.toml", dumps_drive(bench.drive), keep=True)
+    write_text(path / "study.toml", dumps_study(fixed), keep=True)
+    held, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
+    differing = [name for name in Study.model_fields if _fixed(held, name) != _fixed(fixed, name)]
+    differing += ["its base drive"] if drive != bench.drive else []
+    if differing:
+        raise StudyError(f"{path}: holds another study, which differs in {', '.join(differing)}; give another folder")
+    return path
+
+
+def _fixed(study: Study, name: str) -> object:
+    """What of a study may not change: of the search all but how long it goes on, and of runs all but shards."""
+    if name == "optimize":
+        return (study.optimize or Search()).model_copy(update={"count": 1, "recommend": 1})
+    return study.run.model_copy(update={"shard": None}) if name == "run" else getattr(study, name)
+
+
+def _gathered(folder: Path, rounds: int, bench: Bench) -> Results:
+    """The rows of all rounds, numbered through, as the folder's table."""
+    import pyarrow as pa
+
+    tables = []
+    for number in range(rounds):
+        table = read_table(folder / f"rounds/{number:04d}/rows.parquet")
+        tables.append(table.append_column(ROUND, pa.array([number] * table.num_rows, pa.int64())))
+    table = pa.concat_tables(tables, promote_options="permissive").combine_chunks()
+    table = _marked(table, tables)
+    at = table.column_names.index("variant")
+    table = table.set_column(at, table.schema.field(at), pa.array(range(table.num_rows), pa.int64()))
+    write_table(folder / "results.parquet", table)
+    return read_results(table, bench._factors)
+
+
+def _marked(table: pa.Table, parts: list[pa.Table]) -> pa.Table:
+    """The table with what its parts' fields say of role and unit."""
+    import pyarrow as pa
+
+    facts: dict[str, dict[bytes, bytes]] = {}
+    for part in parts:
+        for field in part.schema:
+            facts[field.name] = facts.get(field.name) or dict(field.metadata or {})
+    fields = [field.with_metadata(facts[field.name] or None) for field in table.schema]
+    return pa.Table.from_arrays(table.columns, schema=pa.schema(fields))
+
+
+def _line(results: Results, goals: Goals) -> str:
+    """How a search stands."""
+    from warpchain.results.quantities import quantity
+
+    measured = goals.measured(results)
+    words = f"{len(results.status)} variants, {int(results.ok.sum())} ok"
+    if goals.bounds:
+        words += f", {int(measured.kept.sum())} keep the limits"
+    rows = measured.kept if measured.kept.any() else measured.ok
+    for k, objective in enumerate(goals.objectives):
+        if rows.any():
+            best = float(measured.costs[rows, k].min() * goals.signs[k])
+            words += f"; {objective.sense} {objective.metric} {quantity(best, results.unit(objective.metric))}"
+    return words
+
+
+def _recorded(
+    folder: Path, bench: Bench, results: Results, chosen: tuple[Recommended, ...]
+) -> tuple[tuple[Path, ...], tuple[tuple[Path, int] | None, ...]]:
+    """Writes the recommended designs as drive files, and records a run of each."""
+    place = folder / "recommended" / f"{len(results.status):04d}"
+    rows = results.table.select(bench._factors).take([one.row for one in chosen]).to_pylist()
+    study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
+    design = table_of_rows(study, rows)
+    table = read_table(make_run(study, bench.drive, place, design, bench._workers, bench._memory))
+    files = []
+    for k, drive in enumerate(bench.drives(rows), 1):
+        files.append(place / f"design-{k}.toml")
+        write_text(files[-1], dumps_drive(drive))
+    names, numbers = (table[name].to_pylist() for name in ARCHIVED)
+    archives = [None if name is None else (place / name, number) for name, number in zip(names, numbers, strict=True)]
+    return tuple(files), tuple(archives)
+
+
+def goals_in(folder: Path) -> Goals | None:
+    """The goals of the study in a folder; None where it has none."""
+    try:
+        study = load_study(folder / "study.toml")
+    except StudyError:
+        return None
+    return goals_of(study) if study.objectives else None

@@ -1,0 +1,284 @@
+"""Figures of a study as data, which the page's script draws: distributions, effects, surrogates, indices.
+
+A panel is a mapping: `title`, `x` and `y` (each with `label`, `words` or `range`), and `series`, each of a `kind` that
+`page.js` draws. Values are in the units that are shown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.results.quantities import shown_unit
+from warpchain.study.analysis import Correlation, Effect
+from warpchain.study.analysis.effects import _groups
+from warpchain.study.analysis.robust import MedianEffect
+from warpchain.study.analysis.sensitivity import Indices
+from warpchain.study.results import Array, Results
+from warpchain.study.surrogate import CrossValidation, Surrogate
+from warpchain.study.surrogate.noise import PureError
+
+Panel = dict[str, Any]
+INK, ACCENT, MARK, PALE, OTHER = "#33475b", "#1f77b4", "#d1495b", "#b4bcc4", "#6a4c93"
+THREE = ("#1f77b4", "#6a4c93", "#d1495b")
+DOTS = 300
+"""Most variants drawn behind a curve."""
+
+
+def rounded(values: Any, digits: int = 5) -> list[float | None]:
+    """Numbers for the page, None where there is none."""
+    return [float(f"{v:.{digits}g}") if math.isfinite(v) else None for v in np.asarray(values, dtype=float).tolist()]
+
+
+class Axis:
+    """A column as it is shown.
+
+    Attributes:
+        name: with its unit.
+        factor: shown value = SI value * factor.
+        unit: that is shown.
+    """
+
+    def __init__(self, results: Results, column: str) -> None:
+        values = results.values(column) if results.numeric(column) else np.zeros(0)
+        ends = (float(np.nanmin(values)), float(np.nanmax(values))) if np.isfinite(values).any() else ()
+        self.unit, self.factor = shown_unit(results.unit(column), *ends)
+        self.name = f"{column} [{self.unit}]" if self.unit else column
+
+    def of(self, values: Any) -> list[float | None]:
+        """SI values as they are shown."""
+        return rounded(np.asarray(values, dtype=float) * self.factor)
+
+
+def distributions(results: Results, metrics: Sequence[str]) -> list[Panel]:
+    """A histogram of each metric over the variants that are ok, with its median."""
+    panels = []
+    for k, metric in enumerate(metrics):
+        axis = Axis(results, metric)
+        values = results.values(metric)[results.rows_for(metric)]
+        counts, edges = np.histogram(values, bins=min(40, max(6, int(np.sqrt(len(values))))))
+        label = {"label": "median"} if k == 0 else {}
+        series = [
+            {"kind": "columns", "low_x": axis.of(edges[:-1]), "high_x": axis.of(edges[1:]), "y": counts.tolist()},
+            {"kind": "upright", "x": axis.of([np.median(values)]), "color": MARK, **label},
+        ]
+        top = float(1.08 * counts.max())
+        panels.append({"x": {"label": axis.name}, "y": {"label": "variants", "range": [0, top]}, "series": series})
+    return panels
+
+
+def effects(
+    results: Results, metric: str, found: Sequence[Effect], medians: Sequence[MedianEffect], most: int = 8
+) -> list[Panel]:
+    """Mean of a metric in each group of each factor, with two standard errors, and its median; one axis for all."""
+    axis = Axis(results, metric)
+    shown = list(found)[:most]
+    bars = [2.0 * np.nan_to_num(effect.errors) for effect in shown]
+    of_medians = {effect.factor: effect for effect in medians}
+    low = min(float((e.means - b).min()) for e, b in zip(shown, bars, strict=True))
+    high = max(float((e.means + b).max()) for e, b in zip(shown, bars, strict=True))
+    inside = [m.medians for e in shown if (m := of_medians.get(e.factor)) is not None]
+    low, high = min(low, *(float(m.min()) for m in inside)), max(high, *(float(m.max()) for m in inside))
+    pad = 0.06 * ((high - low) or abs(high) or 1.0)
+    all_rows = results.values(metric)[results.rows_for(metric)]
+    panels = []
+    for k, (effect, bar) in enumerate(zip(shown, bars, strict=True)):
+        words = not results.numeric(effect.factor)
+        across = Axis(results, effect.factor)
+        x = effect.centers.tolist() if words else across.of(effect.centers)
+        first = k == 0
+        series: list[dict[str, Any]] = [{"kind": "level", "x": [x[0]], "y": axis.of([all_rows.mean()]), "color": PALE}]
+        named = {"label": "mean, ± 2 standard errors"} if first else {}
+        if not words:
+            series.append({"kind": "line", "x": x, "y": axis.of(effect.means)})
+        series += [
+            {"kind": "errors", "x": x, "low": axis.of(effect.means - bar), "high": axis.of(effect.means + bar)},
+            {"kind": "points", "x": x, "y": axis.of(effect.means), "size": 3.2, **named},
+        ]
+        median = of_medians.get(effect.factor)
+        if median is not None and len(median.medians) == len(x):
+            named = {"label": "median"} if first else {}
+            series.append(
+                {"kind": "points", "x": x, "y": axis.of(median.medians), "size": 2.4, "color": OTHER, **named}
+            )
+        panels.append(
+            {
+                "title": f"explains {100.0 * effect.explained:.0f} %",
+                "x": {"label": across.name} | ({"words": list(effect.labels)} if words else {}),
+                "y": {"label": axis.name if first else "", "range": axis.of([low - pad, high + pad])},
+                "series": series,
+                "width": 280,
+                "height": 230,
+            }
+        )
+    return panels
+
+
+def interactions(results: Results, metric: str, found: Sequence[Effect], most: int = 3) -> list[Panel]:
+    """Means of a metric over one factor, apart for low, middle and high values of another, with two standard errors."""
+    axis, panels = Axis(results, metric), []
+    factors = [effect.factor for effect in found if results.numeric(effect.factor)][:most]
+    y = results.values(metric)
+    for a, b in combinations(factors, 2):
+        rows = results.rows_for(metric, [a, b])
+        if rows.sum() < 24:
+            continue
+        z = results.values(b)[rows]
+        levels = np.unique(z)
+        cuts = levels[:-1] if len(levels) <= 3 else np.quantile(z, (1 / 3, 2 / 3))
+        part = np.searchsorted(cuts, z, side="left")
+        group, _, centers = _groups(results, a, rows)
+        across, other = Axis(results, a), Axis(results, b)
+        series = []
+        for p, color in zip(np.unique(part), THREE, strict=False):
+            held = [y[rows][(part == p) & (group == g)] for g in range(len(centers))]
+            means = np.array([h.mean() if len(h) else np.nan for h in held])
+            errors = np.array([2.0 * h.std(ddof=1) / np.sqrt(len(h)) if len(h) > 1 else np.nan for h in held])
+            ends = other.of([z[part == p].min(), z[part == p].max()])
+            label = f"{b} {ends[0]:g}" if ends[0] == ends[1] else f"{b} {ends[0]:g} to {ends[1]:g}"
+            points = {"x": across.of(centers), "y": axis.of(means), "color": color}
+            series += [
+                {"kind": "line", **points, "label": f"{label} {other.unit}".rstrip()},
+                {"kind": "errors", **points, "low": axis.of(means - errors), "high": axis.of(means + errors)},
+            ]
+        panels.append({"x": {"label": across.name}, "y": {"label": axis.name}, "series": series})
+    return panels
+
+
+def scatter_shares(metrics: Sequence[str], shares: Sequence[float], errors: Sequence[PureError | None]) -> list[Panel]:
+    """What part of each metric's variance main effects, chance and the rest have."""
+    at = np.arange(len(metrics))[::-1]
+    by_factors = np.clip(shares, 0.0, 1.0)
+    chance = np.array([0.0 if error is None else error.share for error in errors])
+    chance = np.minimum(chance, 1.0 - by_factors)
+    parts = (
+        ("main effects of factors", by_factors, np.zeros(len(at)), ACCENT),
+        ("scatter between equal runs", chance, by_factors, MARK),
+        ("interactions, and what the table does not tell", 1.0 - by_factors - chance, by_factors + chance, PALE),
+    )
+    series = [
+        {"kind": "rows", "y": at.tolist(), "x": rounded(x), "from": rounded(start), "color": color}
+        | {"label": label, "thick": 0.6}
+        for label, x, start, color in parts
+    ]
+    height = 70 + 30 * len(metrics)
+    y = {"words": list(metrics)[::-1]}
+    return [
+        {
+            "x": {"label": "part of the variance", "range": [0, 1]},
+            "y": y,
+            "series": series,
+            "width": 860,
+            "height": height,
+        }
+    ]
+
+
+def correlations(both: Correlation) -> list[Panel]:
+    """Rank correlation of factors with metrics as a heat map; coefficients that chance explains are faint."""
+    a, b = np.meshgrid(np.arange(len(both.factors)), np.arange(len(both.metrics))[::-1], indexing="ij")
+    values, noise = both.spearman.ravel(), both.noise()
+    series = [
+        {
+            "kind": "cells",
+            "x": a.ravel().tolist(),
+            "y": b.ravel().tolist(),
+            "value": rounded(values, 3),
+            "faint": (np.abs(values) < noise).tolist(),
+        }
+    ]
+    x, y = {"words": list(both.factors), "turned": True}, {"words": list(both.metrics)[::-1]}
+    size = {"width": max(420, 230 + 62 * len(both.factors)), "height": 110 + 22 * len(both.metrics)}
+    return [{"x": x, "y": y, "series": series, "cells": True, **size}]
+
+
+def _middle(results: Results, surrogate: Surrogate) -> dict[str, Any]:
+    """A row midway between the ends of the numeric factors, with the most frequent words."""
+    row: dict[str, Any] = {}
+    for name in surrogate.factors:
+        if results.numeric(name):
+            values = results.values(name)
+            row[name] = 0.5 * (float(np.nanmin(values)) + float(np.nanmax(values)))
+        else:
+            words, counts = np.unique(results.labels(name), return_counts=True)
+            row[name] = str(words[int(counts.argmax())])
+    return row
+
+
+def _dots(rows: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """At most `DOTS` of the rows, evenly taken."""
+    held = np.flatnonzero(rows)
+    return held[np.unique(np.linspace(0, len(held) - 1, min(len(held), DOTS)).astype(int))] if len(held) else held
+
+
+def surrogate(results: Results, found: Surrogate, checked: CrossValidation, most: int = 4) -> list[Panel]:
+    """Cuts of a surrogate along each factor, the others midway, with 95 % bands; and its cross-validation."""
+    axis, middle = Axis(results, found.metric), _middle(results, found)
+    cuts: list[tuple[float, Panel]] = []
+    dots = _dots(results.rows_for(found.metric))
+    y = results.values(found.metric)
+    for name in (factor for factor in found.factors if results.numeric(factor)):
+        values = results.values(name)
+        x = np.linspace(float(np.nanmin(values)), float(np.nanmax(values)), 41)
+        mean, deviation = found.predict([middle | {name: float(v)} for v in x])
+        _, of_run = found.predict([middle | {name: float(v)} for v in x], run=True)
+        across = Axis(results, name)
+        band = {"kind": "band", "x": across.of(x), "color": MARK}
+        series = [
+            {"kind": "points", "x": across.of(values[dots]), "y": axis.of(y[dots]), "color": PALE, "size": 1.6},
+            {**band, "low": axis.of(mean - 1.96 * of_run), "high": axis.of(mean + 1.96 * of_run)},
+            {**band, "low": axis.of(mean - 1.96 * deviation), "high": axis.of(mean + 1.96 * deviation)},
+            {"kind": "line", "x": across.of(x), "y": axis.of(mean), "color": MARK},
+        ]
+        panel = {"x": {"label": across.name}, "y": {"label": ""}, "series": series, "width": 280, "height": 230}
+        cuts.append((-float(np.ptp(mean)), panel))
+    panels = [panel for _, panel in sorted(cuts, key=lambda cut: cut[0])[:most]]
+    if panels:
+        panels[0]["y"]["label"] = axis.name
+        for series, label in zip(
+            panels[0]["series"], ("variants", "95 % of single runs", "95 % of the metric", "surrogate"), strict=True
+        ):
+            series["label"] = label
+    return [*panels, _validation(axis, checked)]
+
+
+def _validation(axis: Axis, checked: CrossValidation) -> Panel:
+    some = _dots(np.ones(len(checked.observed), dtype=bool))
+    observed, predicted, deviation = (v[some] for v in (checked.observed, checked.predicted, checked.deviation))
+    ends = axis.of([min(observed.min(), predicted.min()), max(observed.max(), predicted.max())])
+    low, high = predicted - 1.96 * deviation, predicted + 1.96 * deviation
+    x, faint = axis.of(observed), {"color": PALE}
+    series = [
+        {"kind": "errors", "x": x, "low": axis.of(low), "high": axis.of(high), **faint},
+        {"kind": "points", "x": x, "y": axis.of(predicted), "size": 2.0},
+        {"kind": "line", "x": ends, "y": ends, "color": INK, "width": 1, "dash": "4 3"},
+    ]
+    title = f"left out: Q² = {checked.q2:.3f}, {100.0 * checked.coverage:.0f} % within the 95 % bars"
+    labels = {"x": {"label": f"run: {axis.name}"}, "y": {"label": "as the others predict it"}}
+    return {"title": title, **labels, "series": series, "width": 330, "height": 250}
+
+
+def indices(found: Sequence[Indices]) -> list[Panel]:
+    """First-order and total Sobol' indices of each metric as bars, with confidence intervals where there are any."""
+    factors = found[0].factors
+    at: Array = np.arange(len(factors))[::-1].astype(float)
+    panels = []
+    for k, one in enumerate(found):
+        series = []
+        for values, errors, shift, color, label in (
+            (one.first, one.first_error, 0.19, ACCENT, "alone (first order)"),
+            (one.total, one.total_error, -0.19, MARK, "with interactions (total)"),
+        ):
+            named = {"label": label} if k == 0 else {}
+            bars = {"kind": "rows", "y": (at + shift).tolist(), "x": rounded(values), "color": color, **named}
+            series.append(bars | ({"error": rounded(errors)} if errors.any() else {}))
+        top = max(1.0, 1.05 * float((one.total + one.total_error).max()))
+        x = {"label": "part of the variance", "range": [0, top]}
+        y = {"words": list(factors)[::-1]}
+        panels.append({"title": one.metric, "x": x, "y": y, "series": series, "height": 90 + 30 * len(factors)})
+    return panels

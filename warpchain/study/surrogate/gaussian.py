@@ -1,0 +1,170 @@
+"""A Gaussian process with noise (Rasmussen and Williams 2006, ch. 2 and 5), by scikit-learn.
+
+With values y of mean m and deviation s, z = (y - m) / s has the covariance
+
+    K = c^2 k(x, x') + (v + e_i^2) delta,      k: Matern 5/2 with a length for each coordinate,              (a)
+
+v a noise that is fitted, e_i the standard error of row i where it is known. c, v and the lengths make the rows
+likeliest. At x the metric, without the noise of a run, is normal with
+
+    mean k_x' K^-1 z,      variance c^2 - k_x' K^-1 k_x.                                                     (b)
+
+What the rows without row i say of it follows from the inverse (Dubrule 1983), c, v and the lengths kept:
+
+    z_i - [K^-1 z]_i / [K^-1]_ii,      variance 1 / [K^-1]_ii.                                               (c)
+
+scikit-learn takes errors row by row and weighs 15 MB; BoTorch's processes would need torch, which is gigabytes.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, solve_triangular
+
+from warpchain.errors import StudyError
+from warpchain.study.results import Array
+
+MOST_ROWS, FIT_ROWS = 1000, 150
+"""Rows that a process stands on, and that its lengths are fitted to; of more, every k-th: the work grows as n^3."""
+RESTARTS, RESTARTED = 2, 60
+"""Further places that the search for the likeliest lengths starts from, with at most so many rows."""
+LENGTHS, NOISES = (0.05, 50.0), (1e-7, 2.0)
+"""Allowed lengths, in parts of the range that was run, and noise v."""
+
+
+@cache
+def _libraries() -> Any:
+    """The libraries of linear algebra that are loaded; looking for them takes longer than a small process."""
+    import sklearn.gaussian_process  # noqa: F401  loads what it calls
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra on one thread, so that its sums are the same again.
+
+    Raises:
+        StudyError: scikit-learn is not installed.
+    """
+    try:
+        limited = _libraries().limit(limits=1)
+    except ImportError:
+        raise StudyError("a Gaussian process needs scikit-learn: pip install 'warpchain[surrogate]'") from None
+    with limited, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # lengths at their bound: a factor without effect
+        yield
+
+
+@dataclass(frozen=True)
+class Process:
+    """A fitted process.
+
+    Attributes:
+        x: (N, D) rows that it stands on.
+        z: (N,) their scaled values.
+        kernel: scikit-learn's, without noise.
+        factor: (N, N) Cholesky factor of K.
+        weights: (N,) K^-1 z.
+        center, scale: m and s.
+        noise: v s^2, variance of a run's noise that the errors do not tell, in the metric's unit squared.
+        errors: (N,) e_i, in the metric's unit.
+    """
+
+    x: Array
+    z: Array
+    kernel: Any
+    factor: Array
+    weights: Array
+    center: float
+    scale: float
+    noise: float
+    errors: Array
+
+    @property
+    def run_variance(self) -> float:
+        """Variance of a further run about the metric, in the metric's unit squared."""
+        return self.noise + float(np.mean(self.errors**2))
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Mean and standard deviation of the metric without noise at rows (R, D), eq. (b)."""
+        with one_thread():
+            across = self.kernel(x, self.x)
+            inner = solve_triangular(self.factor, across.T, lower=True)
+            variance = np.maximum(self.kernel.diag(x) - np.einsum("ij,ij->j", inner, inner), 0.0)
+            return self.center + self.scale * (across @ self.weights), self.scale * np.sqrt(variance)
+
+    def left_out(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of each row as the others have it (N,), eq. (c)."""
+        with one_thread():
+            inverse = np.diag(cho_solve((self.factor, True), np.eye(len(self.x))))
+            mean = self.z - self.weights / inverse
+        return self.center + self.scale * mean, self.scale / np.sqrt(inverse)
+
+    def with_row(self, x: Array, y: float, error: float = 0.0) -> Process:
+        """The process with one further row (D,), its lengths and noise kept."""
+        rows = np.vstack([self.x, x[None]])
+        z = np.append(self.z, (y - self.center) / self.scale)
+        return _process(rows, z, self.kernel, self.noise, np.append(self.errors, error), (self.center, self.scale))
+
+
+def _some(rows: int, most: int) -> NDArray[np.intp]:
+    """At most so many rows, evenly taken."""
+    return np.unique(np.linspace(0, rows - 1, min(rows, most)).astype(int))
+
+
+def _process(x: Array, z: Array, kernel: Any, noise: float, errors: Array, scaling: tuple[float, float]) -> Process:
+    center, scale = scaling
+    with one_thread():
+        k = kernel(x)
+        k[np.diag_indices(len(x))] += (noise + errors**2) / scale**2 + 1e-10
+        factor = np.linalg.cholesky(k)
+        weights = cho_solve((factor, True), z)
+    return Process(x, z, kernel, factor, weights, center, scale, noise, errors)
+
+
+def fit_process(x: Array, y: Array, errors: Array | None = None, isotropic: bool = False) -> Process:
+    """Fits a process.
+
+    Args:
+        x: (R, D) coordinates, about 0 to 1.
+        y: (R,) values.
+        errors: (R,) standard error of each value; NaN takes the mean of those known.
+        isotropic: one length for all coordinates.
+
+    Raises:
+        StudyError: scikit-learn is not installed, or fewer than 4 rows.
+    """
+    if len(y) < 4:
+        raise StudyError(f"Gaussian process: {len(y)} rows, at least 4 are needed")
+    chosen = _some(len(y), MOST_ROWS)
+    x, y = x[chosen], y[chosen]
+    known = np.zeros(len(y)) if errors is None else errors[chosen]
+    if np.isnan(known).any():
+        known = np.where(np.isnan(known), np.nanmean(known) if np.isfinite(known).any() else 0.0, known)
+    center, scale = float(y.mean()), float(y.std()) or 1.0
+    z = (y - center) / scale
+    fit = _some(len(y), FIT_ROWS)
+    with one_thread():
+        from sklearn.gaussian_process import GaussianProcessRegressor
+        from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
+
+        lengths = 0.7 if isotropic else np.full(x.shape[1], 0.7)
+        signal = ConstantKernel(1.0, (0.05, 100.0)) * Matern(lengths, LENGTHS, nu=2.5)
+        fitted = GaussianProcessRegressor(
+            signal + WhiteKernel(0.05, NOISES),
+            alpha=(known[fit] / scale) ** 2 + 1e-10,
+            n_restarts_optimizer=RESTARTS if len(fit) <= RESTARTED else 0,
+            random_state=0,
+        ).fit(x[fit], z[fit])
+    noise = float(fitted.kernel_.k2.noise_level) * scale**2
+    return _process(x, z, fitted.kernel_.k1, noise, known, (center, scale))
