@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from warpchain.cli.arguments import add_command, gibibytes, whole_number
-from warpchain.cli.commands import DONE, UNFINISHED, start_warp
+from warpchain.cli.commands import DONE, UNFINISHED
 
 
 def add_optimize(commands: Any) -> None:
@@ -24,9 +24,10 @@ def add_optimize(commands: Any) -> None:
 
 
 def _optimize(arguments: argparse.Namespace) -> int:
+    from warpchain.engine.start import start_warp
     from warpchain.study.optimize import optimize
 
-    start_warp()
+    start_warp(precompiled=False)
     quiet = arguments.quiet
     try:
         found = optimize(

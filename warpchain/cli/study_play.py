@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from warpchain.cli.arguments import add_command, whole_number
-from warpchain.cli.commands import DONE, start_warp
+from warpchain.cli.commands import DONE
 
 
 def add_play_command(commands: Any) -> None:
@@ -24,10 +24,11 @@ def add_play_command(commands: Any) -> None:
 
 
 def _play(arguments: argparse.Namespace) -> int:
+    from warpchain.engine.start import start_warp
     from warpchain.study.run.play import recording_of
     from warpchain.view.rerun.playback import view
 
-    start_warp()
+    start_warp(precompiled=False)
     bar = not arguments.quiet and sys.stderr.isatty()
     archive, number = recording_of(arguments.folder, arguments.variant, workers=arguments.workers, progress=bar)
     print(f"{archive}, variant {number}")
