@@ -21,13 +21,13 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from warpchain.archive import schema
-from warpchain.archive.digest import checked, is_right
+from warpchain.archive.digest import checked
 from warpchain.archive.layout import LENGTH_STARTS, MESSAGE
 from warpchain.archive.mcap_read import RECORD, Content, McapIndex, attachment_of, decompressed, records
 from warpchain.archive.mcap_write import MAGIC, Chunk, McapFile
 from warpchain.archive.names import PartName, cut_files, editions, is_whole, of_cut, part_name
 from warpchain.archive.target import Target
-from warpchain.archive.trust import Topics
+from warpchain.archive.trust import Topics, untrue
 from warpchain.errors import ArchiveError
 from warpchain.files import reason
 
@@ -319,8 +319,7 @@ def _protected(path: Path) -> McapIndex | None:
         index = McapIndex(path)
     except ArchiveError:
         return None
-    right = not index.sealed or all(is_right(channel, index.schemas) for channel in index.channels.values())
-    return index if index.protected and right else None
+    return index if index.protected and untrue(index) is None else None
 
 
 def _is_index(data: Any) -> bool:

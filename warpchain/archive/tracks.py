@@ -12,9 +12,9 @@ import numpy as np
 from mcap.records import Channel
 
 from warpchain.archive import schema
-from warpchain.archive.digest import is_right
 from warpchain.archive.layout import HEADER, LENGTH_STARTS, MESSAGE, Form, FrameLayout, frame_layout
 from warpchain.archive.mcap_read import ChunkEntry, McapIndex, reading, records
+from warpchain.archive.trust import untrue
 from warpchain.drive import Drive, loads_drive
 from warpchain.errors import ArchiveError, DriveError
 from warpchain.results.channels import NAMES
@@ -97,11 +97,12 @@ class Tracks(Mapping[int, Trajectory]):
         """The files that hold each variant's frames; in none is a channel that is not what was written."""
         found: dict[int, list[Place]] = {}
         for file in self.files:
-            sealed, numbers = file.sealed, dict[int, dict[str, int]]()
+            wrong = untrue(file)
+            if wrong is not None:
+                raise ArchiveError(f"{file.path}: is damaged ({wrong.topic}: its digest is wrong); {SEE}")
+            numbers: dict[int, dict[str, int]] = {}
             for channel in file.channels.values():
                 named = schema.variant_of(channel.topic)
-                if sealed and not is_right(channel, file.schemas):
-                    raise ArchiveError(f"{file.path}: is damaged ({channel.topic}: its digest is wrong); {SEE}")
                 if named:
                     topics = numbers.setdefault(named[0], {})
                     if topics.setdefault(named[1], channel.id) != channel.id:

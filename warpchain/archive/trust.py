@@ -3,13 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from mcap.records import Channel, Schema
 
 from warpchain.archive import schema
-from warpchain.archive.digest import DIGEST, of_channel
+from warpchain.archive.digest import DIGEST, is_right, of_channel
 from warpchain.archive.mcap_read import McapIndex
 from warpchain.archive.mcap_write import McapFile
+
+
+def untrue(index: McapIndex) -> Channel | None:
+    """A channel of an archive with digests that is not what was written; None if all are.
+
+    Another program that wrote the archive anew may have numbered its channels anew, too: then a digest is right under
+    one of the numbers that warpchain gives to such a topic.
+    """
+    if not index.sealed:
+        return None
+    recorded: list[str] | None = None
+    for channel in index.channels.values():
+        named = schema.variant_of(channel.topic)
+        if is_right(channel, index.schemas) or (named is None and DIGEST not in channel.metadata):
+            continue
+        if named is None:
+            return channel
+        if recorded is None:
+            recorded = (index.values(schema.RUN_METADATA) or {}).get("recorded", "").split()[: schema.MOST_VARIANTS]
+        likely = [recorded.index(str(named[0]))] if str(named[0]) in recorded else []
+        numbers = (schema.channel_numbers(place)[named[1]] for place in (*likely, *range(len(recorded))))
+        if not any(is_right(replace(channel, id=number), index.schemas) for number in numbers):
+            return channel
+    return None
 
 
 class Topics:
