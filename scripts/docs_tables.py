@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from warpchain.results.channels import CHANNELS, OF_SPROCKETS, Channel
+from warpchain.results.channels import CHANNELS, OF_BODIES, Channel
 from warpchain.results.columns import BALANCE, DESIGN, ENGAGED, JOINTS, MEASURED, RECORDED, RUN, SETTLING, STEADY, Group
 from warpchain.results.judgement import RULES, Limits
 
@@ -28,9 +28,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def place(channel: Channel) -> str:
     """Where an archive has a channel."""
-    if channel in OF_SPROCKETS:
+    if channel in OF_BODIES:
         count = "2 S" if channel.components else "S"
-        return f"`State.{channel.name}` ({OF_SPROCKETS.index(channel) + 2}), {count} doubles"
+        return f"`State.{channel.name}` ({OF_BODIES.index(channel) + 2}), {count} doubles"
     return ", ".join(f"`{field}`" for field in channel.fields) + " of a packed roller"
 
 

@@ -50,8 +50,8 @@ RULES = [
     ("chain", 7, "chain = 7: must be a table"),
     ("chain", None, "chain: missing; must be a table"),
     ("chains", {}, "chains = {}: unknown key; did you mean chain?"),
-    ("self", 1, "self = 1: unknown key; allowed are chain, sprockets, guides, contact, run"),
-    ("a\nb", 1, '"a\\nb" = 1: unknown key; allowed are chain, sprockets, guides, contact, run'),
+    ("self", 1, "self = 1: unknown key; allowed are chain, sprockets, guides, arms, tensioners, contact, run"),
+    ("a\nb", 1, '"a\\nb" = 1: unknown key; allowed are chain, sprockets, guides, arms, tensioners, contact, run'),
     # sprockets
     ("sprockets", [], "sprockets = []: must be a list of at least 2 sprockets"),
     ("sprockets", 3, "sprockets = 3: must be a list of at least 2 sprockets"),
@@ -70,9 +70,13 @@ RULES = [
     (
         "sprockets/2/name",
         "crankshaft",
-        'sprockets.2.name = "crankshaft": must be unique among sprockets and guides',
+        'sprockets.2.name = "crankshaft": must be unique among sprockets, guides, arms and tensioners',
     ),
-    ("guides/0/name", "camshaft", 'guides.camshaft.name = "camshaft": must be unique among sprockets and guides'),
+    (
+        "guides/0/name",
+        "camshaft",
+        'guides.camshaft.name = "camshaft": must be unique among sprockets, guides, arms and tensioners',
+    ),
     ("sprockets/2/teeth", 4, "sprockets.camshaft.teeth = 4: must be an integer of at least 5"),
     ("sprockets/2/teeth", 57.0, "sprockets.camshaft.teeth = 57.0: must be an integer of at least 5"),
     ("sprockets/2/teeth", 10**7, "sprockets.camshaft.teeth = 10000000: must be at most 1000000"),

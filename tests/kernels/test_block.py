@@ -23,7 +23,7 @@ from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.relaxation import Settling
 from warpchain.kernels.tension_bins import BINS
-from warpchain.results.channels import FRAME, NAMES, frame_of, frame_width
+from warpchain.results.channels import FRAME, NAMES, Sizes, frame_of, frame_width
 from warpchain.results.schedule import Schedule
 
 FOREVER = 10**8
@@ -118,6 +118,9 @@ def kind_of(packed, shape):
         bending=bool(packed.joints["rubs"].any()),
         sliding=bool(packed.slides.any()),
         uneven=bool(packed.links["uneven"].any()),
+        arms=int(packed.drives["arms"][0]),
+        tensioners=int(packed.drives["tensioners"][0]),
+        profiles=bool(packed.drives["pieces"].any()),
     )
 
 
@@ -189,7 +192,7 @@ def run_blocks(packed, shape, blocks, order, frames):
 
 def joint_powers(packed, drive, frames):
     """Friction power of each joint, of 16 frames of a drive."""
-    found = packed.frame.split(frames.reshape(16, -1), drive.chain.links, len(drive.sprockets))
+    found = packed.frame.split(frames.reshape(16, -1), Sizes.of(drive))
     return found["joint_friction_power"]
 
 

@@ -85,7 +85,7 @@ def _crossing(drive: Drive, path: ChainPath, k: int, m: int, place: Point) -> st
 
 def _of_guide(drive: Drive, guide: Guide, strands: list[Strand]) -> list[str]:
     """What is wrong with a guide-bar."""
-    (ax, ay), (bx, by) = guide.start, guide.end
+    (ax, ay), (bx, by), _ = guide.bar
     length = math.hypot(bx - ax, by - ay)
     tx, ty = (bx - ax) / length, (by - ay) / length
     radius, pitch = drive.chain.roller_radius, drive.chain.pitch

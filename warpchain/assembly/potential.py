@@ -195,15 +195,15 @@ class Potential:
     def _guide(self, x: Array, g: int, terms: Terms) -> None:
         r, _, _ = self.split(x)
         guide, roller_radius = self.drive.guides[g], self.drive.chain.roller_radius
-        start, end = np.asarray(guide.start, dtype=float), np.asarray(guide.end, dtype=float)
+        start, end = np.asarray(guide.bar.start, dtype=float), np.asarray(guide.bar.end, dtype=float)
         length = float(np.hypot(*(end - start)))
         t = (end - start) / length
         n = np.array([-t[1], t[0]])
         along, across = (r - start) @ t, (r - start) @ n
         beyond = np.minimum(along, 0.0) + np.maximum(along - length, 0.0)
-        height = across + guide.end_radius
+        height = across + guide.bar.end_radius
         reach = np.hypot(beyond, height)
-        pen = np.where(beyond == 0.0, roller_radius - across, roller_radius + guide.end_radius - reach)
+        pen = np.where(beyond == 0.0, roller_radius - across, roller_radius + guide.bar.end_radius - reach)
         hit = np.flatnonzero((pen > 0.0) & (height > 0.0) & (across < roller_radius))
         if not len(hit):
             return

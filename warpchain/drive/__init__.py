@@ -1,5 +1,6 @@
-"""The drive as data: chain, sprockets, guide-bars, contacts, run settings; read, checked, changed and written."""
+"""The drive as data: chain, sprockets, guides, arms, tensioners, contacts, run; read, checked, changed, written."""
 
+from warpchain.drive.arms import Arm
 from warpchain.drive.contact import Contact, GuideContact, GuideOverrides, ImpactLaw, Material, SprocketContact
 from warpchain.drive.drive import (
     Drive,
@@ -10,6 +11,7 @@ from warpchain.drive.drive import (
     save_drive,
     write_drive_text,
 )
+from warpchain.drive.guides import Arc, Guide
 from warpchain.drive.motion import (
     BalanceWheel,
     ElasticMount,
@@ -20,12 +22,17 @@ from warpchain.drive.motion import (
     PrescribedMount,
     SliderMount,
 )
-from warpchain.drive.parts import Chain, Guide, RunSettings, Sprocket, WornLink
+from warpchain.drive.parts import Chain, RunSettings, Sprocket, WornLink
+from warpchain.drive.profile import Piece, Profile
 from warpchain.drive.table import SpeedTable, TorqueTable
+from warpchain.drive.tensioners import Chamber, Oil, Plunger, Ratchet, Spring, Tensioner, Valve
 
 __all__ = [
+    "Arc",
+    "Arm",
     "BalanceWheel",
     "Chain",
+    "Chamber",
     "Contact",
     "Drive",
     "ElasticMount",
@@ -37,14 +44,22 @@ __all__ = [
     "ImpactLaw",
     "Load",
     "Material",
+    "Oil",
+    "Piece",
+    "Plunger",
     "Prescribed",
     "PrescribedMount",
+    "Profile",
+    "Ratchet",
     "RunSettings",
     "SliderMount",
     "SpeedTable",
+    "Spring",
     "Sprocket",
     "SprocketContact",
+    "Tensioner",
     "TorqueTable",
+    "Valve",
     "WornLink",
     "dumps_drive",
     "load_drive",

@@ -19,22 +19,27 @@ from typing import Annotated, Any, Self
 from pydantic import ModelWrapValidatorHandler, model_validator
 
 from warpchain.drive import toml as drive_toml
+from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
+from warpchain.drive.attached import with_files
+from warpchain.drive.body_rules import arm_rules, name_rules, place_rules, profile_rules, tensioner_rules
 from warpchain.drive.contact import (
     Contact,
     GuideContact,
     merged,
 )
+from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.part import (
     Allowed,
     Part,
     Problem,
 )
-from warpchain.drive.parts import Chain, Guide, RunSettings, Sprocket
+from warpchain.drive.parts import Chain, RunSettings, Sprocket
 from warpchain.drive.paths import changed, lookup, settable
+from warpchain.drive.profile import Profile
 from warpchain.drive.rules import guide_rules, rolling_rules, shaft_rules, size_rules, sprocket_rules
 from warpchain.drive.stiffness import contact_stiffness
-from warpchain.drive.table import with_files
 from warpchain.drive.teeth import Tooth, default_seat_angle, iso606_tooth, releasing_seat_angle
+from warpchain.drive.tensioners import Tensioner
 from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text
 
@@ -45,7 +50,9 @@ class Drive(Part):
     Attributes:
         chain: the chain.
         sprockets: (S,) in the order in which the chain visits them; at least 2, at least one of them prescribed.
-        guides: (G,) guide-bars.
+        guides: (G,) guides.
+        arms: (A,) bodies that turn about a pivot; they stand after the sprockets where bodies are counted.
+        tensioners: (T,) what pushes arms, or sprockets on sliders.
         contact: contact settings.
         run: run settings.
 
@@ -56,6 +63,8 @@ class Drive(Part):
     chain: Chain
     sprockets: Annotated[tuple[Sprocket, ...], Allowed("must be a list of at least 2 sprockets")]
     guides: Annotated[tuple[Guide, ...], Allowed("must be a list of guides")] = ()
+    arms: Annotated[tuple[Arm, ...], Allowed("must be a list of arms")] = ()
+    tensioners: Annotated[tuple[Tensioner, ...], Allowed("must be a list of tensioners")] = ()
     contact: Contact
     run: RunSettings
 
@@ -176,6 +185,53 @@ class Drive(Part):
         assert common is not None  # the drive's own rule
         return common if own is None else GuideContact(**merged(common, own))
 
+    def profile(self, g: int) -> Profile:
+        """The face of guide g as drawn: at its arm's angle 0 (`warpchain.drive.profile`)."""
+        profile = guide_profile(self.guides[g], self.chain.pitch)
+        assert profile is not None  # the guide's own rules
+        return profile
+
+    def guide_offset(self, g: int) -> float:
+        """Height of a touching roller's center over the face of guide g [m]: its own, or the rollers' radius."""
+        own = self.guides[g].offset
+        return self.chain.roller_radius if own is None else own
+
+    def arm_index(self, name: str) -> int | None:
+        """Index of the arm of a name; None if there is none."""
+        return next((a for a, arm in enumerate(self.arms) if arm.name == name), None)
+
+    def arm_of(self, g: int) -> int | None:
+        """Index of the arm that carries guide g; None on the ground."""
+        name = self.guides[g].arm
+        return None if name is None else self.arm_index(name)
+
+    def guides_of(self, a: int) -> tuple[int, ...]:
+        """Indices of the guides that arm a carries."""
+        return tuple(g for g, guide in enumerate(self.guides) if guide.arm == self.arms[a].name)
+
+    def arm_lever(self, a: int) -> float:
+        """How far from its pivot the chain can touch arm a [m]; without guides, where its center of mass is."""
+        pivot = self.arms[a].pivot
+        faces = [self.profile(g).points(self.chain.pitch, caps=False) for g in self.guides_of(a)]
+        reach = [math.dist(pivot, point) for face in faces for point in face]
+        return max(reach, default=0.0) or self.arms[a].center_radius or self.chain.pitch
+
+    def stop_stiffness(self, a: int) -> float:
+        """Stiffness of the stops of arm a [N m/rad]: its own, or what `arms.stop_stiffness` chooses."""
+        return stop_stiffness(self.arms[a], self.arm_lever(a), self.chain.stiffness, self.chain.mass)
+
+    def stop_damping(self, a: int) -> float:
+        """Damping of the stops of arm a [N m s/rad]: its own, or half the critical one."""
+        return stop_damping(self.arms[a], self.stop_stiffness(a))
+
+    def tensioner_body(self, t: int) -> int:
+        """The body that tensioner t pushes: a sprocket's index, or S + the arm's."""
+        name = self.tensioners[t].on
+        arm = self.arm_index(name)
+        if arm is not None:
+            return len(self.sprockets) + arm
+        return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.name == name)
+
     def sprocket_stiffness(self, s: int) -> float:
         """Generalized stiffness of the contact of rollers with sprocket s [N/m^n], given or from materials (eq. (20)).
 
@@ -207,10 +263,15 @@ class Drive(Part):
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
         yield from sprocket_rules(node)
+        yield from name_rules(node)
+        yield from place_rules(node)
         yield from shaft_rules(node)
         yield from guide_rules(node)
         yield from rolling_rules(node)
         yield from size_rules(node)
+        yield from profile_rules(node)
+        yield from arm_rules(node)
+        yield from tensioner_rules(node)
 
     @model_validator(mode="wrap")
     @classmethod
@@ -221,6 +282,13 @@ class Drive(Part):
         links = drive.chain.links
         if links % 2:
             warnings.warn(f"chain.links = {links}: an odd number needs an offset link", stacklevel=4)
+        for arm in drive.arms:
+            least = arm.mass * arm.center_radius**2
+            if arm.inertia < least:
+                warnings.warn(
+                    f"arms.{arm.name}.inertia = {arm.inertia:g}: its mass at its center alone has {least:g}",
+                    stacklevel=4,
+                )
         for s in drive.catching():
             limit = math.degrees(releasing_seat_angle(drive.pitch_radius(s), drive.chain.pitch))
             warnings.warn(

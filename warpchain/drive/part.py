@@ -52,7 +52,7 @@ WRONG, BARE = "wrong_value", "bare_key"
 """Kinds of error: shown with the value that is wrong, or with the key path alone (something is missing)."""
 
 
-def _plain_sequence(value: Any) -> Any:
+def plain_sequence(value: Any) -> Any:
     """Lists and numpy arrays as tuples; a set has no order, so it stays what it is and is refused."""
     if isinstance(value, list):
         return tuple(value)
@@ -105,29 +105,29 @@ NonNegative = Annotated[_NotNegative, Value("must be a number of at least 0")]
 Switch = Annotated[bool, Field(strict=True), Value("must be true or false")]
 Text = Annotated[str, Field(strict=True), AfterValidator(_check_text), Value("must be a text that is not empty")]
 Name = Annotated[str, Field(strict=True), AfterValidator(_check_name), Value(NAME_TEXT)]
-Pair = Annotated[_RealPair, BeforeValidator(_plain_sequence), Value("must be two finite numbers [x, y]")]
+Pair = Annotated[_RealPair, BeforeValidator(plain_sequence), Value("must be two finite numbers [x, y]")]
 Direction = Annotated[
     _RealPair,
     AfterValidator(_some_direction),
-    BeforeValidator(_plain_sequence),
+    BeforeValidator(plain_sequence),
     Value("must be two finite numbers [x, y], not both 0"),
 ]
 PositivePair = Annotated[
     tuple[_MoreThanZero, _MoreThanZero],
     Field(strict=True),
-    BeforeValidator(_plain_sequence),
+    BeforeValidator(plain_sequence),
     Value("must be two positive numbers [x, y]"),
 ]
 NonNegativePair = Annotated[
     tuple[_NotNegative, _NotNegative],
     Field(strict=True),
-    BeforeValidator(_plain_sequence),
+    BeforeValidator(plain_sequence),
     Value("must be two numbers [x, y] of at least 0"),
 ]
 Column = Annotated[
     tuple[_Real, ...],
     Field(strict=True, min_length=2),
-    BeforeValidator(_plain_sequence),
+    BeforeValidator(plain_sequence),
     Value("must be a list of at least 2 finite numbers"),
 ]
 
@@ -168,6 +168,17 @@ def numbers(*values: Any) -> bool:
     return all(
         isinstance(value, (int, float)) and not isinstance(value, bool) and -_HUGE < value < _HUGE for value in values
     )
+
+
+FARTHEST = 1e4
+"""No drive reaches farther [m]; numbers beyond come from a mistake, and would take hours of links to count."""
+
+
+def too_far(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
+    """The rule of places, which lie within all reason."""
+    along = [x for x in point if isinstance(x, (int, float))] if isinstance(point, (list, tuple)) else []
+    if any(abs(x) > FARTHEST for x in along):
+        yield Problem(path, list(point), f"must be within {FARTHEST:g} m of the origin")
 
 
 def nearest(key: str, known: Iterable[str]) -> str:

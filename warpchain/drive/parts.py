@@ -1,4 +1,4 @@
-"""The parts of a drive: chain, sprockets, guide-bars, run settings."""
+"""The parts of a drive: chain, sprockets, run settings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field
 
 from warpchain.drive.catalogue import CHAINS
-from warpchain.drive.contact import GuideOverrides
 from warpchain.drive.motion import BalanceWheel, FixedMount, Load, Mount, Prescribed
 from warpchain.drive.part import (
     BARE,
@@ -323,7 +322,7 @@ class Sprocket(Part):
     """A sprocket, at its place in the order in which the chain visits them.
 
     Attributes:
-        name: unique among sprockets and guide-bars.
+        name: unique among all parts.
         teeth: z, >= 5.
         center: [m].
         wrap: "ccw" if the chain turns counter-clockwise around it, else "cw".
@@ -362,28 +361,6 @@ class Sprocket(Part):
         kind = get(get(node, "mount"), "kind")
         if kind in ("elastic", "slider") and get(node, "mass") is None:
             yield Problem(("mass",), None, f'missing; {positive}; needed with mount kind "{kind}"', BARE)
-
-
-class Guide(Part):
-    """A guide-bar: a straight face with rounded ends; the chain rides on the left of start -> end.
-
-    Attributes:
-        name: unique among sprockets and guide-bars.
-        start, end: ends of the flat face [m]; not the same point.
-        end_radius: radius of both ends [m], > 0.
-        contact: what differs from `[contact.guide]`.
-    """
-
-    name: Name
-    start: Pair
-    end: Pair
-    end_radius: Positive
-    contact: GuideOverrides | None = None
-
-    @classmethod
-    def _rules(cls, node: Any) -> Iterable[Problem]:
-        if get(node, "start") is not None and list(elements(node, "start")) == list(elements(node, "end")) != []:
-            yield Problem(("end",), get(node, "end"), "must be another point than start")
 
 
 class RunSettings(Part):

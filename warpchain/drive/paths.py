@@ -135,13 +135,15 @@ class _Table(dict[str, Any]):
     def put(self, key: str, value: Any) -> None:
         """Sets a key, or takes it away if the value is None.
 
-        What stands for the same thing gives way, unless it was set in the same call.
+        What stands for the same thing gives way, unless it was set in the same call; to an empty list nothing does.
         """
         if value is None:
             self.pop(key, None)
             return
         self[key] = value
         self.assigned.add(key)
+        if isinstance(value, list | tuple) and not value:
+            return
         for other in self.cls._replaces.get(key, ()):
             if other not in self.assigned:
                 self.pop(other, None)

@@ -16,9 +16,6 @@ from warpchain.drive.parts import Chain
 from warpchain.drive.stiffness import largest_load
 from warpchain.drive.teeth import iso606_tooth
 
-FARTHEST = 1e4
-"""No drive reaches farther [m]; numbers beyond come from a mistake, and would take hours of links to count."""
-
 
 def sprocket_rules(drive: Any) -> Iterator[Problem]:
     sprockets = elements(drive, "sprockets")
@@ -26,19 +23,6 @@ def sprocket_rules(drive: Any) -> Iterator[Problem]:
         yield Problem(("sprockets",), get(drive, "sprockets"), "must be a list of at least 2 sprockets")
     if sprockets and all(get(sprocket, "prescribed") is None for sprocket in sprockets):
         yield Problem(("sprockets",), None, "none is prescribed; at least one sprocket must be", BARE)
-    seen: set[str] = set()
-    for kind in ("sprockets", "guides"):
-        for i, part in enumerate(elements(drive, kind)):
-            name = get(part, "name")
-            if isinstance(name, str) and name in seen:
-                yield Problem((kind, i, "name"), name, "must be unique among sprockets and guides")
-            elif isinstance(name, str):
-                seen.add(name)
-            for key in ("center", "start", "end"):
-                point = get(part, key)
-                along = [x for x in point if isinstance(x, (int, float))] if isinstance(point, (list, tuple)) else []
-                if any(abs(x) > FARTHEST for x in along):
-                    yield Problem((kind, i, key), list(point), f"must be within {FARTHEST:g} m of the origin")
 
 
 def shaft_rules(drive: Any) -> Iterator[Problem]:

@@ -1,7 +1,7 @@
 """Speeds and torques as tables over time or angle: in the drive itself, or in a CSV file that its file names.
 
 A drive holds the numbers, so that it stays whole wherever it goes: `load_drive` reads the CSV file that stands beside
-the drive file, and what is written (saved drives, archives) has the table in it.
+the drive file (`warpchain.drive.attached`), and what is written (saved drives, archives) has the table in it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from warpchain.drive.part import BARE, Column, Finite, Name, Part, Problem, Value, elements, get, numbers
 from warpchain.drive.toml import value_text
-from warpchain.errors import DriveError, drive_error
+from warpchain.errors import DriveError
 from warpchain.files import read_text
 
 Interpolation = Annotated[Literal["linear", "cubic"], Value('must be "linear" or "cubic" (monotone between rows)')]
@@ -148,49 +148,13 @@ class TorqueTable(Table):
 # --------------------------------------------------------------------------------------------------------- files
 
 
-def with_files(values: dict[str, Any], folder: Path, source: str) -> dict[str, Any]:
-    """A drive file's values with the tables that name a CSV file read in.
-
-    Args:
-        folder: where relative file names begin.
-        source: what error lines call the drive file.
-
-    Raises:
-        DriveError: one line for each file that cannot be read or is not a table, with the file and the row.
-    """
-    problems: list[str] = []
-    for i, sprocket in enumerate(elements(values, "sprockets")):
-        for part in ("prescribed", "load"):
-            table = get(get(sprocket, part), "table")
-            if not isinstance(table, dict) or not isinstance(table.get("file"), str):
-                continue
-            name = get(sprocket, "name")
-            where = f"sprockets.{name if isinstance(name, str) else i}.{part}.table.file = {value_text(table['file'])}"
-            try:
-                columns = read_csv(folder / table["file"])
-            except DriveError as error:
-                problems += [f"{where}: {line}" for line in error.errors]
-                continue
-            for key in columns.keys() & table.keys():
-                problems.append(f"{where}: not together with {key}; the file has that column")
-            sprocket[part]["table"] = {key: value for key, value in table.items() if key != "file"} | columns
-    if problems:
-        raise drive_error(problems, source)
-    return values
-
-
 def read_csv(path: Path) -> dict[str, list[float]]:
     """The two columns of a CSV file by key, in SI units; a head, then numbers; blank lines and lines from # on pass.
 
     Raises:
         DriveError: in one line, with the row's number in the file.
     """
-    lines = read_text(path, "CSV", DriveError).splitlines()
-    rows = [
-        (number, _cells(line, number))
-        for number, line in enumerate(lines, 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    rows = csv_rows(path)
     if not rows:
         raise DriveError("has no rows; the first must name the columns, such as time,torque")
     number, head = rows[0]
@@ -205,13 +169,27 @@ def read_csv(path: Path) -> dict[str, list[float]]:
         if len(row) != 2:
             raise DriveError(f"row {number}: has {len(row)} cells; must have 2, separated by a comma")
         for (key, unit), cell in zip(known, row, strict=True):
-            columns[key].append(unit * _number(cell, number))
+            columns[key].append(unit * read_number(cell, number))
         over = columns[known[0][0]]
         if len(over) > 1 and over[-1] <= over[-2]:
             raise DriveError(f"row {number}: {head[0]} = {row[0]} must be above that of the row before")
     if len(rows) < 3:
         raise DriveError(f"has {len(rows) - 1} rows of numbers; must have at least 2")
     return columns
+
+
+def csv_rows(path: Path) -> list[tuple[int, list[str]]]:
+    """The cells of a CSV file's rows and their numbers in the file; blank lines and lines from # on pass.
+
+    Raises:
+        DriveError: if it cannot be read, in one line.
+    """
+    lines = read_text(path, "CSV", DriveError).splitlines()
+    return [
+        (number, _cells(line, number))
+        for number, line in enumerate(lines, 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
 
 
 def _cells(line: str, row: int) -> list[str]:
@@ -221,7 +199,12 @@ def _cells(line: str, row: int) -> list[str]:
         raise DriveError(f"row {row}: is not CSV ({error})") from None
 
 
-def _number(cell: str, row: int) -> float:
+def read_number(cell: str, row: int) -> float:
+    """A cell's finite number.
+
+    Raises:
+        DriveError: if it is none, with the row.
+    """
     try:
         value = float(cell)
     except ValueError:

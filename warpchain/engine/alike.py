@@ -7,6 +7,9 @@ from collections.abc import Hashable, Sequence
 from warpchain.drive import Drive, Sprocket
 from warpchain.drive.part import Part
 
+LISTS = ("sprockets", "guides", "arms", "tensioners")
+"""Parts of a drive that changed copies list anew; their elements are shared."""
+
 
 def _mark(value: object) -> Hashable:
     """A part by its identity, which changed copies share and long tables need not be hashed for; others by value."""
@@ -35,8 +38,8 @@ def alike(drives: Sequence[Drive]) -> tuple[list[int], list[int]]:
             if id(sprocket) not in sprockets:
                 sprockets[id(sprocket)] = _sprocket(sprocket)
         key = (
-            *(id(value) for name, value in drive.__dict__.items() if name not in ("sprockets", "guides")),
-            tuple(map(id, drive.guides)),
+            *(id(value) for name, value in drive.__dict__.items() if name not in LISTS),
+            *(tuple(map(id, parts)) for parts in (drive.guides, drive.arms, drive.tensioners)),
             tuple(sprockets[id(sprocket)] for sprocket in drive.sprockets),
         )
         if key not in kinds:

@@ -1,0 +1,420 @@
+"""Guides of every shape, arms and tensioners as data: what follows from them, and the line said of each wrong one."""
+
+import math
+import pickle
+import re
+import tomllib
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drives import BLADE, NOT_NEGATIVE, POSITIVE, errors_of, put
+
+from warpchain.drive import Arm, Drive, Tensioner, dumps_drive, load_drive, loads_drive, save_drive
+from warpchain.drive.examples import drive_path
+from warpchain.engine.alike import alike
+from warpchain.errors import DriveError
+
+PITCH = 0.009525
+ARCS = [  # an S that bends left, then right, and a straight piece between
+    {"center": [0.0, 0.0], "radius": 0.2, "from": -90.0, "to": 0.0},
+    {"center": [0.4, 0.05], "radius": 0.2, "from": 180.0, "to": 90.0},
+]
+POINTS = "must be a list of at least 2 points [x, y] of finite numbers"
+DEGREES = "must be a number of degrees from -360 to 360"
+
+
+@pytest.fixture
+def values():
+    return tomllib.loads(BLADE)
+
+
+@pytest.fixture(scope="module")
+def blade():
+    return loads_drive(BLADE)
+
+
+# ------------------------------------------------------------------------------------------------------ what follows
+
+
+def test_a_drive_with_bodies_reads_back_equal(blade, tmp_path):
+    save_drive(blade, tmp_path / "drive.toml")
+    again = load_drive(tmp_path / "drive.toml")
+    assert again == blade and hash(again) == hash(blade)
+    assert pickle.loads(pickle.dumps(blade)) == blade
+
+
+def test_every_shape_reads_back_equal(values):
+    for shape in ({"arcs": ARCS}, {"profile": [[0.0, 0.0], [0.1, 0.01], [0.2, 0.0]]}, {"points": [[0, 0], [0.1, 0]]}):
+        values["guides"][0] = {"name": "blade"} | shape
+        drive = Drive(**values)
+        assert loads_drive(dumps_drive(drive)) == drive and pickle.loads(pickle.dumps(drive)) == drive
+
+
+def test_without_bodies_a_drive_is_written_as_before():
+    """No key of guides, arms and tensioners that is not given stands in the file."""
+    text = dumps_drive(load_drive(drive_path("marine")))
+    assert not any(word in text for word in ("arms", "tensioners", "side", "offset", "arcs", "points"))
+
+
+def test_who_carries_whom(blade):
+    assert (blade.arm_index("tensioner arm"), blade.arm_index("blade")) == (0, None)
+    assert [blade.arm_of(g) for g in (0, 1)] == [0, None] and blade.guides_of(0) == (0,)
+    assert blade.tensioner_body(0) == 2  # after the sprockets
+    assert [blade.guide_offset(g) for g in (0, 1)] == [blade.chain.roller_radius, 0.004]
+    assert [guide.straight for guide in blade.guides] == [False, True]
+
+
+def test_a_bar_with_the_chain_on_its_right_is_one_from_its_end(blade):
+    bar, profile = blade.guides[1].bar, blade.profile(1)
+    assert (bar.start, bar.end) == ((0.04, 0.08), (0.055, 0.22)) and profile.reversed
+    assert profile.face[0].start == pytest.approx(bar.start) and profile.face[0].end == pytest.approx(bar.end)
+    assert profile.end_radius == pytest.approx(0.03)
+
+
+def test_the_ends_of_a_profile_are_a_pitch_round(blade):
+    assert blade.profile(0).end_radius == pytest.approx(PITCH)
+    other = blade.with_values({"guides.blade.end_radius": 0.02})
+    assert other.profile(0).end_radius == pytest.approx(0.02)
+
+
+def test_arcs_are_in_degrees(values):
+    """Where the S of ARCS ends: at the top of its second circle, after two quarters and 0.05 m between."""
+    values["guides"][0] = {"name": "blade", "arcs": ARCS}
+    profile = Drive(**values).profile(0)
+    assert [piece.curvature for piece in profile.face] == [5.0, 0.0, -5.0]
+    assert profile.face[-1].end == pytest.approx((0.4, 0.25)) and profile.face_length == pytest.approx(
+        0.05 + 0.2 * math.pi
+    )
+
+
+def test_angles_of_an_arm_in_radians(blade):
+    arm = blade.arms[0]
+    assert arm.stops_rad == pytest.approx((-math.pi / 18, math.pi / 15)) and arm.free_angle_rad == pytest.approx(
+        math.pi / 36
+    )
+    free = blade.with_values({"arms.tensioner arm.stops": None}).arms[0]
+    assert free.stops_rad == (-math.inf, math.inf)
+
+
+def test_stops_are_as_stiff_as_a_link_but_no_faster(blade):
+    """k r^2 of the farthest place of the face, unless a roller of mass m between its links would swing slower."""
+    arm, chain = blade.arms[0], blade.chain
+    lever = math.dist((-0.045, 0.05), arm.pivot)
+    assert blade.arm_lever(0) == pytest.approx(lever, rel=1e-12)
+    assert arm.inertia / chain.mass > lever**2  # here the lever counts
+    assert blade.stop_stiffness(0) == pytest.approx(chain.stiffness * lever**2, rel=1e-12)
+    light = blade.with_values({"arms.tensioner arm.inertia": 1e-5, "arms.tensioner arm.mass": 1e-4})
+    assert light.stop_stiffness(0) / 1e-5 == pytest.approx(chain.stiffness / chain.mass)
+    critical = 2.0 * math.sqrt(blade.stop_stiffness(0) * arm.inertia)
+    assert blade.stop_damping(0) == pytest.approx(0.5 * critical)
+    own = blade.with_values({"arms.tensioner arm.stop_stiffness": 7.0, "arms.tensioner arm.stop_damping": 0.0})
+    assert (own.stop_stiffness(0), own.stop_damping(0)) == (7.0, 0.0)
+
+
+def test_numbers_of_the_published_tensioner(blade):
+    """The formulas of docs/tensioners.md in the numbers that stand there."""
+    tensioner = blade.tensioners[0]
+    assert tensioner.area == pytest.approx(math.pi * 0.008**2)
+    assert tensioner.hole_area == pytest.approx(math.pi * 0.0007**2)
+    eta = 800.0 * 8e-5
+    assert tensioner.oil.dynamic_viscosity == pytest.approx(eta)
+    conductance = math.pi * 0.016 * 5e-5**3 * (1 + 1.5 * 0.81) / (12 * eta * 0.007)
+    assert tensioner.leak_conductance == pytest.approx(conductance)
+    assert tensioner.drag_flow == pytest.approx(math.pi * 0.016 * 5e-5 / 2)
+    assert tensioner.valve.cracking_pressure == pytest.approx(0.075 / (math.pi * 0.0007**2))
+    assert tensioner.valve.flow_area(1e-3) == pytest.approx(math.pi * 1e-3 * (0.006 + 1e-3 * math.sqrt(2.0)))
+    assert tensioner.unit_direction == (1.0, 0.0)
+    assert (tensioner.spring_stiffness, tensioner.spring_preload, tensioner.plunger_mass) == (3500.0, 90.0, 0.033)
+
+
+def test_a_spring_has_no_oil():
+    spring = Tensioner(name="t", on="a", at=(0, 0), direction=(1, 0), kind="spring", spring={"stiffness": 1e3})
+    nothing = (spring.area, spring.hole_area, spring.leak_conductance, spring.drag_flow, spring.plunger_mass)
+    assert nothing == (0.0,) * 5 and not spring.hydraulic and spring.spring_damping == 0.0
+
+
+def test_values_by_key_path(blade):
+    stiff = {"arms.tensioner arm.stiffness": 2.5, "tensioners.chain tensioner.oil.viscosity": 1e-5}
+    other = blade.with_values(stiff | {"guides.blade.points.1.0": -0.03, "tensioners.0.ratchet": None})
+    assert other.arms[0].stiffness == 2.5 and other.tensioners[0].oil.viscosity == 1e-5
+    assert other.guides[0].points[1] == (-0.03, 0.15) and other.tensioners[0].ratchet is None
+    assert other.get_value("tensioners.chain tensioner.plunger.gap") == 5e-5
+    assert {"arms.tensioner arm.stops.1", "guides.blade.points.0", "tensioners.chain tensioner.valve.lift"} < set(
+        blade.paths()
+    )
+
+
+def test_every_path_can_be_set_to_its_value(blade):
+    for path in blade.paths():
+        if path.startswith(("guides", "arms", "tensioners")):
+            assert blade.with_values({path: blade.get_value(path)}) == blade, path
+
+
+def test_an_angle_of_an_arc_by_key_path(values):
+    values["guides"][0] = {"name": "blade", "arcs": ARCS}
+    drive = Drive(**values)
+    other = drive.with_values({"guides.blade.arcs.1.to": 100.0, "guides.blade.arcs.0.from": -80})
+    assert other.guides[0].arcs[1].angles == pytest.approx((math.pi, math.radians(100.0)))
+    assert other.get_value("guides.blade.arcs.0.from") == -80.0
+
+
+def test_one_shape_replaces_another(blade):
+    bar = blade.with_values(
+        {"guides.blade.start": (-0.04, 0.2), "guides.blade.end": (-0.04, 0.1), "guides.0.end_radius": 0.1}
+    )
+    assert bar.guides[0].straight and bar.guides[0].points is None and bar.guides[0].radius is None
+    line = bar.with_values({"guides.blade.profile": np.array([[-0.04, 0.2], [-0.04, 0.15], [-0.041, 0.1]])})
+    assert line.guides[0].start is None and line.guides[0].profile[1] == (-0.04, 0.15)
+
+
+def test_drives_are_alike_only_with_the_same_bodies(blade):
+    """Copies that change a load share all bodies; a stiffer arm, another oil are other kinds."""
+    load, stiff = {"sprockets.cam.load.torque": 6.0}, {"arms.tensioner arm.stiffness": 2.5}
+    oil = {"tensioners.chain tensioner.oil.viscosity": 1e-5}
+    drives = [blade, *(blade.with_values(change) for change in (load, stiff, oil, stiff | load))]
+    drives.append(drives[2].with_values({"sprockets.cam.load.torque": 7.0}))
+    assert alike(drives)[1] == [0, 0, 1, 2, 3, 1]
+
+
+def test_an_arm_lighter_about_its_pivot_than_its_mass_is_warned_of(values):
+    put(values, "arms/0/inertia", 1e-4)
+    with pytest.warns(UserWarning, match=r"^arms\.tensioner arm\.inertia = 0\.0001: its mass at its center alone has"):
+        Drive(**values)
+
+
+def test_the_document_has_a_drive():
+    text = (Path(__file__).parents[2] / "docs" / "guides-and-tensioners.md").read_text()
+    (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    drive = loads_drive(example)
+    assert [len(drive.profile(g).face) for g in (0, 1)] == [3, 2] and loads_drive(dumps_drive(drive)) == drive
+
+
+# ------------------------------------------------------------------------------------------------------ wrong values
+
+HYDRAULIC = 'needed with kind "hydraulic"'
+TENSIONER = "tensioners.chain tensioner"
+SHAPES = "give one of start and end, points, arcs, profile"
+RULES = [
+    ("guides/0/side", "up", 'guides.blade.side = "up": must be "left" or "right", seen from start to end'),
+    ("guides/0/offset", 0, f"guides.blade.offset = 0: {POSITIVE}"),
+    ("guides/0/offset", 0.01, "guides.blade.offset = 0.01: must be at most a pitch, 0.009525"),
+    (
+        "guides/0/arm",
+        "tensoner arm",
+        'guides.blade.arm = "tensoner arm": must be the name of an arm; did you mean tens',
+    ),
+    ("guides/0/points", [[0, 0]], f"guides.blade.points = [[0, 0]]: {POINTS}"),
+    ("guides/0/points", [[0, 0], [1, math.nan]], f"guides.blade.points = [[0, 0], [1, nan]]: {POINTS}"),
+    ("guides/0/points", [[0, 0], [1]], f"guides.blade.points = [[0, 0], [1]]: {POINTS}"),
+    ("guides/0/points", 3, f"guides.blade.points = 3: {POINTS}"),
+    ("guides/0/points/1/1", 0.24e5, "guides.blade.points.1 = [-0.032, 24000.0]: must be within 10000 m of the origin"),
+    ("guides/0/points/1", [-0.05, 0.24], "guides.blade.points.1 = [-0.05, 0.24]: must be another point than the one"),
+    ("guides/0/radius", None, f"guides.blade.radius: missing; {POSITIVE}; needed to round the points"),
+    ("guides/0/radius", 1.0, "guides.blade.points.1 = [-0.032, 0.15]: leaves no room for radius 1: its corner of 18.7"),
+    ("guides/0/radius", 0.005, "guides.blade.radius = 0.005: must be at least a pitch, 0.009525; links cannot follow"),
+    (
+        "guides/0/start",
+        [0, 0],
+        "guides.blade.points = [[-0.05, 0.24], [-0.032, 0.15], [-0.045, 0.05]]: not together wit",
+    ),
+    ("guides/1/radius", 0.1, "guides.fixed rail.radius = 0.1: only together with points, whose corners it rounds"),
+    ("guides/1/end_radius", None, f"guides.fixed rail.end_radius: missing; {POSITIVE}"),
+    ("guides/1/start", None, "guides.fixed rail.start: missing; must be two finite numbers [x, y]"),
+    ("guides/1/arcs", ARCS, f"not together with start; {SHAPES}"),
+    (
+        "guides/0/profile",
+        [[0, 0], [1, 0]],
+        f"guides.blade.profile = [[0.0, 0.0], [1.0, 0.0]]: not together with points; {SHAPES}",
+    ),
+    # arms
+    ("arms/0/pivot", None, "arms.tensioner arm.pivot: missing; must be two finite numbers [x, y]"),
+    ("arms/0/pivot/0", 2e4, "arms.tensioner arm.pivot = [20000.0, 0.25]: must be within 10000 m of the origin"),
+    ("arms/0/mass", 0, f"arms.tensioner arm.mass = 0: {POSITIVE}"),
+    ("arms/0/inertia", -1.0, f"arms.tensioner arm.inertia = -1.0: {POSITIVE}"),
+    ("arms/0/stiffness", -1.0, f"arms.tensioner arm.stiffness = -1.0: {NOT_NEGATIVE}"),
+    ("arms/0/free_angle", 400, f"arms.tensioner arm.free_angle = 400: {DEGREES}"),
+    (
+        "arms/0/stops",
+        [12, -10],
+        "arms.tensioner arm.stops = [12.0, -10.0]: must be the lower angle first, then the upper",
+    ),
+    (
+        "arms/0/stops",
+        [5.0],
+        "arms.tensioner arm.stops = [5.0]: must be two numbers of degrees from -360 to 360, [lower",
+    ),
+    ("arms/0/lever", 1, "arms.tensioner arm.lever = 1: unknown key; "),
+    ("arms/0/name", "cam", 'arms.cam.name = "cam": must be unique among sprockets, guides, arms and tensioners'),
+    ("tensioners/0/name", "blade", 'tensioners.blade.name = "blade": must be unique among sprockets, guides, arms and'),
+    # tensioners
+    (
+        "tensioners/0/on",
+        "tensioner am",
+        f'{TENSIONER}.on = "tensioner am": must be the name of an arm, or of a sprocket on',
+    ),
+    (
+        "tensioners/0/on",
+        "cam",
+        f'{TENSIONER}.on = "cam": must be the name of an arm, or of a sprocket on a slider; the mo',
+    ),
+    ("tensioners/0/kind", "oil", f'{TENSIONER}.kind = "oil": must be "spring" or "hydraulic"'),
+    (
+        "tensioners/0/direction",
+        [-1, 0],
+        f'{TENSIONER}.direction = [-1.0, 0.0]: turns "tensioner arm" away from the chain',
+    ),
+    (
+        "tensioners/0/direction",
+        [0, 1],
+        f'{TENSIONER}.direction = [0.0, 1.0]: points through the pivot of "tensioner arm"',
+    ),
+    (
+        "tensioners/0/direction",
+        [0, 0],
+        f"{TENSIONER}.direction = [0, 0]: must be two finite numbers [x, y], not both 0",
+    ),
+    ("tensioners/0/plunger", None, f"{TENSIONER}.plunger: missing; must be a table {{ diameter, mass, gap, length"),
+    ("tensioners/0/chamber", None, f"{TENSIONER}.chamber: missing; must be a table {{ volume }}; {HYDRAULIC}"),
+    ("tensioners/0/valve", None, f"{TENSIONER}.valve: missing; must be a table {{ ball_radius, seat_diameter, lift"),
+    ("tensioners/0/oil", None, f"{TENSIONER}.oil: missing; must be a table {{ viscosity, supply }}; {HYDRAULIC}"),
+    ("tensioners/0/plunger/gap", None, f"{TENSIONER}.plunger.gap: missing; {POSITIVE}; {HYDRAULIC}"),
+    ("tensioners/0/plunger/gap", 0.008, f"{TENSIONER}.plunger.gap = 0.008: must be below half the diameter, 0.008"),
+    ("tensioners/0/plunger/eccentricity", 1.1, f"{TENSIONER}.plunger.eccentricity = 1.1: must be a number from 0 to 1"),
+    ("tensioners/0/chamber/volume", 0, f"{TENSIONER}.chamber.volume = 0: {POSITIVE}"),
+    (
+        "tensioners/0/valve/seat_diameter",
+        0.006,
+        f"{TENSIONER}.valve.seat_diameter = 0.006: must be below the ball's diam",
+    ),
+    (
+        "tensioners/0/valve/seat_angle",
+        90,
+        f"{TENSIONER}.valve.seat_angle = 90: must be a number of degrees above 0, bel",
+    ),
+    ("tensioners/0/valve/discharge", 2, f"{TENSIONER}.valve.discharge = 2: must be a number above 0, at most 1"),
+    ("tensioners/0/oil/air", 1, f"{TENSIONER}.oil.air = 1: must be a number of at least 0 and below 1"),
+    ("tensioners/0/oil/viscosity", None, f"{TENSIONER}.oil.viscosity: missing; {POSITIVE}"),
+    (
+        "tensioners/0/oil/supply",
+        3.0,
+        f"{TENSIONER}.oil.supply = 3.0: must be above the oil's vapor pressure, 1000 Pa; pre",
+    ),
+    (
+        "tensioners/0/oil/supply",
+        1000,
+        f"{TENSIONER}.oil.supply = 1000.0: must be above the oil's vapor pressure, 1000 Pa",
+    ),
+    (
+        "tensioners/0/oil/supply",
+        9e4,
+        f"{TENSIONER}.oil.supply = 90000.0: must be at least the ambient pressure, 100000 Pa",
+    ),
+    ("tensioners/0/oil/ambient", 1, f"{TENSIONER}.oil.ambient = 1.0: must be above the oil's vapor pressure, 1000 Pa"),
+    ("tensioners/0/oil/supply", -1, f"{TENSIONER}.oil.supply = -1: {POSITIVE}"),
+    ("tensioners/0/ratchet/pitch", 0, f"{TENSIONER}.ratchet.pitch = 0: {POSITIVE}"),
+    ("tensioners/0/ratchet/backlash", -1, f"{TENSIONER}.ratchet.backlash = -1: {NOT_NEGATIVE}"),
+]
+
+
+FOLLOWED = {"guides/0/points/1/1", "arms/0/pivot/0", "arms/0/name"}
+"""Where other parts go wrong, too."""
+
+
+@pytest.mark.parametrize(("path", "value", "line"), RULES, ids=[f"{rule[0]}={rule[1]!r}"[:60] for rule in RULES])
+def test_rule(values, path, value, line):
+    put(values, path, value)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = errors_of(values)
+    assert any(line in error for error in found), found
+    if path not in FOLLOWED:
+        assert len(found) == 1, found
+
+
+def test_a_spring_takes_no_oil(values):
+    put(values, "tensioners/0/kind", "spring")
+    put(values, "tensioners/0/spring", None)
+    text = "missing; must be a table { stiffness, preload, damping }"
+    assert errors_of(values) == (
+        f'{TENSIONER}.spring: {text}; needed with kind "spring"',
+        *(f'{TENSIONER}.{key}: only with kind "hydraulic"' for key in ("chamber", "valve", "oil")),
+    )
+
+
+def test_stops_that_are_not_there_have_no_stiffness():
+    with pytest.raises(DriveError, match=r"stop_stiffness = 5\.0: only together with stops"):
+        Arm(name="a", pivot=(0, 0), mass=1, center=(0, 0), inertia=1, stop_stiffness=5)
+
+
+def test_a_guide_without_a_shape(values):
+    values["guides"][0] = {"name": "blade"}
+    pair = "missing; must be two finite numbers [x, y], or give points, arcs or profile instead"
+    assert errors_of(values) == (
+        f"guides.blade.start: {pair}",
+        f"guides.blade.end: {pair}",
+        f"guides.blade.end_radius: missing; {POSITIVE}",
+    )
+
+
+def test_a_guide_on_an_arm_where_there_are_none(values):
+    del values["arms"], values["tensioners"]
+    assert errors_of(values) == ('guides.blade.arm = "tensioner arm": must be the name of an arm; there are none',)
+
+
+ARC_RULES = [  # the first draws the arcs apart, too
+    ("0/radius", 0.005, "guides.blade.arcs.0.radius = 0.005: must be at least a pitch, 0.009525; links cannot"),
+    (
+        "1/center",
+        [0.45, 0.05],
+        "guides.blade.arcs.1: begins 0.0707 m from the end of the arc before; it must begin there",
+    ),
+    ("1/from", 170.0, "guides.blade.arcs.1: turns by -10 degrees against the end of the arc before; both must head"),
+    ("1/to", 180.0, "guides.blade.arcs.1.to = 180.0: must be another angle than from, 180, less than 360 degrees away"),
+    ("1/to", -200.0, "guides.blade.arcs.1.to = -200.0: must be another angle than from, 180, less than 360 degrees"),
+    ("1/from", None, "guides.blade.arcs.1.from: missing; must be a finite number"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "line"), ARC_RULES, ids=[f"{rule[0]}={rule[1]!r}" for rule in ARC_RULES])
+def test_rule_of_arcs(values, path, value, line):
+    values["guides"][0] = {"name": "blade", "arcs": [dict(arc) for arc in ARCS]}
+    put(values, f"guides/0/arcs/{path}", value)
+    found = errors_of(values)
+    assert any(error.startswith(line) for error in found), found
+
+
+def slider(values, push, slide=(1.0, 0.0)):
+    """The cam on a slider across the drive's height, pushed by the tensioner."""
+    mount = {"kind": "slider", "direction": list(slide), "stiffness": 0.0, "damping": 10.0}
+    values["sprockets"][1] |= {"mount": mount, "mass": 1.0}
+    values["tensioners"][0] |= {"on": "cam", "at": [0.02, 0.3], "direction": list(push)}
+    return values
+
+
+def test_a_tensioner_pushes_a_sprocket_against_its_strands(values):
+    """The cam stands above the crank, which pulls it down: up is right, whichever way the slider is said to run."""
+    for slide in ((0.0, 1.0), (0.0, -1.0)):
+        drive = Drive(**slider(values, (0.0, 1.0), slide))
+        assert drive.tensioner_body(0) == 1
+        (line,) = errors_of(slider(values, (0.0, -1.0), slide))
+        assert line.startswith(f'{TENSIONER}.direction = [0.0, -1.0]: pushes "cam" the way its strands pull it, (')
+    (line,) = errors_of(slider(values, (1.0, 0.0), (0.0, 1.0)))
+    assert line.startswith(f'{TENSIONER}.direction = [1.0, 0.0]: pushes across the slider of "cam", whose direction is')
+
+
+def test_all_errors_at_once(values):
+    for path, value in (
+        ("guides/0/arm", "arm"),
+        ("guides/1/start", None),
+        ("arms/0/stops", [3, 2]),
+        ("arms/0/mass", 0),
+        ("tensioners/0/oil/supply", 3.0),
+        ("tensioners/0/valve", None),
+        ("tensioners/0/plunger/gap", -1),
+        ("chain/links", 1),
+    ):
+        put(values, path, value)
+    found = errors_of(values)
+    assert len(found) == 8, found

@@ -1,0 +1,120 @@
+r"""Arms: bodies that turn about a fixed pivot and carry guides, such as a tensioner's sprung blade.
+
+    I theta'' = -k_t (theta - theta_0) - c_t theta' + m g x (r_c - p) + moments of the chain, tensioners and stops,
+
+theta = 0 as drawn, counter-clockwise positive. A stop is a torsion spring with a damper that acts beyond its angle and
+only pushes back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+
+from warpchain.drive.part import (
+    Name,
+    NonNegative,
+    Pair,
+    Part,
+    Positive,
+    Problem,
+    Value,
+    elements,
+    get,
+    numbers,
+    plain_sequence,
+)
+
+_Turn = Annotated[float, Field(strict=True, ge=-360.0, le=360.0)]
+Degrees = Annotated[_Turn, Value("must be a number of degrees from -360 to 360")]
+Stops = Annotated[
+    tuple[_Turn, _Turn],
+    Field(strict=True),
+    BeforeValidator(plain_sequence),
+    Value("must be two numbers of degrees from -360 to 360, [lower, upper]"),
+]
+
+STOP_RATIO = 0.5
+"""Damping ratio of a stop whose damping is not given."""
+
+
+class Arm(Part):
+    """A body that turns about a fixed pivot.
+
+    Attributes:
+        name: unique among all parts.
+        pivot: [m].
+        mass: [kg].
+        center: of mass, at angle 0 [m].
+        inertia: about the pivot [kg m^2].
+        stiffness: k_t of its torsion spring [N m/rad].
+        free_angle: theta_0, at which the spring is relaxed [degrees].
+        damping: c_t of its bearing [N m s/rad].
+        stops: lowest and highest angle [degrees]; None is none.
+        stop_stiffness: [N m/rad]; None is the drive's choice (`Drive.stop_stiffness`).
+        stop_damping: [N m s/rad]; None is the drive's choice (`Drive.stop_damping`).
+    """
+
+    name: Name
+    pivot: Pair
+    mass: Positive
+    center: Pair
+    inertia: Positive
+    stiffness: NonNegative = 0.0
+    free_angle: Degrees = 0.0
+    damping: NonNegative = 0.0
+    stops: Stops | None = None
+    stop_stiffness: Positive | None = None
+    stop_damping: NonNegative | None = None
+
+    @property
+    def free_angle_rad(self) -> float:
+        """theta_0 [rad]."""
+        return math.radians(self.free_angle)
+
+    @property
+    def stops_rad(self) -> tuple[float, float]:
+        """Lowest and highest angle [rad]; without stops minus and plus infinity."""
+        if self.stops is None:
+            return -math.inf, math.inf
+        return math.radians(self.stops[0]), math.radians(self.stops[1])
+
+    @property
+    def center_radius(self) -> float:
+        """Distance of the center of mass from the pivot [m]."""
+        return math.dist(self.center, self.pivot)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        stops = elements(node, "stops")
+        if len(stops) == 2 and numbers(*stops) and stops[0] >= stops[1]:
+            yield Problem(("stops",), list(stops), "must be the lower angle first, then the upper one [lower, upper]")
+        for key in ("stop_stiffness", "stop_damping"):
+            if get(node, key) is not None and get(node, "stops") is None:
+                yield Problem((key,), get(node, key), "only together with stops")
+
+
+def stop_stiffness(arm: Arm, lever: float, link_stiffness: float, roller_mass: float) -> float:
+    """Stiffness of an arm's stops [N m/rad]: its own, or that of one link at the lever.
+
+    At most I k/m, so that an arm of little inertia swings at its stop no faster than a roller between its links and
+    asks for no shorter steps.
+
+    Args:
+        lever: farthest place at which the chain touches the arm, from the pivot [m].
+        link_stiffness: k [N/m].
+        roller_mass: m [kg].
+    """
+    if arm.stop_stiffness is not None:
+        return arm.stop_stiffness
+    return link_stiffness * min(lever * lever, arm.inertia / roller_mass)
+
+
+def stop_damping(arm: Arm, stiffness: float) -> float:
+    """Damping of an arm's stops of a stiffness [N m/rad]: its own, or half the critical one [N m s/rad]."""
+    if arm.stop_damping is not None:
+        return arm.stop_damping
+    return 2.0 * STOP_RATIO * math.sqrt(stiffness * arm.inertia)

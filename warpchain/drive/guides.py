@@ -1,0 +1,265 @@
+"""Guides: the shape of their faces as a drive file gives it, and the profile that follows (`warpchain.drive.profile`).
+
+A face is a straight bar (start, end), a line through points with rounded corners, a chain of arcs, or a measured line
+that biarcs are fitted to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import BeforeValidator, Field, create_model
+
+from warpchain.drive.biarcs import fitted
+from warpchain.drive.contact import GuideOverrides
+from warpchain.drive.part import (
+    BARE,
+    FARTHEST,
+    WRONG,
+    Allowed,
+    Finite,
+    Name,
+    Pair,
+    Part,
+    Positive,
+    Problem,
+    Value,
+    allowed,
+    elements,
+    get,
+    numbers,
+    too_far,
+    valid,
+)
+from warpchain.drive.profile import Piece, Point, Profile, ProfileError, arcs, make_profile, rounded, straight
+
+Side = Annotated[Literal["left", "right"], Value('must be "left" or "right", seen from start to end')]
+
+
+def _plain_points(value: Any) -> Any:
+    """Lists of lists and (n, 2) arrays as tuples of tuples."""
+    rows = value.tolist() if getattr(value, "ndim", 0) == 2 else value
+    return tuple(tuple(row) if isinstance(row, list) else row for row in rows) if isinstance(rows, list) else rows
+
+
+_Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Points = Annotated[
+    tuple[Annotated[tuple[_Real, _Real], Field(strict=True)], ...],
+    Field(strict=True, min_length=2),
+    BeforeValidator(_plain_points),
+]
+Points = Annotated[_Points, Value("must be a list of at least 2 points [x, y] of finite numbers")]
+Measured = Annotated[
+    _Points, Value("must be a list of at least 2 points [x, y] of finite numbers; load_drive alone reads them of files")
+]
+
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Radii beyond are mistakes [m]."""
+
+SHAPES = ("points", "arcs", "profile")
+"""Keys that give a face another shape than that of a bar from start to end."""
+
+
+def _round(node: Any, key: str) -> Iterator[Problem]:
+    """A radius is one that can be calculated with."""
+    value = get(node, key)
+    if isinstance(value, (int, float)) and value > 0.0 and not SMALLEST <= value <= LARGEST:
+        yield Problem((key,), value, f"must be from {SMALLEST:g} to {LARGEST:g} m")
+
+
+class _Arc(Part):
+    """An arc of a face, between two angles as seen from its center; counter-clockwise if `to` is the larger one.
+
+    Attributes:
+        center: [m].
+        radius: [m].
+        from, to: angles at which the face enters and leaves the arc [degrees]; less than a revolution apart.
+    """
+
+    center: Pair
+    radius: Positive
+
+    @property
+    def angles(self) -> tuple[float, float]:
+        """At which the face enters and leaves the arc [rad]."""
+        return math.radians(get(self, "from")), math.radians(get(self, "to"))
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from too_far(("center",), get(node, "center"))
+        yield from _round(node, "radius")
+        begin, end = get(node, "from"), get(node, "to")
+        if numbers(begin, end) and not 0.0 < abs(end - begin) < 360.0:
+            text = f"must be another angle than from, {begin:g}, less than 360 degrees away"
+            yield Problem(("to",), end, text)
+
+
+if TYPE_CHECKING:
+    Arc = _Arc
+else:  # a class body cannot name a field `from`
+    Arc = create_model("Arc", __base__=_Arc, __module__=__name__, **{"from": (Finite, ...), "to": (Finite, ...)})
+    Arc.__doc__ = _Arc.__doc__
+
+
+class Bar(NamedTuple):
+    """A straight face as the chain rides on it: on the left from start to end; its ends' radius [m]."""
+
+    start: Point
+    end: Point
+    end_radius: float
+
+
+class Guide(Part):
+    """A guide: a face with rounded ends on which the chain rides.
+
+    Attributes:
+        name: unique among all parts.
+        start, end: ends of a flat face [m]; not the same point; or
+        points: a line whose corners are rounded [m]; or
+        arcs: that follow each other, with straight pieces where they only share a tangent; or
+        profile: points of a measured line [m], which biarcs follow; a drive file may name a CSV file instead.
+        end_radius: radius of both ends [m]; needed with start and end, else a pitch unless given.
+        radius: of the rounded corners of `points` [m].
+        side: of the way from start to end on which the chain rides; None is the left.
+        offset: from the face to the rollers' centers [m]; None is the rollers' radius.
+        arm: that carries the guide, in the position that it has at the arm's angle 0; None is the ground.
+        contact: what differs from `[contact.guide]`.
+    """
+
+    name: Name
+    start: Pair | None = None
+    end: Pair | None = None
+    end_radius: Positive | None = None
+    points: Points | None = None
+    radius: Positive | None = None
+    arcs: Annotated[tuple[Arc, ...], Allowed("must be a list of tables { center, radius, from, to }")] = ()
+    profile: Measured | None = None
+    side: Side | None = None
+    offset: Positive | None = None
+    arm: Name | None = None
+    contact: GuideOverrides | None = None
+
+    _replaces: ClassVar[dict[str, tuple[str, ...]]] = {
+        "points": ("start", "end", "arcs", "profile"),
+        "arcs": ("start", "end", "points", "radius", "profile"),
+        "profile": ("start", "end", "points", "radius", "arcs"),
+        "start": ("points", "radius", "arcs", "profile"),
+        "end": ("points", "radius", "arcs", "profile"),
+    }
+
+    @property
+    def straight(self) -> bool:
+        """True for a bar of one straight piece."""
+        return self.start is not None
+
+    @property
+    def bar(self) -> Bar:
+        """A straight bar's ends; only where `straight`."""
+        assert self.start is not None and self.end is not None and self.end_radius is not None
+        if self.side == "right":
+            return Bar(self.end, self.start, self.end_radius)
+        return Bar(self.start, self.end, self.end_radius)
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        ends = [key for key in ("start", "end") if get(node, key) is not None]
+        shapes = [key for key in SHAPES if get(node, key) not in (None, (), [])]
+        for key in shapes[1:] if not ends else shapes:
+            text = f"not together with {ends[0] if ends else shapes[0]}; give one of start and end, {', '.join(SHAPES)}"
+            yield Problem((key,), get(node, key), text)
+        if not shapes:
+            other = "" if ends else ", or give points, arcs or profile instead"
+            for key in ("start", "end"):
+                if get(node, key) is None:
+                    yield Problem((key,), None, f"missing; {allowed(cls, key)}{other}", BARE)
+            if get(node, "end_radius") is None:
+                yield Problem(("end_radius",), None, f"missing; {allowed(cls, 'end_radius')}", BARE)
+        if ends and list(elements(node, "start")) == list(elements(node, "end")) != []:
+            yield Problem(("end",), get(node, "end"), "must be another point than start")
+        far = [problem for key in ("points", "profile") for i, point in enumerate(elements(node, key))
+               for problem in too_far((key, i), point)]  # fmt: skip
+        yield from far
+        yield from _round(node, "end_radius")
+        yield from _round(node, "radius")
+        radius = get(node, "radius")
+        if radius is not None and "points" not in shapes:
+            yield Problem(("radius",), radius, "only together with points, whose corners it rounds")
+        if radius is None and len(elements(node, "points")) > 2:
+            yield Problem(("radius",), None, f"missing; {allowed(cls, 'radius')}; needed to round the points", BARE)
+        if len(shapes) == 1 and not ends and not far:
+            yield from _shape_rule(node, shapes[0])
+
+
+def _shape_rule(node: Any, shape: str) -> Iterable[Problem]:
+    """What the line's own geometry forbids, where its values are whole."""
+    key, values = _shape_of(node)
+    if key is None:
+        return
+    try:
+        _face(key, values)
+    except ProfileError as error:
+        value = elements(node, shape)[error.index]
+        bare = shape == "arcs"
+        yield Problem((shape, error.index), None if bare else list(value), str(error), BARE if bare else WRONG)
+
+
+def _shape_of(node: Any) -> tuple[str | None, tuple[Any, ...]]:
+    """How a guide's face is given and by what values; a None where they are not whole."""
+    for key in ("points", "profile"):
+        if get(node, key) is not None:
+            rows = _plain_points(get(node, key))
+            whole = isinstance(node, Part) or (
+                isinstance(rows, tuple)
+                and len(rows) > 1
+                and all(isinstance(row, tuple) and len(row) == 2 and numbers(*row) for row in rows)
+                and not any(abs(x) > FARTHEST for row in rows for x in row)
+            )
+            if key == "profile":
+                return (key, (rows,)) if whole else (None, ())
+            radius = get(node, "radius")
+            radius = 1.0 if radius is None and whole and len(rows) == 2 else radius  # it has no corners
+            return (key, (rows, radius)) if whole and numbers(radius) and radius > 0.0 else (None, ())
+    circles = [valid(Arc, arc) for arc in elements(node, "arcs")]
+    if circles:
+        whole = all(circle is not None for circle in circles)
+        return ("arcs", tuple((c.center, c.radius, *c.angles) for c in circles if c)) if whole else (None, ())
+    start, end = (tuple(elements(node, key)) for key in ("start", "end"))
+    whole = len(start) == len(end) == 2 and numbers(*start, *end)
+    return ("bar", (start, end)) if whole and start != end else (None, ())
+
+
+@lru_cache(maxsize=1024)
+def _face(key: str, values: tuple[Any, ...]) -> tuple[Piece, ...]:
+    if key == "points":
+        return rounded(*values)
+    if key == "profile":
+        return fitted(*values)
+    return arcs(values) if key == "arcs" else straight(*values)
+
+
+def guide_profile(node: Any, pitch: float) -> Profile | None:
+    """The profile of a guide, or of the values that should become one; None where they are not whole.
+
+    Args:
+        node: the guide.
+        pitch: of the chain, the radius of ends that have none of their own [m].
+    """
+    key, values = _shape_of(node)
+    if key is None:
+        return None
+    end_radius = get(node, "end_radius")
+    end_radius = pitch if end_radius is None else end_radius
+    if not numbers(end_radius, pitch) or end_radius <= 0.0:
+        return None
+    try:
+        return _profile(key, values, end_radius, "right" if get(node, "side") == "right" else "left")
+    except ProfileError:
+        return None
+
+
+@lru_cache(maxsize=1024)
+def _profile(key: str, values: tuple[Any, ...], end_radius: float, side: str) -> Profile:
+    return make_profile(_face(key, values), end_radius, side)

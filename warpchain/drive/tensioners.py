@@ -1,0 +1,313 @@
+r"""Tensioners: springs, hydraulic elements and ratchets between the ground and an arm, or a sprocket on a slider.
+
+The extension x is how far the touched point of the body stands out along the direction of the push, 0 as drawn. The
+force pushes only: F = max(0, preload - k x - c x') of the spring, with (P - P_0) A of the oil on top. The chamber of
+volume V = V_0 + A x loses Q_leak = G (P - P_0) + (pi d h / 2) x' through the gap around the plunger,
+
+    G = pi d h^3 (1 + 1.5 eps^2) / (12 eta L),                                                             (a)
+
+and is refilled from the supply through a check valve. A ratchet keeps the plunger from going back by more than its
+backlash behind the last tooth that it has passed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from warpchain.drive.part import (
+    BARE,
+    Allowed,
+    Direction,
+    Name,
+    NonNegative,
+    Pair,
+    Part,
+    Positive,
+    Problem,
+    Value,
+    allowed,
+    get,
+    numbers,
+)
+
+Kind = Annotated[Literal["spring", "hydraulic"], Value('must be "spring" or "hydraulic"')]
+Eccentricity = Annotated[float, Field(strict=True, ge=0.0, le=1.0), Value("must be a number from 0 to 1")]
+Share = Annotated[float, Field(strict=True, ge=0.0, lt=1.0), Value("must be a number of at least 0 and below 1")]
+Discharge = Annotated[float, Field(strict=True, gt=0.0, le=1.0), Value("must be a number above 0, at most 1")]
+SeatAngle = Annotated[
+    float, Field(strict=True, gt=0.0, lt=90.0), Value("must be a number of degrees above 0, below 90")
+]
+
+VAPOR_PRESSURE = 1.0e3
+"""Absolute pressure at which oil boils [Pa], below which none falls: mineral oils, with what volatile they take up."""
+
+OIL_PARTS = ("plunger", "chamber", "valve", "oil")
+"""The tables that make a tensioner hydraulic."""
+
+
+class Spring(Part):
+    """The spring behind a plunger.
+
+    Attributes:
+        stiffness: [N/m].
+        preload: force as drawn, at extension 0 [N].
+        damping: [N s/m].
+    """
+
+    stiffness: NonNegative
+    preload: NonNegative = 0.0
+    damping: NonNegative = 0.0
+
+
+class Plunger(Part):
+    """The plunger in its bore.
+
+    Attributes:
+        diameter: d [m].
+        mass: [kg]; it moves with the point that it touches.
+        gap: h, radial, of plunger and bore [m].
+        length: L of the gap [m].
+        eccentricity: eps [-], 0 in the middle of its bore, 1 against its wall, to which side forces press it.
+    """
+
+    diameter: Positive | None = None
+    mass: NonNegative = 0.0
+    gap: Positive | None = None
+    length: Positive | None = None
+    eccentricity: Eccentricity = 0.9
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        diameter, gap = get(node, "diameter"), get(node, "gap")
+        if numbers(diameter, gap) and gap >= 0.5 * diameter > 0.0:
+            yield Problem(("gap",), gap, f"must be below half the diameter, {0.5 * diameter:g}")
+
+
+class Chamber(Part):
+    """The pressure chamber.
+
+    Attributes:
+        volume: V_0 of oil as drawn, at extension 0 [m^3].
+    """
+
+    volume: Positive
+
+
+class Valve(Part):
+    """The check valve between supply and chamber: a ball on a conical seat.
+
+    Attributes:
+        ball_radius: r_B [m].
+        seat_diameter: of the hole that the ball closes [m].
+        lift: largest [m].
+        stiffness: k_cv of its spring [N/m].
+        preload: F_0 of its spring, closed [N].
+        seat_angle: gamma, of the cone's wall to its axis [degrees].
+        discharge: C_d [-].
+    """
+
+    ball_radius: Positive
+    seat_diameter: Positive
+    lift: Positive
+    stiffness: NonNegative
+    preload: NonNegative
+    seat_angle: SeatAngle = 45.0
+    discharge: Discharge = 0.2
+
+    @property
+    def hole_area(self) -> float:
+        """A_b, on which the pressures act [m^2]."""
+        return 0.25 * math.pi * self.seat_diameter**2
+
+    @property
+    def seat_angle_rad(self) -> float:
+        """gamma [rad]."""
+        return math.radians(self.seat_angle)
+
+    @property
+    def cracking_pressure(self) -> float:
+        """Difference of pressure above which it opens [Pa]."""
+        return self.preload / self.hole_area
+
+    def flow_area(self, lift: float) -> float:
+        """Of the gap around the ball, pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) at a lift y [m^2]."""
+        angle = self.seat_angle_rad
+        wide = 2.0 * self.ball_radius * math.tan(angle) + lift * math.sin(angle) / math.cos(angle) ** 2
+        return math.pi * lift * wide
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        hole, ball = get(node, "seat_diameter"), get(node, "ball_radius")
+        if numbers(hole, ball) and hole >= 2.0 * ball > 0.0:
+            yield Problem(("seat_diameter",), hole, f"must be below the ball's diameter, {2.0 * ball:g}")
+
+
+class Oil(Part):
+    """The oil and its pressures, which are absolute.
+
+    Attributes:
+        density: [kg/m^3].
+        viscosity: kinematic [m^2/s].
+        bulk_modulus: E_0 of oil without air [Pa].
+        air: share of air in the volume at ambient pressure [-].
+        supply: P_s [Pa].
+        ambient: P_0 [Pa].
+    """
+
+    density: Positive = 800.0
+    viscosity: Positive
+    bulk_modulus: Positive = 8.0e8
+    air: Share = 0.01
+    supply: Positive
+    ambient: Positive = 1.0e5
+
+    @property
+    def dynamic_viscosity(self) -> float:
+        """eta [Pa s]."""
+        return self.density * self.viscosity
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        supply, ambient = get(node, "supply"), get(node, "ambient")
+        ambient = 1.0e5 if ambient is None else ambient
+        dry = False
+        for key in ("ambient", "supply"):
+            value = get(node, key)
+            if numbers(value) and 0.0 < value <= VAPOR_PRESSURE:
+                text = f"must be above the oil's vapor pressure, {VAPOR_PRESSURE:g} Pa; pressures are absolute, in Pa"
+                yield Problem((key,), value, text)
+                dry = True
+        if not dry and numbers(supply, ambient) and 0.0 < supply < ambient:
+            text = f"must be at least the ambient pressure, {ambient:g} Pa; pressures are absolute, in Pa"
+            yield Problem(("supply",), supply, text)
+
+
+class Ratchet(Part):
+    """A latch that lets the plunger out, tooth by tooth, and not back.
+
+    Attributes:
+        pitch: a, of its teeth [m].
+        backlash: s, by which the plunger may go back behind the last tooth [m].
+    """
+
+    pitch: Positive
+    backlash: NonNegative = 0.0
+
+
+class Tensioner(Part):
+    """An element that pushes an arm, or a sprocket on a slider, against the chain.
+
+    Attributes:
+        name: unique among all parts.
+        on: the arm or sprocket.
+        at: where it touches that body, as drawn [m].
+        direction: in which it pushes; only its sense counts, not its length.
+        kind: "spring" or "hydraulic".
+        spring: its spring; needed with kind "spring".
+        plunger: needed with kind "hydraulic"; else only its mass counts.
+        chamber, valve, oil: needed with kind "hydraulic".
+        ratchet: None is none.
+    """
+
+    name: Name
+    on: Name
+    at: Pair
+    direction: Direction
+    kind: Kind
+    spring: Annotated[Spring | None, Allowed("must be a table { stiffness, preload, damping }")] = None
+    plunger: Annotated[Plunger | None, Allowed("must be a table { diameter, mass, gap, length, eccentricity }")] = None
+    chamber: Annotated[Chamber | None, Allowed("must be a table { volume }")] = None
+    valve: Annotated[
+        Valve | None, Allowed("must be a table { ball_radius, seat_diameter, lift, stiffness, preload }")
+    ] = None
+    oil: Annotated[Oil | None, Allowed("must be a table { viscosity, supply }")] = None
+    ratchet: Annotated[Ratchet | None, Allowed("must be a table { pitch, backlash }")] = None
+
+    @property
+    def hydraulic(self) -> bool:
+        """Whether there is oil."""
+        return self.kind == "hydraulic"
+
+    @property
+    def unit_direction(self) -> tuple[float, float]:
+        """The unit vector along which it pushes."""
+        length = math.hypot(*self.direction)
+        return self.direction[0] / length, self.direction[1] / length
+
+    @property
+    def spring_stiffness(self) -> float:
+        """k [N/m]; 0 without a spring."""
+        return 0.0 if self.spring is None else self.spring.stiffness
+
+    @property
+    def spring_preload(self) -> float:
+        """Force of the spring at extension 0 [N]; 0 without a spring."""
+        return 0.0 if self.spring is None else self.spring.preload
+
+    @property
+    def spring_damping(self) -> float:
+        """c [N s/m]; 0 without a spring."""
+        return 0.0 if self.spring is None else self.spring.damping
+
+    @property
+    def plunger_mass(self) -> float:
+        """Mass that moves with the touched point [kg]; 0 without a plunger."""
+        return 0.0 if self.plunger is None else self.plunger.mass
+
+    @property
+    def area(self) -> float:
+        """A of the plunger [m^2]; 0 without oil."""
+        return 0.25 * math.pi * self._bore[0] ** 2 if self.hydraulic else 0.0
+
+    @property
+    def hole_area(self) -> float:
+        """A_b of the check valve [m^2]; 0 without oil."""
+        return self.valve.hole_area if self.hydraulic and self.valve is not None else 0.0
+
+    @property
+    def leak_conductance(self) -> float:
+        """G, what leaks per difference of pressure [m^3/(s Pa)], (a); 0 without oil."""
+        if not self.hydraulic:
+            return 0.0
+        diameter, gap, length = self._bore
+        assert self.oil is not None and self.plunger is not None
+        wide = 1.0 + 1.5 * self.plunger.eccentricity**2
+        return math.pi * diameter * gap**3 * wide / (12.0 * self.oil.dynamic_viscosity * length)
+
+    @property
+    def drag_flow(self) -> float:
+        """What the moving plunger drags out of the gap per speed, pi d h / 2 [m^2]; 0 without oil."""
+        return 0.5 * math.pi * self._bore[0] * self._bore[1] if self.hydraulic else 0.0
+
+    @property
+    def _bore(self) -> tuple[float, float, float]:
+        """Diameter, gap and length of the plunger [m]."""
+        plunger = self.plunger
+        assert plunger is not None  # the rules below
+        assert plunger.diameter is not None and plunger.gap is not None and plunger.length is not None
+        return plunger.diameter, plunger.gap, plunger.length
+
+    @classmethod
+    def _rules(cls, node: Any) -> Iterable[Problem]:
+        kind = get(node, "kind")
+        if kind == "spring":
+            if get(node, "spring") is None:
+                text = 'missing; must be a table { stiffness, preload, damping }; needed with kind "spring"'
+                yield Problem(("spring",), None, text, BARE)
+            for key in ("chamber", "valve", "oil"):
+                if get(node, key) is not None:
+                    yield Problem((key,), None, 'only with kind "hydraulic"', BARE)
+        if kind != "hydraulic":
+            return
+        for key in OIL_PARTS:
+            if get(node, key) is None:
+                yield Problem((key,), None, f'missing; {allowed(cls, key)}; needed with kind "hydraulic"', BARE)
+        plunger = get(node, "plunger")
+        for key in ("diameter", "gap", "length"):
+            if isinstance(plunger, (Mapping, Part)) and get(plunger, key) is None:
+                text = 'missing; must be a positive number; needed with kind "hydraulic"'
+                yield Problem(("plunger", key), None, text, BARE)
