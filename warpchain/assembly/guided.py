@@ -15,7 +15,6 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-OWN = BEHIND = 0
 from warpchain.assembly.taut import Arc, obstacle
 from warpchain.drive.profile import Piece, Point, Profile, direction
 
@@ -23,6 +22,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from warpchain.drive import Drive
+
+OWN = 0.25
+"""A guide's own strand is no farther behind its face than this share of the strand's length."""
+BEHIND = 1.5
+"""How much farther a strand counts that is behind a guide, when its own strand, the nearest, is looked for."""
 
 _ALONG = 0.3  # cosine between a face's chord and a strand that may be its own
 _PLACES = 9  # along a face
