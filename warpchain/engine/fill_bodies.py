@@ -93,4 +93,4 @@ def fill_arm(row: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> N
     row["reach"] = drive.arm_lever(a)
     row["heft"] = arm.mass * np.subtract(arm.center, arm.pivot)
     row["gravity"] = drive.run.gravity
-    body["angle"] = getattr(assembly, "arm_angle", np.zeros(9))[a]
+    body["angle"] = assembly.arm_angle[a]
