@@ -97,10 +97,6 @@ def test_rollers_at_rest_over_an_arc():
     n, pitch, strain = 40, 0.01, 1e-3
     position, radius = raw.polygon(n, pitch)
     face = radius - ROLLER_RADIUS
-    half = np.pi * face
-    pieces = [((0.0, -face), np.pi, -1.0 / face, half), ((0.0, face), 0.0, -1.0 / face, half)]
-    start = [((-face, 0.0), 0.5 * np.pi, -1.0 / face, 0.999 * half), ((0.0, 0.0), 0.0, 0.0, 0.0)]
-    assert start and pieces
     quarters = [(face * np.array([np.cos(a), np.sin(a)]), a - 0.5 * np.pi, -1.0 / face, 0.5 * np.pi * face)
                 for a in np.arange(0.9 * np.pi, -1.1 * np.pi, -0.5 * np.pi)[:4]]  # fmt: skip
     depth = 1e-6
@@ -120,3 +116,30 @@ def test_rollers_at_rest_over_an_arc():
     engine, frames = raw.run(packed)
     moved = np.hypot(*(raw.state(engine)[:2] - packed.rows(0)[:2]))
     assert moved.max() < 1e-13
+
+
+def test_capstan_of_a_chain_that_slides_over_an_arc():
+    # model, section 11: T_i / T_{i-1} = (cos(b/2) + mu sin(b/2)) / (cos(b/2) - mu sin(b/2)), b = 2 asin(p / 2R'), as
+    # (T_i - T_{i-1}) cos(b/2) = mu N and (T_i + T_{i-1}) sin(b/2) = N: rollers with these tensions, pulled towards the
+    # tight end, keep their speed. Contacts of 1e9 N/m give in by 1e-8 m a newton, which bends the arc by 1e-4 of N.
+    n, pitch, mu, speed, step = 40, 0.01, 0.3, 0.02, 1e-6
+    position, radius = raw.polygon(n, pitch)
+    face, half = radius - ROLLER_RADIUS, np.pi / n
+    ratio = (np.cos(half) + mu * np.sin(half)) / (np.cos(half) - mu * np.sin(half))
+    tension = 5.0 * ratio ** np.arange(n)
+    normal = (tension + np.roll(tension, 1)) * np.sin(half)
+    tangent = np.stack([-position[:, 1], position[:, 0]], axis=1) / radius
+    quarters = [(face * np.array([np.cos(a), np.sin(a)]), a - 0.5 * np.pi, -1.0 / face, 0.5 * np.pi * face)
+                for a in np.arange(0.9 * np.pi, -1.1 * np.pi, -0.5 * np.pi)[:4]]  # fmt: skip
+    packed = raw.chain(
+        position * (1.0 - normal / 1e9 / radius)[:, None], speed * tangent, mass=0.01, pitch=pitch, stiffness=1e6,
+        guides=[{"roller_radius": ROLLER_RADIUS, "stiffness": 1e9, "end_radius": 0.5 * face, "pieces": quarters,
+                 "friction": mu}],
+        step=step, steps=1,
+    )  # fmt: skip
+    placed = packed.rows(0)[:2].T
+    packed.lengths[:] = np.hypot(*(np.roll(placed, -1, axis=0) - placed).T) - tension / 1e6
+    engine, _ = raw.run(packed)
+    gained = 2.0 * (raw.state(engine)[2:].T - speed * tangent) / step * 0.01  # of half a kick, as a force [N]
+    along = np.einsum("ij,ij->i", gained, tangent)[2:-2]
+    assert np.abs(along / (mu * normal[2:-2])).max() < 1e-3
