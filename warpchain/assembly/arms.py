@@ -71,7 +71,9 @@ def chain_moment(drive: Drive, path: ChainPath, a: int, beyond: float = 0.0) -> 
     return tension(drive, path, beyond) * levers
 
 
-def balanced(drive: Drive, beyond: float = 0.0, angles: Sequence[float] | NDArray[np.float64] | None = None) -> ChainPath:
+def balanced(
+    drive: Drive, beyond: float = 0.0, angles: Sequence[float] | NDArray[np.float64] | None = None
+) -> ChainPath:
     """The path of the chain with all arms in balance (a).
 
     Args:
@@ -110,7 +112,7 @@ def _balance(drive: Drive, angles: Sequence[float], a: int, beyond: float) -> fl
         return near
     step = math.copysign(_STEP, here)
     reason = "the chain leaves it"
-    while -FARTHEST < near + step - min(max(near, low), high) and abs(near) < FARTHEST + abs(angles[a]):
+    while near + step - min(max(near, low), high) > -FARTHEST and abs(near) < FARTHEST + abs(angles[a]):
         try:
             there = moment(near + step)
         except DriveError as error:
@@ -121,7 +123,7 @@ def _balance(drive: Drive, angles: Sequence[float], a: int, beyond: float) -> fl
         near, here = near + step, there
     stops = "give it stops, or" if arm.stops is None else "look at its stops, and"
     raise DriveError(
-        f'arms.{arm.name}: finds no balance from {math.degrees(angles[a]):.3g} to {math.degrees(near):.3g} degrees, '
+        f"arms.{arm.name}: finds no balance from {math.degrees(angles[a]):.3g} to {math.degrees(near):.3g} degrees, "
         f"{reason}; {stops} at the springs and tensioners that turn it"
     )
 
