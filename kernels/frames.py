@@ -1,8 +1,8 @@
 """Where the values of a frame are written: once, for the CPU's kernel and the GPU's alike.
 
 Which channels a frame holds and how they lie is not known here: it comes as `frame`, an object with `place(name)`,
-`holds(name)` for those on request, `roller_values` and `sprocket_values` (the package's
-`results.channels.FrameLayout`), whose numbers the compiler sees as constants. A new channel is a row of that table and
+`holds(name)` for those on request and `values(kind)` (the package's `results.channels.FrameLayout`), whose numbers the
+compiler sees as constants. A new channel is a row of that table and
 one line here.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from .structs import BodyState, types
+from .structs import BodyState, Drive, Push, types
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,8 @@ class FrameWriters:
     width: wp.Function
     write_roller: wp.Function
     write_sprocket: wp.Function
+    write_arm: wp.Function
+    write_tensioner: wp.Function
 
 
 @cache
@@ -32,9 +34,10 @@ def frame_writers(Real: type, frame: Any) -> FrameWriters:
     place = frame.place
 
     @wp.func
-    def width(n: int, sprockets: int):
-        """Number of values of n rollers and a number of sprockets."""
-        return wp.static(frame.roller_values) * n + wp.static(frame.sprocket_values) * sprockets
+    def width(n: int, sprockets: int, arms: int, tensioners: int):
+        """Number of values of n rollers and a number of sprockets, arms and tensioners."""
+        of_bodies = wp.static(frame.values("arm")) * arms + wp.static(frame.values("tensioner")) * tensioners
+        return wp.static(frame.values("roller")) * n + wp.static(frame.values("sprocket")) * sprockets + of_bodies
 
     @wp.func
     def put_pair(frames: wp.array[Real], at: int, n: int, value: vec2):
@@ -59,11 +62,33 @@ def frame_writers(Real: type, frame: Any) -> FrameWriters:
     @wp.func
     def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: BodyState, moment: wp.float64):
         """Sprocket s at the frame's instant and the contacts' moment on it [N m], in a frame of n rollers at `at`."""
-        mine = at + width(n, s)
+        mine = at + width(n, s, 0, 0)
         frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)
         frames[mine + wp.static(place("sprocket_speed"))] = Real(body.speed)
         frames[mine + wp.static(place("sprocket_moment"))] = Real(moment)
         frames[mine + wp.static(place("sprocket_center"))] = Real(body.center[0])
         frames[mine + wp.static(place("sprocket_center") + 1)] = Real(body.center[1])
 
-    return FrameWriters(width=width, write_roller=write_roller, write_sprocket=write_sprocket)
+    @wp.func
+    def write_arm(frames: wp.array[Real], at: int, drive: Drive, a: int, body: BodyState, moment: wp.float64):
+        """Arm a at the frame's instant and the contacts' moment on it [N m], in a frame at `at`."""
+        mine = at + width(drive.rollers, drive.sprockets, a, 0)
+        frames[mine + wp.static(place("arm_angle"))] = Real(body.angle)
+        frames[mine + wp.static(place("arm_speed"))] = Real(body.speed)
+        frames[mine + wp.static(place("arm_moment"))] = Real(moment)
+
+    @wp.func
+    def write_tensioner(frames: wp.array[Real], at: int, drive: Drive, t: int, push: Push):
+        """Tensioner t at the frame's instant, in a frame at `at`."""
+        mine = at + width(drive.rollers, drive.sprockets, drive.arms, t)
+        frames[mine + wp.static(place("tensioner_extension"))] = Real(push.extension)
+        frames[mine + wp.static(place("tensioner_force"))] = Real(push.force)
+        frames[mine + wp.static(place("chamber_pressure"))] = Real(push.pressure)
+
+    return FrameWriters(
+        width=width,
+        write_roller=write_roller,
+        write_sprocket=write_sprocket,
+        write_arm=write_arm,
+        write_tensioner=write_tensioner,
+    )

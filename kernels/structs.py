@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .sum_structs import MountSums, SprocketSums, StrandSums, Totals
+from .sum_structs import MountSums, SprocketSums, StrandSums, TensionerFlows, Totals
 
 GROUND = wp.constant(-1)
 """The body of what does not move."""
@@ -51,10 +51,16 @@ class Drive:
     sprockets: wp.int32  # S
     guides: wp.int32  # G
     bodies: wp.int32  # B: the sprockets are the first S of them
+    arms: wp.int32  # A: the last A of them
+    tensioners: wp.int32
+    pieces: wp.int32  # of all guides' profiles
     first_roller: wp.int32
     first_sprocket: wp.int32
     first_guide: wp.int32
     first_body: wp.int32
+    first_piece: wp.int32
+    first_arm: wp.int32
+    first_tensioner: wp.int32
     first_contact: wp.int32  # first of the (S + G) N contact memories: sprockets, then guide-bars
     first_tally: wp.int32  # first of the (S + 1) N link tallies: each strand's, then those of links on no strand
     integrator: wp.int32  # 0 leapfrog, 1 rk4
@@ -110,6 +116,84 @@ class Mount:
 
 
 @wp.struct
+class Arm:
+    """An arm that turns about a fixed pivot, which is its body's center; its angle is 0 as drawn (`physics.arm`)."""
+
+    pivot: wp.vec2d  # [m]
+    inverse_inertia: wp.float64  # about the pivot, with what moves along [1/(kg m^2)]
+    stiffness: wp.float64  # k_t of its torsion spring [N m/rad]
+    free_angle: wp.float64  # of that spring [rad]
+    damping: wp.float64  # c_t [N m s/rad]
+    low: wp.float64  # angles of its stops [rad]
+    high: wp.float64
+    stop_stiffness: wp.float64  # of a stop [N m/rad]
+    stop_damping: wp.float64  # [N m s/rad]
+    reach: wp.float64  # how far from the pivot the chain may touch it [m]
+    heft: wp.vec2d  # mass times its center of mass from the pivot, as drawn [kg m]
+    gravity: wp.vec2d  # [m/s^2]
+
+
+@wp.struct
+class Piece:
+    """An arc or a straight piece of a guide's face, in the coordinates of the body that carries it.
+
+    The chain is on the left of its direction. After the last piece of a guide one more says where that ends.
+    """
+
+    start: wp.vec2d  # [m]
+    direction: wp.vec2d  # of travel at its start
+    curvature: wp.float64  # [1/m], positive where the face is hollow
+    place: wp.float64  # of its start along the face [m]
+
+
+@wp.struct
+class Tensioner:
+    """A tensioner: where it touches its body, its spring, oil, valve and ratchet (`physics.tensioner`)."""
+
+    body: wp.int32  # of the drive
+    point: wp.vec2d  # where it touches, from the body's center in the body's frame [m]
+    home: wp.vec2d  # r_0: where that is at the drawing [m]
+    direction: wp.vec2d  # d: in which it pushes, a unit vector
+    stiffness: wp.float64  # k of the spring [N/m]
+    preload: wp.float64  # f_0 of the spring at x = 0 [N]
+    damping: wp.float64  # c [N s/m]
+    hydraulic: wp.int32  # 1: with a chamber of oil; else what follows up to `laminar_limit` is 0
+    area: wp.float64  # A of the plunger [m^2]
+    volume: wp.float64  # V_0 of the chamber at x = 0 [m^3]
+    leak: wp.float64  # G of the gap [m^3/(s Pa)]
+    drag: wp.float64  # pi d h / 2 of the gap [m^2]
+    supply: wp.float64  # P_s [Pa]; pressures are absolute
+    ambient: wp.float64  # P_0 [Pa]
+    vapor: wp.float64  # P_v [Pa]
+    rest: wp.float64  # P at which the valve brings in what leaks [Pa]
+    bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]
+    air: wp.float64  # share a of air at P_0
+    hole_area: wp.float64  # A_b of the valve's seat [m^2]
+    valve_preload: wp.float64  # F_0 [N]
+    valve_stiffness: wp.float64  # k_cv [N/m]
+    lift_max: wp.float64  # y_max [m]
+    seat_width: wp.float64  # 2 r_B tan(g) [m]
+    seat_growth: wp.float64  # sin(g) / cos(g)^2
+    discharge: wp.float64  # C_d
+    density: wp.float64  # rho of the oil [kg/m^3]
+    laminar_limit: wp.float64  # drop of pressure below which the valve's flow is linear in it [Pa]
+    ratchet_pitch: wp.float64  # a [m]; 0: no ratchet
+    backlash: wp.float64  # s [m]
+    bottom: wp.float64  # x_b below which the plunger stands on the chamber's bottom [m]
+    stop_stiffness: wp.float64  # k_s of ratchet and bottom [N/m]
+    stop_damping: wp.float64  # c_s [N s/m]
+
+
+@wp.struct
+class TensionerState:
+    """What a tensioner remembers."""
+
+    content: wp.float64  # mu: logarithm of the mass of oil
+    pressure: wp.float64  # P after the last step [Pa]
+    farthest: wp.float64  # x_max [m]
+
+
+@wp.struct
 class BodyState:
     """A body in motion: its coordinates and their rates; leapfrog keeps the rates at half steps."""
 
@@ -133,6 +217,17 @@ class Wrench:
 
     force: wp.vec2d  # [N]
     moment: wp.float64  # about its center, counter-clockwise [N m]
+
+
+@wp.struct
+class Push:
+    """What a tensioner does at one instant."""
+
+    force: wp.float64  # on its body, along its direction [N]
+    pressure: wp.float64  # in its chamber [Pa]
+    extension: wp.float64  # [m]
+    rate: wp.float64  # of that [m/s]
+    wrench: Wrench  # on its body
 
 
 @wp.struct
@@ -261,14 +356,18 @@ def types(Real: type) -> SimpleNamespace:
 
     @wp.struct
     class Guide:
-        """One guide-bar and its contact law, eq. (21)-(23)."""
+        """One guide and its contact law: a straight bar, eq. (21)-(23), or a profile (`physics.profile`)."""
 
         body: wp.int32  # of the drive that carries it; `GROUND`: none
-        start: wp.vec2d  # a [m]
+        pieces: wp.int32  # of its profile; 0: a straight bar
+        first_piece: wp.int32  # of those of the drive
+        start: wp.vec2d  # a [m]; of a profile, its chord's
         direction: wp.vec2d  # t
         length: Real  # |b - a| [m]
+        low: wp.vec2d  # of a profile: the box along and across its chord in which rollers are looked after [m]
+        high: wp.vec2d
         end_radius: Real  # Rg [m]
-        roller_radius: Real  # Rr [m]
+        roller_radius: Real  # Rr, or how far from the face a roller's center is that touches it [m]
         deepest_entry: Real  # a roller first seen deeper than this has not come through the face [m]
         law: ContactLaw
 
@@ -283,6 +382,9 @@ def types(Real: type) -> SimpleNamespace:
         motions: wp.array[Motion]  # (all bodies,)
         mounts: wp.array[Mount]  # (all bodies,)
         guides: wp.array[Guide]  # (all guide-bars,)
+        pieces: wp.array[Piece]  # (all profiles' pieces,)
+        arms: wp.array[Arm]  # (all arms,)
+        tensioners: wp.array[Tensioner]  # (all tensioners,)
         curves: Curves
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
         tooth_sliding: wp.array[Sliding]  # (all sprockets,)
@@ -308,9 +410,12 @@ def types(Real: type) -> SimpleNamespace:
         rollers: wp.array[Real]  # (6 * all rollers,): a variant's x, y, vx, vy rows, and x, y's low parts
         bodies: wp.array[BodyState]  # (all bodies,)
         body_stages: wp.array[BodyStages]  # (all bodies,), for rk4
-        wrenches: wp.array[Wrench]  # (all bodies,)
+        wrenches: wp.array[Wrench]  # (all bodies,), of contacts
+        tensioners: wp.array[TensionerState]  # (all tensioners,)
+        pushes: wp.array[Push]  # (all tensioners,)
+        meters: wp.array[TensionerFlows]  # (all tensioners,): what has flowed since the run began
         strands: wp.array[Strand]  # (all sprockets,)
-        seat: wp.array[wp.int32]  # (contact memories,): seat of an engaged roller, else -1
+        seat: wp.array[wp.int32]  # (contact memories,): seat, or piece of a profile, that a roller is near, else -1
         impact_speed: wp.array[Real]  # (contact memories,): v0 of a contact, not positive while open (`contact`) [m/s]
         totals: wp.array[Totals]  # (all sprockets and guide-bars,)
         extra: wp.array[Extra]  # (all rollers,), for block kernels; else (1,)

@@ -63,6 +63,47 @@ class MountSums:
 
 
 @wp.struct
+class ArmSums:
+    """Sums over the window of an arm (time integrals, trapezoidal)."""
+
+    angle_min: wp.float64  # [rad]
+    angle_max: wp.float64
+    angle: wp.float64  # [rad s]
+    angle_square: wp.float64
+    moment: wp.float64  # of contacts about its pivot [N m s]
+    dissipated: wp.float64  # in its damper and stops [J]
+
+
+@wp.struct
+class TensionerFlows:
+    """What flowed through a tensioner in a step, and what became of its energy."""
+
+    leaked: wp.float64  # [m^3]
+    supplied: wp.float64  # [m^3]
+    leak_loss: wp.float64  # [J]
+    valve_loss: wp.float64  # [J]
+    supply_work: wp.float64  # [J]
+    lift: wp.float64  # y of the valve at the step's end [m]
+
+
+@wp.struct
+class TensionerSums:
+    """Sums over the window of a tensioner (time integrals, trapezoidal), and what flowed between its ends."""
+
+    force_min: wp.float64  # [N]
+    force_max: wp.float64
+    force: wp.float64  # [N s]
+    pressure_min: wp.float64  # [Pa]
+    pressure_max: wp.float64
+    pressure: wp.float64  # [Pa s]
+    extension_min: wp.float64  # [m]
+    extension_max: wp.float64
+    extension: wp.float64  # [m s]
+    dissipated: wp.float64  # in its damper and stop [J]
+    flows: TensionerFlows
+
+
+@wp.struct
 class StrandSums:
     """Sums over the window of one strand: its links' tension and its mid-strand transverse displacement."""
 
@@ -154,7 +195,7 @@ class Tallies:
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
     contact: wp.array[ContactSums]  # (contact memories,)
     roller: wp.array[RollerTally]  # (all rollers,)
-    sprocket: wp.array[RollerTally]  # (all sprockets,): energy only
+    body: wp.array[RollerTally]  # (all bodies,): energy only, of tensioners too
 
 
 @wp.struct
@@ -165,6 +206,8 @@ class Sums:
     strand: wp.array[StrandSums]  # (all sprockets,)
     sprocket: wp.array[SprocketSums]  # (all sprockets,)
     mount: wp.array[MountSums]  # (all sprockets,)
+    arm: wp.array[ArmSums]  # (all arms,)
+    tensioner: wp.array[TensionerSums]  # (all tensioners,)
     contact: wp.array[ContactSums]  # (all sprockets and guide-bars,), a variant's sprockets first
     slip: wp.array[SlipSums]  # (all sprockets,)
     tension_counts: wp.array[wp.int32]  # `tension_bins.BINS` of each strand, then of links on none, variant by variant

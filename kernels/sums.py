@@ -11,8 +11,19 @@ from typing import Any
 import warp as wp
 
 from .root import reciprocal
-from .structs import BodyState, Mount, Strand
-from .sum_structs import ChainSums, ContactSums, LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
+from .structs import BodyState, Mount, Push, Strand
+from .sum_structs import (
+    ArmSums,
+    ChainSums,
+    ContactSums,
+    LinkTally,
+    MountSums,
+    RollerTally,
+    SprocketSums,
+    StrandSums,
+    TensionerFlows,
+    TensionerSums,
+)
 
 STRAND_EVERY = wp.constant(16)
 """Steps between two updates of which links lie on a strand; the chain moves a small part of a pitch in between."""
@@ -151,6 +162,57 @@ def add_mount(sums: MountSums, body: BodyState, mount: Mount, held: wp.vec2d, po
     sums.force = sums.force + weight * wp.length(held)
     sums.dissipated = sums.dissipated + weight * wp.dot(body.velocity, mount.damping * body.velocity)
     sums.work = sums.work + weight * power
+    return sums
+
+
+@wp.func
+def add_arm(sums: ArmSums, body: BodyState, moment: wp.float64, power: wp.float64, weight: wp.float64):
+    """One arm's angle, the contacts' moment on it, and the power that its damper and stops take."""
+    sums.angle_min = wp.min(sums.angle_min, body.angle)
+    sums.angle_max = wp.max(sums.angle_max, body.angle)
+    sums.angle = sums.angle + weight * body.angle
+    sums.angle_square = sums.angle_square + weight * body.angle * body.angle
+    sums.moment = sums.moment + weight * moment
+    sums.dissipated = sums.dissipated + weight * power
+    return sums
+
+
+@wp.func
+def metered(total: TensionerFlows, flows: TensionerFlows):
+    """A tensioner's meter after one more step; the lift is that of the step's end."""
+    total.leaked = total.leaked + flows.leaked
+    total.supplied = total.supplied + flows.supplied
+    total.leak_loss = total.leak_loss + flows.leak_loss
+    total.valve_loss = total.valve_loss + flows.valve_loss
+    total.supply_work = total.supply_work + flows.supply_work
+    total.lift = flows.lift
+    return total
+
+
+@wp.func
+def flowed_since(now: TensionerFlows, start: TensionerFlows):
+    """What a tensioner's meter has counted since it stood at `start`."""
+    now.leaked = now.leaked - start.leaked
+    now.supplied = now.supplied - start.supplied
+    now.leak_loss = now.leak_loss - start.leak_loss
+    now.valve_loss = now.valve_loss - start.valve_loss
+    now.supply_work = now.supply_work - start.supply_work
+    return now
+
+
+@wp.func
+def add_tensioner(sums: TensionerSums, push: Push, power: wp.float64, weight: wp.float64):
+    """One tensioner's force, pressure and extension, and the power that its damper and stop take."""
+    sums.force_min = wp.min(sums.force_min, push.force)
+    sums.force_max = wp.max(sums.force_max, push.force)
+    sums.force = sums.force + weight * push.force
+    sums.pressure_min = wp.min(sums.pressure_min, push.pressure)
+    sums.pressure_max = wp.max(sums.pressure_max, push.pressure)
+    sums.pressure = sums.pressure + weight * push.pressure
+    sums.extension_min = wp.min(sums.extension_min, push.extension)
+    sums.extension_max = wp.max(sums.extension_max, push.extension)
+    sums.extension = sums.extension + weight * push.extension
+    sums.dissipated = sums.dissipated + weight * power
     return sums
 
 

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from warpchain.results.channels import CHANNELS, OF_SPROCKETS, Channel
+from warpchain.results.channels import CHANNELS, OF_BODIES, Channel
 from warpchain.results.columns import (
     BALANCE,
     DESIGN,
@@ -29,7 +29,15 @@ from warpchain.results.columns import (
 from warpchain.results.judgement import RULES, Limits
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-OF = {"chain": "", "strand": "STRAND.", "sprocket": "SPROCKET.", "partner": "PART.", "probe": "PROBE."}
+OF = {
+    "chain": "",
+    "strand": "STRAND.",
+    "sprocket": "SPROCKET.",
+    "partner": "PART.",
+    "arm": "ARM.",
+    "tensioner": "TENSIONER.",
+    "probe": "PROBE.",
+}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -40,9 +48,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def place(channel: Channel) -> str:
     """Where an archive has a channel."""
-    if channel in OF_SPROCKETS:
-        count = "2 S" if channel.components else "S"
-        return f"`State.{channel.name}` ({OF_SPROCKETS.index(channel) + 2}), {count} doubles"
+    if channel in OF_BODIES:
+        count = {"sprocket": "S", "arm": "A", "tensioner": "T"}[channel.per]
+        count = f"2 {count}" if channel.components else count
+        return f"`State.{channel.name}` ({OF_BODIES.index(channel) + 2}), {count} doubles"
     return ", ".join(f"`{field}`" for field in channel.fields) + " of a packed roller"
 
 

@@ -31,7 +31,8 @@ from warpchain.archive.options import ArchiveOptions
 from warpchain.archive.recover import recover_archive
 from warpchain.assembly import assemble
 from warpchain.assembly.timestep import resolve_step
-from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
+from warpchain.drive import Drive, Guide, dumps_drive, load_drive, loads_drive
+from warpchain.drive.attached import read_points
 from warpchain.drive.examples import drive_path
 from warpchain.drive.table import read_csv
 from warpchain.errors import WarpchainError
@@ -172,7 +173,7 @@ class Fuzz:
             make_design(study, path)
 
     def a_table(self, rng: Random) -> None:
-        match int(rng.integers(3)):
+        match int(rng.integers(4)):
             case 0:
                 path = self.folder / "table.parquet"
                 path.write_bytes(changed(self.parquet, rng))
@@ -186,6 +187,10 @@ class Fuzz:
                 path = self.folder / "case.csv"
                 path.write_bytes(changed_text("time,torque\n0,1\n0.5,2\n1,1\n", rng))
                 read_csv(path)
+            case 3:
+                path = self.folder / "case.csv"
+                path.write_bytes(changed_text("x_mm,y_mm\n0,0\n100,5\n200,8\n300,5\n", rng))
+                Guide(name="guide", profile=tuple((x, y) for x, y in read_points(path)))
 
     def archive(self, rng: Random) -> None:
         path, fixed = self.folder / "case.mcap", self.folder / "fixed.mcap"

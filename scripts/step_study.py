@@ -25,8 +25,8 @@ def engine_08b() -> Drive:
     drive = load_drive(drive_path("engine"))
     values = {f"sprockets.{s.name}.center": [ENGINE_SCALE * x for x in s.center] for s in drive.sprockets}
     for guide in drive.guides:
-        values[f"guides.{guide.name}.start"] = [ENGINE_SCALE * x for x in guide.start]
-        values[f"guides.{guide.name}.end"] = [ENGINE_SCALE * x for x in guide.end]
+        values[f"guides.{guide.name}.start"] = [ENGINE_SCALE * x for x in guide.bar.start]
+        values[f"guides.{guide.name}.end"] = [ENGINE_SCALE * x for x in guide.bar.end]
     return drive.with_values(values | {"chain.size": "08B", "chain.stiffness": "estimate"} | gap("maximum"))
 
 

@@ -14,6 +14,73 @@ STEEL = {"youngs_modulus": 2.1e11, "poissons_ratio": 0.3}
 POSITIVE = "must be a positive number"
 NOT_NEGATIVE = "must be a number of at least 0"
 
+BLADE = """
+[chain]
+size = "06B"
+links = 96
+stiffness = "estimate"
+damping_ratio = 0.02
+[[sprockets]]
+name = "crank"
+teeth = 19
+center = [0.0, 0.0]
+wrap = "cw"
+prescribed = { speed = 200.0 }
+[[sprockets]]
+name = "cam"
+teeth = 38
+center = [0.02, 0.30]
+wrap = "cw"
+inertia = 1.0e-3
+load = { torque = 5.0 }
+[[guides]]
+name = "blade"
+points = [[-0.050, 0.24], [-0.032, 0.15], [-0.045, 0.05]]
+radius = 0.25
+arm = "tensioner arm"
+[[guides]]
+name = "fixed rail"
+start = [0.055, 0.22]
+end = [0.04, 0.08]
+end_radius = 0.03
+side = "right"
+offset = 0.004
+[[arms]]
+name = "tensioner arm"
+pivot = [-0.055, 0.25]
+mass = 0.09
+center = [-0.05, 0.15]
+inertia = 1.0e-3
+free_angle = 5.0
+stops = [-10.0, 12.0]
+[[tensioners]]
+name = "chain tensioner"
+on = "tensioner arm"
+at = [-0.055, 0.08]
+direction = [2.0, 0.0]
+kind = "hydraulic"
+spring = { stiffness = 3500.0, preload = 90.0 }
+plunger = { diameter = 0.016, mass = 0.033, gap = 5.0e-5, length = 0.007, eccentricity = 0.9 }
+chamber = { volume = 1.0e-6 }
+valve = { ball_radius = 0.003, seat_diameter = 0.0014, lift = 0.001, stiffness = 75.0, preload = 0.075 }
+oil = { viscosity = 8.0e-5, supply = 3.0e5 }
+ratchet = { pitch = 0.001, backlash = 2.0e-4 }
+[contact.sprocket]
+clearance = 1.0e-4
+restitution = 0.3
+impact_speed_floor = 0.02
+stiffness = 1.0e8
+[contact.guide]
+restitution = 0.3
+impact_speed_floor = 0.02
+stiffness = 1.0e7
+[run]
+duration = 0.1
+step = "auto"
+sample_rate = 1000.0
+"""
+"""Two sprockets, a fixed rail on the tight strand, a sprung arm with a hydraulic tensioner on the slack one."""
+
 
 def marine_values():
     """The marine drive as plain values."""
@@ -87,3 +154,93 @@ inertia=2.0, speed=10.0, restitution=0.5, step=5e-6, duration=0.2, gravity=0.0, 
 
 def row(drive, **options):
     return simulate(drive, record=Record(variants="none"), **options).metrics.to_pylist()[0]
+
+
+TIMING = """
+[chain]
+size = "06B"
+links = 108
+stiffness = 1.5e7
+damping_ratio = 0.02
+joint = { friction = 0.07 }
+
+[[sprockets]]
+name = "crank"
+teeth = 19
+center = [0.0, 0.0]
+wrap = "cw"
+prescribed = { speed = 209.44, ramp_time = 0.0 }
+
+[[sprockets]]
+name = "intake cam"
+teeth = 38
+center = [-0.062, 0.3026]
+wrap = "cw"
+inertia = 1.2e-3
+load = { torque = 4.0 }
+
+[[sprockets]]
+name = "exhaust cam"
+teeth = 38
+center = [0.062, 0.3026]
+wrap = "cw"
+inertia = 1.2e-3
+load = { torque = 4.0 }
+
+[[guides]]
+name = "blade"
+arcs = [{ center = [-0.356744, 0.052224], radius = 0.30, from = 38.8807, to = -5.0461 }]
+arm = "arm"
+
+[[guides]]
+name = "fixed guide"
+arcs = [{ center = [0.647589, -0.036238], radius = 0.60, from = 173.5869, to = 152.5784 }]
+
+[[arms]]
+name = "arm"
+pivot = [-0.04498, 0.00722]
+mass = 0.12
+center = [-0.07743, 0.13870]
+inertia = 2.5e-3
+stops = [-12.0, 12.0]
+
+[[tensioners]]
+name = "tensioner"
+on = "arm"
+at = [-0.09975, 0.21075]
+direction = [0.95673, 0.29099]
+kind = "hydraulic"
+spring = { stiffness = 3500.0, preload = 90.0 }
+plunger = { diameter = 0.016, mass = 0.033, gap = 5.0e-5, length = 0.007, eccentricity = 0.9 }
+chamber = { volume = 1.0e-6 }
+valve = { ball_radius = 0.003, seat_diameter = 0.0014, lift = 0.001, stiffness = 75.0, preload = 0.075 }
+oil = { density = 800.0, viscosity = 8.0e-5, bulk_modulus = 8.0e8, air = 0.01, supply = 3.0e5, ambient = 1.0e5 }
+
+[contact.sprocket]
+law = "lankarani-nikravesh"
+stiffness = 2.0e8
+restitution = 0.2
+profile = "iso606"
+gap = "minimum"
+impact_speed_floor = 0.01
+friction = 0.05
+
+[contact.guide]
+law = "lankarani-nikravesh"
+stiffness = 1.0e7
+restitution = 0.3
+impact_speed_floor = 0.01
+friction = 0.1
+
+[run]
+duration = 0.1
+step = 1.0e-6
+sample_rate = 2000.0
+"""
+"""A timing drive with a sprung arm, its hydraulic tensioner, and a fixed curved guide."""
+
+
+def timing(**changes):
+    """The drive of `TIMING` with changes by path, "__" for the dots."""
+    drive = loads_drive(TIMING)
+    return drive.with_values({name.replace("__", "."): value for name, value in changes.items()}) if changes else drive

@@ -23,6 +23,7 @@ def chain(
     sprockets=(),
     guides=(),
     carriers=0,
+    arms=(),
     step,
     steps,
     integrator="leapfrog",
@@ -33,10 +34,13 @@ def chain(
 ):
     """One variant: a closed chain of rollers; each sprocket and guide-bar is a dict of the values that it needs.
 
-    After the sprockets' bodies come those of `carriers`, whose rows are left at zero.
+    After the sprockets' bodies come those of `carriers`, whose rows are left at zero, then those of `arms`. A guide
+    with `pieces`, (start, heading, curvature, length) each, has a profile.
     """
     kinds = structs.types(REAL[precision])
-    n, wheels, bars, bodies = len(position), len(sprockets), len(guides), len(sprockets) + carriers
+    n, wheels, bars = len(position), len(sprockets), len(guides)
+    bodies = wheels + carriers + len(arms)
+    pieces = sum(len(bar["pieces"]) + 1 for bar in guides if "pieces" in bar)
     zeros = lambda struct, count=1: np.zeros(max(count, 1), dtype=struct.numpy_dtype())  # noqa: E731
     packed = Packed(
         precision=precision, drives=zeros(structs.Drive), chains=zeros(kinds.Chain),
@@ -44,6 +48,8 @@ def chain(
         lengths=np.full(n, pitch, dtype=precision),
         sprockets=zeros(kinds.Sprocket, wheels), motions=zeros(structs.Motion, bodies),
         mounts=zeros(structs.Mount, bodies), guides=zeros(kinds.Guide, bars),
+        pieces=zeros(structs.Piece, pieces), arms=zeros(structs.Arm, len(arms)),
+        tensioners=zeros(structs.Tensioner), oil=zeros(structs.TensionerState),
         tooth_sliding=zeros(kinds.Sliding, wheels), guide_sliding=zeros(kinds.Sliding, bars),
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
@@ -52,6 +58,7 @@ def chain(
     )  # fmt: skip
     row = packed.drives[0]
     row["rollers"], row["sprockets"], row["guides"], row["bodies"] = n, wheels, bars, bodies
+    row["pieces"], row["arms"] = pieces, len(arms)
     row["integrator"] = INTEGRATORS[integrator]
     row["step"], row["steps"], row["sample_every"] = step, steps, sample_every
     row["window_start"], row["window_end"] = window or (0, steps)
@@ -93,6 +100,9 @@ def chain(
         strand["direction"], strand["length"] = (1.0, 0.0), 1.0
     for g, (bar, values) in enumerate(zip(packed.guides, guides, strict=False)):
         put_friction(packed.guide_sliding[g], values.get("friction", 0.0), values.get("heft", mass), step)
+        if "pieces" in values:
+            put_profile(packed, bar, values["pieces"])
+            values = values | {"start": bar["start"], "end": bar["start"] + bar["length"] * bar["direction"]}
         chord = np.subtract(values["end"], values["start"])
         bar["body"], bar["start"], bar["length"] = values.get("body", structs.GROUND), values["start"], np.hypot(*chord)
         bar["direction"] = chord / np.hypot(*chord)
@@ -103,7 +113,38 @@ def chain(
         law["damping"], law["speed_floor"], law["most_damping"] = values.get("damping", 0.0), 0.01, mass / step
     if seats:
         packed.seats = np.concatenate(seats)
+    for a, values in enumerate(arms):
+        put_arm(packed, a, gravity, **values)
     return packed
+
+
+def put_profile(packed, bar, pieces):
+    """A profile as the pieces of a hand-made guide, whose box is so large that it never ends."""
+    first = int(packed.guides["pieces"].sum()) + int((packed.guides["pieces"] > 0).sum())
+    bar["pieces"], bar["first_piece"] = len(pieces), first
+    place = 0.0
+    for row, (start, heading, curvature, length) in zip(packed.pieces[first:], pieces, strict=False):
+        row["start"], row["direction"] = start, (np.cos(heading), np.sin(heading))
+        row["curvature"], row["place"] = curvature, place
+        place += length
+    start, heading, curvature, length = pieces[-1]
+    mean = heading + 0.5 * curvature * length
+    end = np.add(start, length * np.sinc(0.5 * curvature * length / np.pi) * np.array([np.cos(mean), np.sin(mean)]))
+    last, turned = packed.pieces[first + len(pieces)], heading + curvature * length
+    last["start"], last["direction"], last["place"] = end, (np.cos(turned), np.sin(turned)), place
+    chord = end - packed.pieces[first]["start"]
+    bar["start"], bar["length"] = packed.pieces[first]["start"], np.hypot(*chord)
+    bar["direction"], bar["low"], bar["high"] = chord / np.hypot(*chord), -10.0, 10.0
+
+
+def put_arm(packed, a, gravity, *, pivot, inertia, angle=0.0, speed=0.0, stops=(-1e9, 1e9), **values):
+    """A hand-made arm."""
+    row, body = packed.arms[a], packed.bodies[len(packed.bodies) - len(packed.arms) + a]
+    row["pivot"], row["inverse_inertia"], row["gravity"] = pivot, 1.0 / inertia, gravity
+    row["low"], row["high"] = stops
+    for name, value in values.items():
+        row[name] = value
+    body["center"], body["angle"], body["speed"] = pivot, angle, speed
 
 
 def put_friction(row, friction, heft, step):

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.assembly import assemble
     from warpchain.drive import Drive, dumps_drive, load_drive, loads_drive
+    from warpchain.engine.rig import bench_tensioner
     from warpchain.engine.simulation import simulate
     from warpchain.errors import WarpchainError
     from warpchain.modal import Modes, modes
@@ -28,6 +29,7 @@ _HOME = {
     "WarpchainError": "errors",
     "Wear": "results.handed_in",
     "assemble": "assembly",
+    "bench_tensioner": "engine.rig",
     "dumps_drive": "drive",
     "load_drive": "drive",
     "loads_drive": "drive",
@@ -51,6 +53,7 @@ __all__ = [
     "Wear",
     "__version__",
     "assemble",
+    "bench_tensioner",
     "dumps_drive",
     "load_drive",
     "loads_drive",

@@ -8,26 +8,31 @@ import warp as wp
 
 from ..frames import frame_writers
 from ..integrate import leapfrog_lag
-from ..physics.body import body_energy, held_by
+from ..physics.arm import arm_dissipation, arm_energy
+from ..physics.body import body_energy, heading_of, held_by
 from ..physics.motion import load_moment, load_moment_at_speed
+from ..physics.tensioner import lost_power, tensioner_energy, touch_of
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums
 from ..sums import (
     STRAND_EVERY,
+    add_arm,
     add_contact,
     add_displacement,
     add_energy,
     add_friction,
     add_mount,
     add_sprocket,
+    add_tensioner,
     add_touches,
+    flowed_since,
     following,
 )
 from .joints import joint_passes
 from .rollers import passes, rows
 from .statistics import statistics
-from .steps import moving
+from .steps import arm_of, moving
 from .tallies import tallies
 
 
@@ -75,7 +80,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     follow = following(Real).follow
     load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
-    body_now = moving(Real).body_now
+    body_now, wrench_on = moving(Real).body_now, moving(Real).wrench_on
     row = rows(capacity)
     X, Y, VX, VY = row.x, row.y, row.vx, row.vy
     TENSION, RATE, SPROCKET_FORCE, GUIDE_FORCE = row.tension, row.rate, row.sprocket_force, row.guide_force
@@ -97,8 +102,14 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            body = body_now(ensemble, state, b, at.time, at.lag)
-            total += body_energy(body, ensemble.motions[b], ensemble.mounts[b])
+            body = body_now(ensemble, state, drive, b, at.time, at.lag)
+            arm = arm_of(drive, b)
+            if arm >= 0:
+                total += arm_energy(body, heading_of(body), ensemble.arms[arm])
+            else:
+                total += body_energy(body, ensemble.motions[b], ensemble.mounts[b])
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            total += tensioner_energy(state.pushes[t].extension, state.tensioners[t], ensemble.tensioners[t])
         return total
 
     @wp.func
@@ -116,15 +127,41 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
         wrench = state.wrenches[b]
-        body = body_now(ensemble, state, b, at.time, at.lag)
+        body = body_now(ensemble, state, drive, b, at.time, at.lag)
         before = state.bodies[b].speed
         load_part = load_moment(at.time, body.angle, before, motion, ensemble.curves)
         load_part = load_moment_at_speed(at.time, load_part, before, body.speed, motion)
         if mount.active == 1:
-            held, power = held_by(at.time, body, wrench, load_part, motion, mount, ensemble.curves)
+            whole = wrench_on(ensemble, state, drive, b)
+            held, power = held_by(at.time, body, whole, load_part, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
         mine = sums.sprocket[i]
         sums.sprocket[i] = add_sprocket(mine, body.speed, wrench.moment, load_part, wrench.force, at.weight)
+
+    @wp.func
+    def add_arm_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, a: int, at: Instant):
+        """Adds arm a of the drive to the sums of the window."""
+        b = drive.first_body + drive.bodies - drive.arms + a
+        i = drive.first_arm + a
+        body = body_now(ensemble, state, drive, b, at.time, at.lag)
+        power = arm_dissipation(body, ensemble.arms[i])
+        sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, at.weight)
+
+    @wp.func
+    def add_push(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, t: int, at: Instant):
+        """Adds tensioner t of all to the sums of the window, and at its ends what its meter says."""
+        tensioner = ensemble.tensioners[t]
+        push = state.pushes[t]
+        body = body_now(ensemble, state, drive, drive.first_body + tensioner.body, at.time, at.lag)
+        place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
+        rate = wp.dot(velocity, tensioner.direction)
+        power = lost_power(push, rate, state.tensioners[t], tensioner)
+        added = add_tensioner(sums.tensioner[t], push, power, at.weight)
+        if at.step == drive.window_start:
+            added.flows = state.meters[t]
+        if at.step == drive.window_end:
+            added.flows = flowed_since(state.meters[t], added.flows)
+        sums.tensioner[t] = added
 
     @wp.func
     def measure(
@@ -160,6 +197,10 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
                 add_friction(sums.contact, i, of.friction, at.weight)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, at)
+        for a in range(drive.arms):
+            add_arm_body(ensemble, state, sums, drive, a, at)
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            add_push(ensemble, state, sums, drive, t, at)
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
             strand = state.strands[i]
@@ -207,7 +248,13 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             write_roller(frames, begin, n, i, position, velocity, extra)
         for s in range(drive.sprockets):
             b = drive.first_body + s
-            body = body_now(ensemble, state, b, at.time, at.lag)
+            body = body_now(ensemble, state, drive, b, at.time, at.lag)
             write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment)
+        for a in range(drive.arms):
+            b = drive.first_body + drive.bodies - drive.arms + a
+            arm = body_now(ensemble, state, drive, b, at.time, at.lag)
+            write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
+        for t in range(drive.tensioners):
+            write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
 
     return Observing(measure=measure, sample=sample, width=width)

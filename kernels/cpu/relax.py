@@ -6,9 +6,9 @@ import warp as wp
 
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..rows import STATE_ROWS, accessors
-from ..structs import types
+from ..structs import Drive, types
 from .rollers import passes, rows
-from .steps import evaluating
+from .steps import evaluating, moving
 
 
 @cache
@@ -20,7 +20,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     at = rows(capacity)
     VX, VY, TENSION = at.vx, at.vy, at.tension
-    kick_drift, acceleration = part.kick_drift, part.acceleration
+    kick_drift, acceleration, rates_of = part.kick_drift, part.acceleration, moving(Real).rates_of
 
     @wp.func
     def kinetic_energy(w: wp.array[Real], n: int, mass: Real):
@@ -34,6 +34,38 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         return wp.float64(0.5) * wp.float64(mass) * total
 
     @wp.func
+    def arms_energy(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive):
+        """Kinetic energy of the arms [J]."""
+        total = wp.float64(0.0)
+        for a in range(drive.arms):
+            speed = state.bodies[drive.first_body + drive.bodies - drive.arms + a].speed
+            total += wp.float64(0.5) * speed * speed / ensemble.arms[drive.first_arm + a].inverse_inertia
+        return total
+
+    @wp.func
+    def arms_acceleration(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, chain: kinds.Chain):
+        """Largest net moment on an arm, as the acceleration [m/s^2] of a roller pushed by that over its reach."""
+        worst = wp.float64(0.0)
+        for a in range(drive.arms):
+            arm = ensemble.arms[drive.first_arm + a]
+            rates = rates_of(ensemble, state, drive, drive.first_body + drive.bodies - drive.arms + a, wp.float64(0.0))
+            angular = wp.vec2d(rates[2], wp.float64(0.0)) / (arm.inverse_inertia * arm.reach)
+            worst = wp.max(worst, finite_size(wp.float64(chain.inverse_mass) * angular))
+        return worst
+
+    @wp.func
+    def turn_arms(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, kick: wp.float64, h: wp.float64):
+        """omega += kick alpha, then theta += h omega, of every arm; from rest where `kick` is less than `h`."""
+        for a in range(drive.arms):
+            b = drive.first_body + drive.bodies - drive.arms + a
+            rates = rates_of(ensemble, state, drive, b, wp.float64(0.0))
+            body = state.bodies[b]
+            speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * rates[2]
+            body.speed = speed
+            body.angle = body.angle + h * speed
+            state.bodies[b] = body
+
+    @wp.func
     def stop(w: wp.array[Real], n: int):
         i = int(0)
         while i < n:
@@ -42,9 +74,9 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
             i = i + 1
 
     @wp.func
-    def residual(w: wp.array[Real], n: int, chain: kinds.Chain):
-        """Largest net force on a roller, relative as in `relative_residual`."""
-        worst = Real(0.0)
+    def residual(w: wp.array[Real], n: int, chain: kinds.Chain, beside: wp.float64):
+        """Largest net force on a roller or an arm (`beside`), relative as in `relative_residual`."""
+        worst = Real(beside)
         tension = Real(0.0)
         i = int(0)
         while i < n:
@@ -78,10 +110,13 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
             evaluate(ensemble, state, drive, chain, joint, links, w, 0)
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
-                s, restart = judged(s, kinetic_energy(w, n, chain.mass), residual(w, n, chain))
+                beside = arms_acceleration(ensemble, state, drive, chain)
+                energy = kinetic_energy(w, n, chain.mass) + arms_energy(ensemble, state, drive)
+                s, restart = judged(s, energy, residual(w, n, chain, beside))
                 if restart == 1:
                     stop(w, n)
             if s.settled == 0:
+                turn_arms(ensemble, state, drive, relaxation_kick(s, restart), s.step)
                 kick_drift(w, n, chain, Real(relaxation_kick(s, restart)), Real(s.step))
                 s.steps = s.steps + 1
         settling[variant] = s

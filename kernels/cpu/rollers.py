@@ -1,4 +1,4 @@
-"""The CPU kernel's passes over the rollers of one variant: link forces, contacts, kick and drift.
+"""The CPU kernel's passes over the rollers of one variant: link forces, teeth, kick and drift.
 
 The rollers lie in a scratch of rows of constant length (`rows`), read and written through `load_row` and `store_row`,
 which tell the compiler that neighbors in a row are neighbors in memory; with plain loops (`while`, not `range`) it then
@@ -11,20 +11,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import (
-    MISSED,
-    UNTOUCHED,
-    after_teeth,
-    dissipated,
-    in_teeth,
-    misses,
-    on_guide,
-    reaction,
-    respond,
-    rub,
-    surface_velocity,
-    tracked_seat,
-)
+from ..physics.contact import UNTOUCHED, after_teeth, dissipated, in_teeth, reaction, respond, rub, tracked_seat
 from ..physics.link import link_force
 from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
@@ -90,7 +77,9 @@ class Passes:
     move: wp.Function
     link_pass: wp.Function
     sprocket_pass: wp.Function
-    guide_pass: wp.Function
+    place: wp.Function
+    add_force: wp.Function
+    add_response: wp.Function
     acceleration: wp.Function
     kick_drift: wp.Function
     inside: wp.Function
@@ -294,63 +283,6 @@ def passes(Real: type, capacity: int) -> Passes:
         return totals
 
     @wp.func
-    def guide_pass(
-        w: wp.array[Real],
-        n: int,
-        bar: kinds.Guide,
-        body: Pose,
-        memory: kinds.Memory,
-        sliding: kinds.Sliding,
-        chain: kinds.Chain,
-    ):
-        """Contacts of all rollers with one guide-bar on a body, eq. (21)-(23); returns their `Totals`."""
-        totals = Totals()
-        push = vec2(Real(0.0), Real(0.0))
-        reach = wp.float64(bar.end_radius + bar.roller_radius)
-        end = wp.float64(bar.length) + reach
-        i = int(0)
-        while i < n:
-            at = memory.first + i
-            p = place(w, i) - bar.start
-            along = wp.dot(p, bar.direction)
-            if along > -reach and along < end:
-                before = load_row(memory.impact_speed, at)
-                v = vec2(load_row(w, VX + i), load_row(w, VY + i))
-                arm = place(w, i) - body.center
-                surface = surface_velocity(body, arm)
-                penetration, normal, relative = on_guide(p, v, vec2(Real(surface[0]), Real(surface[1])), bar)
-                kept = Real(UNTOUCHED)
-                if penetration > Real(0.0) and misses(penetration, before, bar):
-                    kept = Real(MISSED)
-                    totals.missing += 1
-                    if before == Real(UNTOUCHED):
-                        totals.missed += 1
-                elif penetration > Real(0.0):
-                    f, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
-                    kept = first
-                    drag = vec2(Real(0.0), Real(0.0))
-                    if sliding.rubs != 0:
-                        drag = rub(size, normal, relative, sliding)
-                    f = f + drag
-                    add_force(w, i, GUIDE_FORCE, f, size)
-                    totals.moment += wp.float64(reaction(vec2(Real(arm[0]), Real(arm[1])), f))
-                    push -= f
-                    a = acceleration(w, i, chain.inverse_mass, chain.gravity)
-                    damped = wp.float64(dissipated(damper * normal, relative, a, memory.lag))
-                    rubbed = wp.float64(dissipated(drag, relative, a, memory.lag))
-                    totals = add_response(totals, wp.float64(size), damped, rubbed, wp.float64(energy))
-                    if before == Real(UNTOUCHED):
-                        totals.impacts += 1
-                if memory.stage == 0:
-                    store_row(memory.impact_speed, at, kept)
-            else:
-                if memory.stage == 0:
-                    store_row(memory.impact_speed, at, Real(0.0))
-            i = i + 1
-        totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
-        return totals
-
-    @wp.func
     def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):
         """v += kick a, then x += h v."""
         inverse_mass = chain.inverse_mass
@@ -387,7 +319,9 @@ def passes(Real: type, capacity: int) -> Passes:
         move=move,
         link_pass=link_pass,
         sprocket_pass=sprocket_pass,
-        guide_pass=guide_pass,
+        place=place,
+        add_force=add_force,
+        add_response=add_response,
         acceleration=acceleration,
         kick_drift=kick_drift,
         inside=inside,

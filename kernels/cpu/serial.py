@@ -66,7 +66,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                     if drive.sample_every > 0:
                         if step % drive.sample_every == 0:
                             observe.sample(ensemble, state, variant, drive, w, frames, at, now)
-                            at = at + wp.int64(observe.width(n, drive.sprockets))
+                            at = at + wp.int64(observe.width(n, drive.sprockets, drive.arms, drive.tensioners))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
                         if inside(w, n, drive.low, drive.high) == 0 or bodies_sound(state, drive) == 0:
                             progress.diverged = 1

@@ -6,11 +6,16 @@ from functools import cache
 import warp as wp
 
 from ..integrate import Rk4Stage
+from ..physics.arm import arm_rates
 from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.contact import carried
 from ..physics.motion import load_moment, prescribed_at
+from ..physics.tensioner import extension, push_by, tensioner_step, touch_of
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
+from ..sum_structs import Totals
+from ..sums import metered
+from .guides import guide_passes
 from .joints import joint_passes
 from .rollers import passes, rows
 
@@ -21,6 +26,13 @@ def with_reaction(wrench: Wrench, force: wp.vec2d, moment: wp.float64):
     wrench.force = wrench.force + force
     wrench.moment = wrench.moment + moment
     return wrench
+
+
+@wp.func
+def arm_of(drive: Drive, b: int):
+    """Which arm of all body `b` of all is; negative for other bodies."""
+    place = b - drive.first_body - (drive.bodies - drive.arms)
+    return wp.where(place >= 0, drive.first_arm + place, -1)
 
 
 @dataclass(frozen=True)
@@ -35,7 +47,8 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
     """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     part = passes(Real, capacity)
-    link_pass, sprocket_pass, guide_pass = part.link_pass, part.sprocket_pass, part.guide_pass
+    link_pass, sprocket_pass = part.link_pass, part.sprocket_pass
+    guide_pass, profile_pass = guide_passes(Real, capacity).guide_pass, guide_passes(Real, capacity).profile_pass
     joints = joint_passes(Real, capacity)
 
     @wp.func
@@ -82,18 +95,28 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
             memory.first = memory.first + n
         for g in range(drive.guides):
             bar = ensemble.guides[drive.first_guide + g]
+            sliding = ensemble.guide_sliding[drive.first_guide + g]
+            totals = Totals()
             pose = Pose()
             if bar.body != GROUND:
                 pose = pose_of(state.bodies[drive.first_body + bar.body])
-                bar = carried(bar, pose)
-            sliding = ensemble.guide_sliding[drive.first_guide + g]
-            totals = guide_pass(w, n, bar, pose, memory, sliding, chain)
+            if bar.pieces == 0:
+                if bar.body != GROUND:
+                    bar = carried(bar, pose)
+                totals = guide_pass(w, n, bar, pose, memory, sliding, chain)
+            else:
+                pose.cosine = wp.where(bar.body != GROUND, pose.cosine, wp.float64(1.0))
+                bar.first_piece = drive.first_piece + bar.first_piece
+                totals = profile_pass(w, n, bar, pose, ensemble.pieces, memory, sliding, chain)
             state.totals[partner] = totals
             if bar.body != GROUND:
                 b = drive.first_body + bar.body
                 state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
             partner += 1
             memory.first = memory.first + n
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            tensioner = ensemble.tensioners[t]
+            state.pushes[t] = push_by(state.bodies[drive.first_body + tensioner.body], state.tensioners[t], tensioner)
 
     return Evaluating(evaluate=evaluate)
 
@@ -102,8 +125,10 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
 class BodyFunctions:
     """What moves the bodies of one variant, and observes them."""
 
+    rates_of: wp.Function
     leapfrog_bodies: wp.Function
     rk4_bodies: wp.Function
+    wrench_on: wp.Function
     body_now: wp.Function
     bodies_sound: wp.Function
 
@@ -114,14 +139,40 @@ def moving(Real: type) -> BodyFunctions:
     kinds = types(Real)
 
     @wp.func
-    def rates_of(ensemble: kinds.Ensemble, state: kinds.State, b: int, time: wp.float64):
-        """Accelerations of body `b` of all, from its wrench."""
+    def wrench_on(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int):
+        """What contacts and tensioners do to body `b` of all."""
+        wrench = state.wrenches[b]
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            if drive.first_body + ensemble.tensioners[t].body == b:
+                push = state.pushes[t].wrench
+                wrench = with_reaction(wrench, push.force, push.moment)
+        return wrench
+
+    @wp.func
+    def rates_of(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int, time: wp.float64):
+        """Accelerations of body `b` of all, from what contacts and tensioners do to it."""
         body = state.bodies[b]
+        wrench = wrench_on(ensemble, state, drive, b)
+        arm = arm_of(drive, b)
+        if arm >= 0:
+            return arm_rates(body, heading_of(body), wrench.moment, ensemble.arms[arm])
         motion = ensemble.motions[b]
         load = load_moment(time, body.angle, body.speed, motion, ensemble.curves)
-        return body_rates(
-            time, body, heading_of(body), state.wrenches[b], load, motion, ensemble.mounts[b], ensemble.curves
-        )
+        return body_rates(time, body, heading_of(body), wrench, load, motion, ensemble.mounts[b], ensemble.curves)
+
+    @wp.func
+    def flow(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive):
+        """What flows through all tensioners in a step, once the bodies have moved; the meters count it."""
+        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+            tensioner = ensemble.tensioners[t]
+            body = state.bodies[drive.first_body + tensioner.body]
+            place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
+            x = extension(place, tensioner)
+            after, flows = tensioner_step(
+                x, wp.dot(velocity, tensioner.direction), drive.step, state.tensioners[t], tensioner
+            )
+            state.tensioners[t] = after
+            state.meters[t] = metered(state.meters[t], flows)
 
     @wp.func
     def leapfrog_bodies(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, time: wp.float64, kick: wp.float64):
@@ -131,16 +182,17 @@ def moving(Real: type) -> BodyFunctions:
             ahead = wp.float64(0.0)
             if motion.prescribed == 1:
                 ahead, speed = prescribed_at(time + drive.step, motion, ensemble.curves)
-            rates = rates_of(ensemble, state, b, time)
+            rates = rates_of(ensemble, state, drive, b, time)
             state.bodies[b] = leapfrog_body(
                 time, kick, drive.step, state.bodies[b], rates, ahead, motion, ensemble.mounts[b]
             )
+        flow(ensemble, state, drive)
 
     @wp.func
     def rk4_bodies(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, at: Rk4Stage):
         """All bodies after one of the four stages."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            rates = rates_of(ensemble, state, b, at.time)
+            rates = rates_of(ensemble, state, drive, b, at.time)
             body, stages = rk4_body(
                 at,
                 state.bodies[b],
@@ -152,15 +204,17 @@ def moving(Real: type) -> BodyFunctions:
             )
             state.bodies[b] = body
             state.body_stages[b] = stages
+        if at.number == 3:
+            flow(ensemble, state, drive)
 
     @wp.func
-    def body_now(ensemble: kinds.Ensemble, state: kinds.State, b: int, time: wp.float64, lag: wp.float64):
+    def body_now(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int, time: wp.float64, lag: wp.float64):
         """Body `b` of all with its rates at `time`, `lag` after their own instant."""
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
         if motion.prescribed == 1:
             angle, driven = prescribed_at(time, motion, ensemble.curves)
-        rates = rates_of(ensemble, state, b, time)
+        rates = rates_of(ensemble, state, drive, b, time)
         return body_at(time, lag, state.bodies[b], rates, driven, motion, ensemble.mounts[b])
 
     @wp.func
@@ -174,8 +228,10 @@ def moving(Real: type) -> BodyFunctions:
         return good
 
     return BodyFunctions(
+        rates_of=rates_of,
         leapfrog_bodies=leapfrog_bodies,
         rk4_bodies=rk4_bodies,
+        wrench_on=wrench_on,
         body_now=body_now,
         bodies_sound=bodies_sound,
     )

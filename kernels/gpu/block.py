@@ -12,6 +12,7 @@ import warp as wp
 
 from ..structs import types
 from ..sum_structs import Sums, Tallies
+from .block_arms import block_arms
 from .block_bodies import block_bodies
 from .block_events import END
 from .block_forces import block_forces
@@ -38,7 +39,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
     sampling, partners = block_sampling(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
-    joints = block_joints(kind)
+    joints, arms = block_joints(kind), block_arms(kind)
     pull = joints.pull if kind.bending else row.pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
@@ -69,27 +70,40 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         return now
 
     @wp.func
-    def advance_sprocket(
+    def advance_bodies(
         ensemble: kinds.Ensemble,
         state: kinds.State,
+        sums: Sums,
         tallies: Tallies,
         shared: kinds.Shared,
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        since: int,
     ):
-        """The thread's sprocket a step on, or a stage, while the other threads move their rollers; what is seen of it.
+        """The thread's body a step on, or a stage, while the other threads move their rollers; what is seen of it.
 
         All threads together work out what the chain does to it.
         """
         wrench = wrench_on(shared, mine.thread)
         if mine.sprocket >= 0:
             before = shared.poses[mine.sprocket]
+            if wp.static(kind.tensioners > 0):
+                wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
             body = bodies.advance(ensemble, state, shared, mine, now, wrench)
             if wp.static(measuring) and now.measured != 0:
                 observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
-            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, since, body, wrench)
+                if wp.static(kind.tensioners > 0):
+                    arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
+            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench)
+            if wp.static(kind.tensioners > 0):
+                sampling.write_push_frames(ensemble, state, frames, mine, now, mine.sprocket)
+                arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, wrench)
+                b = wp.static(sprockets) + mine.arm
+                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, wrench)
+                sampling.write_push_frames(ensemble, state, frames, mine, now, b)
 
     @wp.func
     def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
@@ -136,6 +150,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                arms.end_arm(ensemble, state, shared, mine)
         if mine.thread == 0:
             progress = state.progress[mine.variant]
             progress.step = now.step
@@ -160,7 +177,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         number = wp.tid() // wp.static(threads)
         i = wp.tid() % wp.static(threads)
         variant = order[number]
-        mine = mine_of(ensemble.drives[variant], variant, i, forces.sprocket_of(i))
+        mine = mine_of(ensemble.drives[variant], variant, i, forces.body_of(i))
         shared = shared_arrays(state, number)
         lengths = view(ensemble.lengths, mine.first, mine.rollers)
         row.fetch(state, shared, mine)
@@ -169,8 +186,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.event = now.step
         now.diverged = state.progress[mine.variant].diverged
         now.going = 1
+        now.since = since
         if mine.sprocket >= 0:
             bodies.start_body(ensemble, state, sums, shared, mine, now.step)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                arms.start_arm(ensemble, state, shared, mine)
         barrier()
         now.driven = driven(shared)
         held = partners.held_by(shared, i)
@@ -188,10 +209,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
             barrier()
             if now.flags != 0:
-                sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now, since)
+                sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
             if wp.static(kind.bending and measuring) and now.measured != 0:
                 joints.add_friction(shared, mine, now)
-            advance_sprocket(ensemble, state, tallies, shared, frames, mine, now, since)
+            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
             advance_rollers(state, shared, mine, now)
             now = next_stage(now)
             barrier()

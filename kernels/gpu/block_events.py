@@ -77,6 +77,7 @@ def block_events(Real: type, sprockets: int, frame: Any) -> EventFunctions:
         every = drive.sample_every
         first = state.progress[variant].step - since
         number = step // every - (first + every - 1) // every
-        return int(drive.first_value) + number * width(drive.rollers, wp.static(sprockets))
+        values = width(drive.rollers, wp.static(sprockets), drive.arms, drive.tensioners)
+        return int(drive.first_value) + number * values
 
     return EventFunctions(frame_at=frame_at)

@@ -19,10 +19,13 @@ from ..physics.contact import (
     reaction,
     respond,
     rub,
+    surface_velocity,
     tracked_seat,
+    turned,
 )
+from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
 from ..rows import accessors
-from ..structs import Drive, Wrench, types
+from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
 from ..sums import add_contact, add_friction, add_touches
 from .block_events import EXTRA, START
@@ -39,7 +42,7 @@ class ForceFunctions:
     near: wp.Function
     leave: wp.Function
     contacts: wp.Function
-    sprocket_of: wp.Function
+    body_of: wp.Function
     wrench_on: wp.Function
     share_geometry: wp.Function
 
@@ -48,7 +51,7 @@ class ForceFunctions:
 def block_forces(kind: BlockKind) -> ForceFunctions:
     """The functions that evaluate the contacts of one variant on a block."""
     Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
-    moving, sliding, rk4 = kind.moving, kind.sliding, kind.rk4
+    moving, sliding, rk4, bodies, profiles = kind.moving, kind.sliding, kind.rk4, kind.bodies, kind.profiles
     kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
     row = block_rows(kind)
@@ -59,6 +62,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     load_part, store_part = accessors(wp.float64).load_row, accessors(wp.float64).store_row
     SPROCKETS = wp.constant((1 << sprockets) - 1)
+
+    @wp.func
+    def by_profile(bar: kinds.Guide):
+        """Whether a guide has a profile."""
+        if wp.static(profiles):
+            return bar.pieces != 0
+        else:
+            return False
 
     @wp.func
     def near(shared: kinds.Shared, j: int, n: int):
@@ -76,13 +87,18 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 mask = mask | (1 << s)
         for g in range(wp.static(guides)):
             bar = shared.bars[g]
-            p = place(rows, j, bar.start)
-            along = Real(wp.dot(p, bar.direction))
-            across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
-            reach = bar.end_radius + bar.roller_radius
-            if across < bar.roller_radius and across > -bar.end_radius:
-                if along > -reach and along < bar.length + reach:
+            if by_profile(bar):
+                pose = shared.poses[bar.body]
+                if near_profile(in_frame(place(rows, j, pose.center), pose), bar):
                     mask = mask | (1 << (wp.static(sprockets) + g))
+            else:
+                p = place(rows, j, bar.start)
+                along = Real(wp.dot(p, bar.direction))
+                across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
+                reach = bar.end_radius + bar.roller_radius
+                if across < bar.roller_radius and across > -bar.end_radius:
+                    if along > -reach and along < bar.length + reach:
+                        mask = mask | (1 << (wp.static(sprockets) + g))
         return wp.where(j < n, mask, 0)
 
     @wp.func
@@ -126,13 +142,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
     @wp.func
     def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
-        """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on sprocket s."""
+        """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on body s."""
         at = s * wp.static(threads) + i
         store_part(shared.parts, at, load_part(shared.parts, at) + moment)
         if wp.static(kind.pushes):
-            x = at + wp.static(sprockets * threads)
+            x = at + wp.static(bodies * threads)
             store_part(shared.parts, x, load_part(shared.parts, x) - wp.float64(force[0]))
-            y = at + wp.static(2 * sprockets * threads)
+            y = at + wp.static(2 * bodies * threads)
             store_part(shared.parts, y, load_part(shared.parts, y) - wp.float64(force[1]))
 
     @wp.func
@@ -185,14 +201,61 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             put(state, now, at, before, after_teeth(before))
 
     @wp.func
-    def at_guide(state: kinds.State, tallies: Tallies, shared: kinds.Shared, mine: Mine, now: Now, j: int, g: int):
-        """Adds the force of guide-bar g, which stands on the ground, to roller j's."""
+    def at_profile(
+        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, g: int, bar: kinds.Guide
+    ):
+        """Penetration [m], normal and relative velocity [m/s] of roller j on the profile of guide g."""
+        pose = shared.poses[bar.body]
+        arm = place(shared.rows, j, pose.center)
+        q = in_frame(arm, pose)
+        at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
+        kept = load_whole(state.seat, at)
+        number = tracked_piece(q, kept, bar, ensemble.pieces)
+        if number != kept:
+            store_whole(state.seat, at, number)
+        penetration, facing = on_profile(q, number, bar, ensemble.pieces)
+        facing = turned(facing, pose.cosine, pose.sine)
+        surface = surface_velocity(pose, arm)
+        relative = vec2(Real(surface[0]), Real(surface[1])) - velocity(shared.rows, j)
+        return penetration, vec2(Real(facing[0]), Real(facing[1])), relative
+
+    @wp.func
+    def on_bar(
+        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, g: int, bar: kinds.Guide
+    ):
+        """Penetration [m], normal and relative velocity [m/s] of roller j on guide g."""
+        if wp.static(profiles):
+            penetration = Real(0.0)
+            normal = vec2()
+            relative = vec2()
+            if bar.pieces != 0:
+                penetration, normal, relative = at_profile(ensemble, state, shared, mine, j, g, bar)
+            else:
+                p = place(shared.rows, j, bar.start)
+                penetration, normal, relative = on_guide(p, velocity(shared.rows, j), vec2(), bar)
+            return penetration, normal, relative
+        else:
+            still = vec2(Real(0.0), Real(0.0))
+            p = place(shared.rows, j, bar.start)
+            penetration, normal, relative = on_guide(p, velocity(shared.rows, j), still, bar)
+            return penetration, normal, relative
+
+    @wp.func
+    def at_guide(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        j: int,
+        g: int,
+    ):
+        """Adds the force of guide g to roller j's, and its reaction to the body that carries it."""
         bar = shared.bars[g]
         at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
         before = load_row(state.impact_speed, at)
-        still = vec2(Real(0.0), Real(0.0))
-        p = place(shared.rows, j, bar.start)
-        penetration, normal, relative = on_guide(p, velocity(shared.rows, j), still, bar)
+        penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):
             if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
                 add_touches(tallies.contact, at, 0, 1)
@@ -208,6 +271,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 drag = rub(size, normal, relative, shared.sliding[wp.static(sprockets) + g])
                 force = force + drag
             set_force(shared, j, force_on(shared, j) + force)
+            if wp.static(profiles):
+                if bar.body < wp.static(bodies):
+                    arm = place(shared.rows, j, shared.poses[bar.body].center)
+                    moment = reaction(vec2(Real(arm[0]), Real(arm[1])), force)
+                    add_wrench(shared, bar.body, mine.thread, wp.float64(moment), force)
             keep(state, now, at, before, first)
             if now.measured != 0:
                 a = acceleration(shared, j)
@@ -257,7 +325,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             rest = rest & (rest - 1)
             if rest == 0:
                 by_bar = by_bar & (by_bar - 1)
-            at_guide(state, tallies, shared, mine, now, j, p - wp.static(sprockets))
+            at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
 
     @wp.func
     def part(shared: kinds.Shared, row: int, i: int):
@@ -274,15 +342,15 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return value
 
     @wp.func
-    def sprocket_of(i: int):
-        """The sprocket that thread i moves, negative for most: each group of threads has one, if they are few."""
+    def body_of(i: int):
+        """The body that thread i moves, negative for most: each group of threads has one, if they are few."""
         warps = wp.static(threads) // lanes()
         s = i // lanes() + warps * (i % lanes() // group() + lanes() // group() * (i % group()))
-        return wp.where(s < wp.static(sprockets), s, -1)
+        return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
     def wrench_on(shared: kinds.Shared, i: int):
-        """The chain's moment [N m] on the sprocket that thread i moves and, if it is wanted, its force [N].
+        """The chain's moment [N m] on the body that thread i moves and, if it is wanted, its force [N].
 
         All threads together, between the barrier after the contacts and the next one.
         """
@@ -290,17 +358,17 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         warps = wp.static(threads) // lanes()
         groups = lanes() // group()
         turn = int(0)
-        first = i // lanes()  # sprocket of this warp
-        while first < wp.static(sprockets):
+        first = i // lanes()  # body of this warp
+        while first < wp.static(bodies):
             s = first + warps * (i % lanes() // group())
             moment = wp.float64(0.0)
             x = wp.float64(0.0)
             y = wp.float64(0.0)
-            if s < wp.static(sprockets):
+            if s < wp.static(bodies):
                 moment = part(shared, s, i)
                 if wp.static(kind.pushes):
-                    x = part(shared, s + wp.static(sprockets), i)
-                    y = part(shared, s + wp.static(2 * sprockets), i)
+                    x = part(shared, s + wp.static(bodies), i)
+                    y = part(shared, s + wp.static(2 * bodies), i)
             moment = group_sum(moment)
             if wp.static(kind.pushes):
                 x = group_sum(x)
@@ -331,8 +399,16 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 shared.joint[0] = ensemble.joints[variant]
             if wp.static(kind.uneven):
                 shared.links[0] = ensemble.links[variant]
+            if wp.static(profiles):
+                ground = Pose()
+                ground.cosine = wp.float64(1.0)
+                shared.poses[wp.static(bodies)] = ground
             for g in range(wp.static(guides)):
-                shared.bars[g] = ensemble.guides[drive.first_guide + g]
+                bar = ensemble.guides[drive.first_guide + g]
+                if wp.static(profiles):
+                    bar.body = wp.where(bar.body == GROUND, wp.static(bodies), bar.body)
+                    bar.first_piece = drive.first_piece + bar.first_piece
+                shared.bars[g] = bar
                 if wp.static(sliding):
                     shared.sliding[wp.static(sprockets) + g] = ensemble.guide_sliding[drive.first_guide + g]
 
@@ -341,7 +417,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         near=near,
         leave=leave,
         contacts=contacts,
-        sprocket_of=sprocket_of,
+        body_of=body_of,
         wrench_on=wrench_on,
         share_geometry=share_geometry,
     )

@@ -23,6 +23,8 @@ class BlockKind:
         sliding: rollers rub on teeth or guide-bars.
         bending: the joints rub.
         uneven: links differ, or have play.
+        arms, tensioners: of each drive.
+        profiles: guides have profiles, or are carried by arms.
     """
 
     Real: type
@@ -36,6 +38,14 @@ class BlockKind:
     sliding: bool = False
     bending: bool = False
     uneven: bool = False
+    arms: int = 0
+    tensioners: int = 0
+    profiles: bool = False
+
+    @property
+    def bodies(self) -> int:
+        """Sprockets and arms of each drive."""
+        return self.sprockets + self.arms
 
     @property
     def pushes(self) -> bool:
@@ -58,19 +68,21 @@ class Mine:
     memory: wp.int32  # first of its contact memories
     thread: wp.int32  # of the block
     sprocket: wp.int32  # that the thread moves, negative for most
+    arm: wp.int32  # the same
     h: wp.float64  # time step [s]
 
 
 @wp.func
-def mine_of(drive: Drive, variant: int, thread: int, sprocket: int):
-    """What a thread of a variant's block is at."""
+def mine_of(drive: Drive, variant: int, thread: int, body: int):
+    """What a thread of a variant's block is at; `body` is what it moves, negative for most."""
     mine = Mine()
     mine.variant = variant
     mine.rollers = drive.rollers
     mine.first = drive.first_roller
     mine.memory = drive.first_contact
     mine.thread = thread
-    mine.sprocket = sprocket
+    mine.sprocket = wp.where(body < drive.sprockets, body, -1)
+    mine.arm = wp.where(body < drive.sprockets, -1, body - drive.sprockets)
     mine.h = drive.step
     return mine
 
@@ -95,5 +107,6 @@ def now_struct(Real: type) -> type:
         going: wp.int32  # 0 at the run's last step and where it diverged
         driven: wp.int32  # sprockets that their moment moves, as bits
         summed: wp.int32  # sprockets whose moment is wanted now, as bits
+        since: wp.int32  # the frames' buffer was begun so many steps before this launch
 
     return Now

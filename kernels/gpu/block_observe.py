@@ -187,9 +187,9 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
                 held, power = held_by(time, body, wrench, load, motion, mount, ensemble.curves)
                 shared.mount_sums[s] = add_mount(shared.mount_sums[s], body, mount, held, power, weight)
         if now.flags & ENDS != 0:
-            at = ensemble.drives[mine.variant].first_sprocket + s
+            at = ensemble.drives[mine.variant].first_body + s
             energy = body_energy(body, motion, mount)
-            tallies.sprocket[at] = add_energy(tallies.sprocket[at], now.flags & START != 0, energy)
+            tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
         sums = shared.sprocket_sums[s]
         shared.sprocket_sums[s] = add_sprocket(sums, body.speed, wrench.moment, load, wrench.force, weight)
 
@@ -241,8 +241,8 @@ def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
         sums.chain_notes[k] = whole_note(sums, drive, k - variant * NOTES, sums.chain_notes[k])
     for i in range(n):
         chain = merge_roller(chain, tallies.roller[drive.first_roller + i])
-    for s in range(drive.sprockets):
-        chain = merge_roller(chain, tallies.sprocket[drive.first_sprocket + s])
+    for b in range(drive.bodies):
+        chain = merge_roller(chain, tallies.body[drive.first_body + b])
     sums.chain[variant] = chain
     memory = drive.first_contact
     for p in range(drive.sprockets + drive.guides):

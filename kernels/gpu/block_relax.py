@@ -8,6 +8,8 @@ from ..physics.body import pose_of
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import types
 from ..sum_structs import Tallies
+from .block_arms import block_arms
+from .block_bodies import state_of
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, mine_of, now_struct
 from .block_partners import block_partners
@@ -22,7 +24,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
     of_each = wp.types.vector(per, Real)
-    row, forces, partners = block_rows(kind), block_forces(kind), block_partners(kind)
+    row, forces, partners, arms = block_rows(kind), block_forces(kind), block_partners(kind), block_arms(kind)
     sharing = row.sharing
     barrier, warp_sum, warp_max = sharing.barrier, sharing.warp_sum, sharing.warp_max
     pull, acceleration, velocity = row.pull, row.acceleration, row.velocity
@@ -32,7 +34,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     def begin(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, i: int):
         """What thread i is at; what is shared of a sprocket, at rest, and with the first of the chain."""
         drive = ensemble.drives[variant]
-        mine = mine_of(drive, variant, i, -1)  # all sprockets are held
+        mine = mine_of(drive, variant, i, forces.body_of(i))
+        mine.sprocket = -1  # all sprockets are held
         row.fetch(state, shared, mine)
         if i < wp.static(sprockets):
             pose = pose_of(state.bodies[drive.first_body + i])
@@ -40,7 +43,24 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             pose.velocity = wp.vec2d()
             shared.poses[i] = pose
             forces.share_geometry(ensemble, shared, drive, variant, i)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                arms.start_arm(ensemble, state, shared, mine)
         return mine
+
+    @wp.func
+    def speed_of_arm(shared: kinds.Shared, mine: Mine):
+        """Angular velocity of the thread's arm [rad/s]."""
+        return shared.poses[wp.static(sprockets) + mine.arm].speed
+
+    @wp.func
+    def turn_arm(shared: kinds.Shared, mine: Mine, angular: wp.float64, kick: wp.float64, h: wp.float64):
+        """omega += kick alpha, then theta += h omega, of the thread's arm; from rest where `kick` is less than `h`."""
+        b = wp.static(sprockets) + mine.arm
+        body = state_of(shared.poses[b])
+        body.speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * angular
+        body.angle = body.angle + h * body.speed
+        shared.poses[b] = pose_of(body)
 
     @wp.func
     def block_largest(shared: kinds.Shared, value: Real, i: int):
@@ -71,8 +91,10 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         return result
 
     @wp.func
-    def energy_and_residual(shared: kinds.Shared, mine: Mine, tension: of_each):
-        """Kinetic energy [J] and residual of the chain; all threads together."""
+    def energy_and_residual(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, tension: of_each, angular: wp.float64
+    ):
+        """Kinetic energy [J] and residual of chain and arms; all threads together."""
         chain = shared.chain[0]
         i = mine.thread
         square = wp.float64(0.0)
@@ -86,6 +108,13 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
                 size = wp.max(size, finite_size(acceleration(shared, j)))
                 most = wp.max(most, wp.abs(tension[k]))
         mass = wp.float64(chain.mass)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                arm = ensemble.arms[ensemble.drives[mine.variant].first_arm + mine.arm]
+                speed = speed_of_arm(shared, mine)
+                square = square + speed * speed / (arm.inverse_inertia * mass)
+                turning = wp.vec2d(angular, wp.float64(0.0)) / (arm.inverse_inertia * arm.reach * mass)
+                size = wp.max(size, Real(finite_size(turning)))
         gravity = wp.vec2d(wp.float64(chain.gravity[0]), wp.float64(chain.gravity[1]))
         energy = wp.float64(0.5) * mass * block_total(shared, square, i)
         worst = block_largest(shared, size, i)
@@ -132,17 +161,28 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             held, by_teeth, by_bar = partners.meet(state, shared, mine, still, held)
             forces.contacts(ensemble, state, tallies, shared, mine, still, by_teeth, by_bar)
             barrier()
+            angular = wp.float64(0.0)
+            if wp.static(kind.arms > 0):
+                wrench = forces.wrench_on(shared, i)
+                if mine.arm >= 0:
+                    angular = arms.rest_arm(ensemble, state, shared, mine, wrench)
             restart = int(0)
             if now.steps % ENERGY_EVERY == 0:
-                energy, residual = energy_and_residual(shared, mine, tension)
+                energy, residual = energy_and_residual(ensemble, shared, mine, tension, angular)
                 now, restart = judged(now, energy, residual)
                 if restart == 1:
                     stop(shared, i)
             if now.settled == 0:
                 kick_drift(shared, i, Real(relaxation_kick(now, restart)), Real(now.step))
+                if wp.static(kind.arms > 0):
+                    if mine.arm >= 0:
+                        turn_arm(shared, mine, angular, relaxation_kick(now, restart), now.step)
                 now.steps = now.steps + 1
             barrier()
         row.put_back(state, shared, mine)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                arms.end_arm(ensemble, state, shared, mine)
         if i == 0:
             settling[mine.variant] = now
 

@@ -45,7 +45,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
     vec2 = kinds.vec2
     compensated = Real == wp.float32
     partners = kind.sprockets + kind.guides
-    part_rows = (3 if kind.pushes else 1) * kind.sprockets
+    part_rows = (3 if kind.pushes else 1) * kind.bodies
     of_each = wp.types.vector(per, Real)
     sharing = exchange(kind)
     barrier = sharing.barrier

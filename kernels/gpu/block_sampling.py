@@ -30,6 +30,8 @@ class SamplingFunctions:
     sample_links: wp.Function
     sample_rollers: wp.Function
     write_sprocket_frame: wp.Function
+    write_arm_frame: wp.Function
+    write_push_frames: wp.Function
     flush_links: wp.Function
 
 
@@ -98,6 +100,9 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             j = j + wp.static(threads)
         if mine.sprocket >= 0:
             gone = wp.max(gone, body_gone(drive, shared, mine.sprocket))
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                gone = wp.max(gone, body_gone(drive, shared, wp.static(sprockets) + mine.arm))
         return gone
 
     @wp.func
@@ -185,7 +190,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        since: int,
     ):
         """Writes the thread's rollers to the frame, and their energy to the tallies, where that is due."""
         if wp.static(kind.bending and frame.holds("joint_friction_power")):
@@ -204,7 +208,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             if now.flags & EXTRA != 0:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
-                    at = frame_at(ensemble, state, mine.variant, since, now.step)
+                    at = frame_at(ensemble, state, mine.variant, now.since, now.step)
                     write.write_roller(frames, at, mine.rollers, j, position(shared, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
                     energy = observe.energy_of_roller(ensemble, shared, mine.variant, j, v, extra)
@@ -219,16 +223,49 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        since: int,
         body: BodyState,
         wrench: Wrench,
     ):
         """Writes the thread's sprocket to the frame, where that is due."""
         if now.flags & FRAME != 0:
-            at = frame_at(ensemble, state, mine.variant, since, now.step)
+            at = frame_at(ensemble, state, mine.variant, now.since, now.step)
             write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, wrench.moment)
 
+    @wp.func
+    def write_arm_frame(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+        body: BodyState,
+        wrench: Wrench,
+    ):
+        """Writes the thread's arm to the frame, where that is due."""
+        if now.flags & FRAME != 0:
+            at = frame_at(ensemble, state, mine.variant, now.since, now.step)
+            write.write_arm(frames, at, ensemble.drives[mine.variant], mine.arm, body, wrench.moment)
+
+    @wp.func
+    def write_push_frames(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+        b: int,
+    ):
+        """Writes the tensioners of body b to the frame, where that is due."""
+        if now.flags & FRAME != 0:
+            at = frame_at(ensemble, state, mine.variant, now.since, now.step)
+            drive = ensemble.drives[mine.variant]
+            for t in range(wp.static(kind.tensioners)):
+                if ensemble.tensioners[drive.first_tensioner + t].body == b:
+                    write.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
+
     return SamplingFunctions(
+        write_arm_frame=write_arm_frame,
+        write_push_frames=write_push_frames,
         on_event=on_event,
         sample_links=sample_links,
         sample_rollers=sample_rollers,

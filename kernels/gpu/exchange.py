@@ -169,12 +169,13 @@ def room(kind: BlockKind) -> Room:
     """What a block of a kind needs."""
     kinds = types(kind.Real)
     size = wp.types.type_size_in_bytes(kind.Real)
-    parts = (3 if kind.pushes else 1) * kind.sprockets * kind.threads
+    parts = (3 if kind.pushes else 1) * kind.bodies * kind.threads
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
     seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
     of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
     used = kind.sprockets * (16 * COURSE + sum(struct.numpy_dtype()["itemsize"] for struct in of_each))
+    used += (kind.arms + kind.profiles) * Pose.numpy_dtype()["itemsize"]
     if kind.sliding:
         used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
@@ -246,7 +247,7 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(OWN)
     def own_held(all: wp.array[wp.int32], first: int, count: int) -> wp.array[wp.int32]: ...
 
-    @wp.func_native(_shared_snippet("poses", sprockets))
+    @wp.func_native(_shared_snippet("poses", kind.bodies + kind.profiles))
     def poses(like: kinds.Shared) -> wp.array[Pose]: ...
 
     @wp.func_native(_shared_snippet("teeth", sprockets))

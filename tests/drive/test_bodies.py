@@ -2,83 +2,20 @@
 
 import math
 import pickle
+import re
 import tomllib
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import NOT_NEGATIVE, POSITIVE, errors_of, put
+from drives import BLADE, NOT_NEGATIVE, POSITIVE, errors_of, put
 
 from warpchain.drive import Arm, Drive, Tensioner, dumps_drive, load_drive, loads_drive, save_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.alike import alike
 from warpchain.errors import DriveError
 
-BLADE = """
-[chain]
-size = "06B"
-links = 96
-stiffness = "estimate"
-damping_ratio = 0.02
-[[sprockets]]
-name = "crank"
-teeth = 19
-center = [0.0, 0.0]
-wrap = "cw"
-prescribed = { speed = 200.0 }
-[[sprockets]]
-name = "cam"
-teeth = 38
-center = [0.02, 0.30]
-wrap = "cw"
-inertia = 1.0e-3
-load = { torque = 5.0 }
-[[guides]]
-name = "blade"
-points = [[-0.050, 0.24], [-0.032, 0.15], [-0.045, 0.05]]
-radius = 0.25
-arm = "tensioner arm"
-[[guides]]
-name = "fixed rail"
-start = [0.055, 0.22]
-end = [0.04, 0.08]
-end_radius = 0.03
-side = "right"
-offset = 0.004
-[[arms]]
-name = "tensioner arm"
-pivot = [-0.055, 0.25]
-mass = 0.09
-center = [-0.05, 0.15]
-inertia = 1.0e-3
-free_angle = 5.0
-stops = [-10.0, 12.0]
-[[tensioners]]
-name = "chain tensioner"
-on = "tensioner arm"
-at = [-0.055, 0.08]
-direction = [2.0, 0.0]
-kind = "hydraulic"
-spring = { stiffness = 3500.0, preload = 90.0 }
-plunger = { diameter = 0.016, mass = 0.033, gap = 5.0e-5, length = 0.007, eccentricity = 0.9 }
-chamber = { volume = 1.0e-6 }
-valve = { ball_radius = 0.003, seat_diameter = 0.0014, lift = 0.001, stiffness = 75.0, preload = 0.075 }
-oil = { viscosity = 8.0e-5, supply = 3.0e5 }
-ratchet = { pitch = 0.001, backlash = 2.0e-4 }
-[contact.sprocket]
-clearance = 1.0e-4
-restitution = 0.3
-impact_speed_floor = 0.02
-stiffness = 1.0e8
-[contact.guide]
-restitution = 0.3
-impact_speed_floor = 0.02
-stiffness = 1.0e7
-[run]
-duration = 0.1
-step = "auto"
-sample_rate = 1000.0
-"""
 PITCH = 0.009525
 ARCS = [  # an S that bends left, then right, and a straight piece between
     {"center": [0.0, 0.0], "radius": 0.2, "from": -90.0, "to": 0.0},
@@ -177,7 +114,7 @@ def test_stops_are_as_stiff_as_a_link_but_no_faster(blade):
 
 
 def test_numbers_of_the_published_tensioner(blade):
-    """The formulas of docs/guides-and-tensioners.md in the numbers that stand there."""
+    """The formulas of docs/tensioners.md in the numbers that stand there."""
     tensioner = blade.tensioners[0]
     assert tensioner.area == pytest.approx(math.pi * 0.008**2)
     assert tensioner.hole_area == pytest.approx(math.pi * 0.0007**2)
@@ -245,6 +182,13 @@ def test_an_arm_lighter_about_its_pivot_than_its_mass_is_warned_of(values):
     put(values, "arms/0/inertia", 1e-4)
     with pytest.warns(UserWarning, match=r"^arms\.tensioner arm\.inertia = 0\.0001: its mass at its center alone has"):
         Drive(**values)
+
+
+def test_the_document_has_a_drive():
+    text = (Path(__file__).parents[2] / "docs" / "guides-and-tensioners.md").read_text()
+    (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    drive = loads_drive(example)
+    assert [len(drive.profile(g).face) for g in (0, 1)] == [3, 2] and loads_drive(dumps_drive(drive)) == drive
 
 
 # ------------------------------------------------------------------------------------------------------ wrong values

@@ -5,7 +5,7 @@ import tomllib
 import warnings
 
 import tomlkit
-from drives import MARINE
+from drives import BLADE, MARINE
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -101,7 +101,7 @@ def test_any_path_of_any_drive_can_be_set_to_its_value(drive, data):
        st.data())  # fmt: skip
 def test_any_wrong_value_anywhere_is_a_drive_error_or_nothing(value, data):
     """No value whatever, at any place of the file, makes anything but a drive or lines of errors."""
-    drive = load_drive(MARINE)
+    drive = data.draw(st.sampled_from([load_drive(MARINE), loads_drive(BLADE)]))
     path = data.draw(st.sampled_from(drive.paths()))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an odd number of links

@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 import warp as wp
-from drives import two_sprockets
+from drives import timing, two_sprockets
 
-from warpchain import load_drive
+from warpchain import Drive, load_drive
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ensemble, upload_state
@@ -23,7 +23,7 @@ from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.relaxation import Settling
 from warpchain.kernels.tension_bins import BINS
-from warpchain.results.channels import FRAME, NAMES, frame_of, frame_width
+from warpchain.results.channels import FRAME, NAMES, Sizes, frame_of, frame_width
 from warpchain.results.schedule import Schedule
 
 FOREVER = 10**8
@@ -118,6 +118,9 @@ def kind_of(packed, shape):
         bending=bool(packed.joints["rubs"].any()),
         sliding=bool(packed.slides.any()),
         uneven=bool(packed.links["uneven"].any()),
+        arms=int(packed.drives["arms"][0]),
+        tensioners=int(packed.drives["tensioners"][0]),
+        profiles=bool(packed.drives["pieces"].any()),
     )
 
 
@@ -164,6 +167,31 @@ def uneven():
     return [first.with_values(BENDING | {"chain.play": 2e-5}), second.with_values({"chain.outer": outer})]
 
 
+def arms():
+    """An arm with a hydraulic tensioner, and one with a spring, ratchet and damper against its stop."""
+    latched = {
+        "tensioners.0.kind": "spring", "tensioners.0.chamber": None, "tensioners.0.valve": None,
+        "tensioners.0.oil": None, "tensioners.0.ratchet": {"pitch": 1e-3, "backlash": 2e-4},
+        "tensioners.0.spring.damping": 50.0, "arms.0.damping": 1e-3, "arms.0.stiffness": 2.0,
+        "arms.0.stops": [-12.0, -0.1],
+    }  # fmt: skip
+    return [timing(), timing().with_values(latched)]
+
+
+def arms_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in arms()]
+
+
+def pushed_slider():
+    """A sprocket on a slide with a tensioner on it, and another drive whose slide a spring pushes."""
+    mount = {"kind": "slider", "direction": [1.0, 0.0], "stiffness": 1e5, "damping": 200.0, "preload": 0.0}
+    oil = timing().tensioners[0].model_dump() | {"name": "plunger", "on": "driven", "direction": [1.0, 0.0]}
+    push = {"name": "plunger", "on": "driven", "at": [0.0, 0.0], "direction": [1.0, 0.0], "kind": "spring"}
+    push |= {"spring": {"stiffness": 1e4, "preload": 2e3, "damping": 100.0}, "plunger": {"mass": 0.5}}
+    base = two_sprockets().with_values({"sprockets.driven.mount": mount, "sprockets.driven.mass": 30.0})
+    return [Drive(**base.model_dump(exclude_none=True) | {"tensioners": [one]}) for one in (oil, push)]
+
+
 def rubbing_rk4():
     return [drive.with_values({"run.integrator": "rk4"}) for drive in rubbing()]
 
@@ -187,9 +215,17 @@ def run_blocks(packed, shape, blocks, order, frames):
     return state, sums
 
 
+def flat(rows):
+    """The fields of structured rows by name, those of nested ones among them."""
+    found = {}
+    for name in rows.dtype.names:
+        found |= flat(rows[name]) if rows.dtype[name].names else {name: rows[name]}
+    return found
+
+
 def joint_powers(packed, drive, frames):
     """Friction power of each joint, of 16 frames of a drive."""
-    found = packed.frame.split(frames.reshape(16, -1), drive.chain.links, len(drive.sprockets))
+    found = packed.frame.split(frames.reshape(16, -1), Sizes.of(drive))
     return found["joint_friction_power"]
 
 
@@ -211,6 +247,9 @@ def joint_powers(packed, drive, frames):
         bending_rk4,
         rubbing_on_moving_sprockets,
         uneven,
+        arms,
+        arms_rk4,
+        pushed_slider,
     ],
 )
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
@@ -247,9 +286,9 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
         assert powers[1].max() > 0.0
     summed = serial.sums()
     assert packed.slides.all() == (summed["contact"]["friction"] > 0.0).any()
-    for name in ("chain", "strand", "sprocket", "mount", "contact", "slip", *NOTES):
-        mine, theirs_ = getattr(sums, name).numpy(), summed[name]
-        for field in mine.dtype.names:
+    for name in ("chain", "strand", "sprocket", "mount", "contact", "slip", "arm", "tensioner", *NOTES):
+        mine, theirs_ = flat(getattr(sums, name).numpy()), flat(summed[name])
+        for field in mine:
             scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
             loose = 1e-9 if precision == "float64" else 1e-2
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")

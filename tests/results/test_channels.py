@@ -18,6 +18,7 @@ from warpchain.results.channels import (
     OF_ROLLERS,
     Channel,
     FrameLayout,
+    Sizes,
     frame_of,
     frame_width,
 )
@@ -95,9 +96,9 @@ def test_places_of_a_frame():
             Channel("d", "m", "sprocket", "", ("x", "y")),
         )
     )
-    assert (small.roller_values, small.sprocket_values, small.width(4, 2)) == (3, 3, 18)
+    assert (small.values("roller"), small.values("sprocket"), small.width(Sizes(4, 2))) == (3, 3, 18)
     assert [small.place(name) for name in "abcd"] == [0, 0, 2, 1]
-    found = small.split(np.arange(36).reshape(2, 18), 4, 2)
+    found = small.split(np.arange(36).reshape(2, 18), Sizes(4, 2))
     np.testing.assert_array_equal(found["a"][1], 18 + np.array([[0, 4], [1, 5], [2, 6], [3, 7]]))
     np.testing.assert_array_equal(found["c"][0], [8, 9, 10, 11])
     np.testing.assert_array_equal(found["b"][0], [12, 15])
@@ -109,13 +110,13 @@ def test_places_of_a_frame():
 def test_frames_have_room_for_every_channel(asked, names):
     drive, frame = two_sprockets(), frame_of(asked)
     width = frame_width(drive, frame)
-    found = frame.split(np.arange(2 * width).reshape(2, -1), drive.chain.links, 2)
+    found = frame.split(np.arange(2 * width).reshape(2, -1), Sizes.of(drive))
     assert list(found) == list(names)
     for channel in CHANNELS:
         if channel.name not in names:
             assert channel.on_request
             continue
-        assert found[channel.name].shape == (2, *channel.shape(drive.chain.links, 2))
+        assert found[channel.name].shape == (2, *channel.shape(Sizes.of(drive)))
         assert len(channel.dimensions) == found[channel.name].ndim
     every = np.concatenate([values.reshape(-1) for values in found.values()])
     np.testing.assert_array_equal(np.sort(every), np.arange(2 * width))  # each value once

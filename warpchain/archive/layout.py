@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.archive import schema
-from warpchain.results.channels import CHANNEL, NAMES, OF_ROLLERS, OF_SPROCKETS
+from warpchain.drive import Drive
+from warpchain.results.channels import CHANNEL, NAMES, OF_BODIES, OF_ROLLERS, Sizes
 from warpchain.results.colors import tension_color
 from warpchain.results.run import Trajectory
 
@@ -84,7 +85,9 @@ class Form:
         precision: of the run, "float64" or "float32".
         values: of the rollers' packed values, "float64" or "float32".
         exact: whether positions also come as float64 on a topic of their own.
-        variant: number of the variant, which names the frames that turn with its sprockets.
+        variant: number of the variant, which names the frames that turn with its sprockets and arms.
+        arms: names of the arms.
+        tensioners: number of the tensioners.
     """
 
     links: int
@@ -94,6 +97,8 @@ class Form:
     values: str
     exact: bool
     variant: int
+    arms: tuple[str, ...] = ()
+    tensioners: int = 0
 
     @classmethod
     def of(cls, variant: int, trajectory: Trajectory, values: str | None, exact: bool) -> Form:
@@ -103,8 +108,16 @@ class Form:
         drive = trajectory.drive
         packed = values or precision
         exact = exact and "position" in held and packed == "float32" and precision == "float64"
+        return cls.made(drive, tuple(n for n in NAMES if n in held), precision, packed, exact, variant)
+
+    @classmethod
+    def made(
+        cls, drive: Drive, channels: tuple[str, ...], precision: str, values: str, exact: bool, variant: int
+    ) -> Form:
+        """The layout of frames of a drive."""
         names = tuple(sprocket.name for sprocket in drive.sprockets)
-        return cls(drive.chain.links, names, tuple(n for n in NAMES if n in held), precision, packed, exact, variant)
+        arms = tuple(arm.name for arm in drive.arms)
+        return cls(drive.chain.links, names, channels, precision, values, exact, variant, arms, len(drive.tensioners))
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -112,6 +125,11 @@ class Form:
         joints = ("sprockets",) if any(name in self.channels for name in JOINT_ARRAYS.values()) else ()
         exact = ("positions",) if self.exact else ()
         return ("rollers", "state", *joints, *exact, *(("transforms",) if self.turns else ()))
+
+    @property
+    def turning(self) -> tuple[str, ...]:
+        """Names of the bodies whose frames turn: the sprockets, then the arms where frames tell how they lie."""
+        return self.sprockets + (self.arms if "arm_angle" in self.channels else ())
 
     @property
     def turns(self) -> bool:
@@ -122,11 +140,16 @@ class Form:
         """numpy's name of a channel's type as it is read back."""
         if channel == "position" and self.exact:
             return "float64"
-        return self.precision if CHANNEL[channel].of_sprocket else self.values
+        return self.values if CHANNEL[channel].of_rollers else self.precision
 
     def shape(self, channel: str) -> tuple[int, ...]:
         """A channel's shape in one frame."""
-        return CHANNEL[channel].shape(self.links, len(self.sprockets))
+        return CHANNEL[channel].shape(self.sizes)
+
+    @property
+    def sizes(self) -> Sizes:
+        """How many things there are that channels are of."""
+        return Sizes(self.links, len(self.sprockets), len(self.arms), self.tensioners)
 
 
 @dataclass(frozen=True)
@@ -178,7 +201,7 @@ class FrameLayout:
                 _padded(body["seconds"], stamps // 10**9)
                 _padded(body["nanoseconds"], stamps % 10**9)
             elif topic == "transforms":
-                for s in range(len(self.form.sprockets)):
+                for s in range(len(self.form.turning)):
                     _padded(body[f"seconds_{s}"], stamps // 10**9)
                     _padded(body[f"nanoseconds_{s}"], stamps % 10**9)
             elif topic == "sprockets":
@@ -195,10 +218,10 @@ class FrameLayout:
         """Puts a trajectory's values into their places."""
         points = frames["rollers"]["body"]["data"]
         for channel, values in chunk.channels().items():
-            if CHANNEL[channel].of_sprocket:
-                frames["state"]["body"][channel] = values
-            else:
+            if CHANNEL[channel].of_rollers:
                 points[channel] = values
+            else:
+                frames["state"]["body"][channel] = values
         points["color"] = _color_table().take(_color_index(chunk, points.shape, full_scale))
         if self.form.exact:
             frames["positions"]["body"]["position"] = chunk.position
@@ -214,6 +237,10 @@ class FrameLayout:
                 angle, center = chunk.sprocket_angle[:, s], chunk.sprocket_center[:, s]  # type: ignore[index]
                 body[f"x_{s}"], body[f"y_{s}"] = center[:, 0], center[:, 1]
                 body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
+            for a, arm in enumerate(chunk.drive.arms if "arm_angle" in self.form.channels else ()):
+                angle, s = chunk.arm_angle[:, a], len(self.form.sprockets) + a  # type: ignore[index]
+                body[f"x_{s}"], body[f"y_{s}"] = arm.pivot
+                body[f"sine_{s}"], body[f"cosine_{s}"] = np.sin(0.5 * angle), np.cos(0.5 * angle)
 
     def views(self, frames: Any) -> dict[str, NDArray[Any]]:
         """`time` and every channel of frames, as views of their bytes."""
@@ -221,10 +248,10 @@ class FrameLayout:
         for channel in self.form.channels:
             if channel == "position" and self.form.exact:
                 held[channel] = frames["positions"]["body"]["position"]
-            elif CHANNEL[channel].of_sprocket:
-                held[channel] = frames["state"]["body"][channel]
-            else:
+            elif CHANNEL[channel].of_rollers:
                 held[channel] = frames["rollers"]["body"]["data"][channel]
+            else:
+                held[channel] = frames["state"]["body"][channel]
         return held
 
 
@@ -262,9 +289,9 @@ def _state(form: Form) -> _Parts:
     body = _Parts()
     body.constant(b"\x09")
     body.value("time", "<f8")
-    for number, channel in enumerate(OF_SPROCKETS, start=2):
+    for number, channel in enumerate(OF_BODIES, start=2):
         if channel.name in form.channels:
-            body.tagged(number, channel.name, ("<f8", channel.shape(form.links, len(form.sprockets))))
+            body.tagged(number, channel.name, ("<f8", channel.shape(form.sizes)))
     return body
 
 
@@ -294,9 +321,9 @@ def message_record(channel: int, sequence: int, stamp: int, body: bytes) -> byte
 
 
 def _transforms(form: Form) -> _Parts:
-    """One FrameTransform a sprocket: its center, and the quaternion of its angle about z."""
+    """One FrameTransform a sprocket or arm: its center or pivot, and the quaternion of its angle about z."""
     body = _Parts()
-    for s, name in enumerate(form.sprockets):
+    for s, name in enumerate(form.turning):
         one = _Parts()
         one.stamp(f"_{s}")
         for number, text in ((2, "drive"), (3, schema.sprocket_frame(form.variant, name))):

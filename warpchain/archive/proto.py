@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING, Any
 
-from warpchain.results.channels import OF_SPROCKETS
+from warpchain.results.channels import OF_BODIES
 
 if TYPE_CHECKING:
     from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto
@@ -47,7 +47,7 @@ MESSAGES = {
     "repeated TriangleListPrimitive triangles, repeated TextPrimitive texts, repeated ModelPrimitive models",
     "foxglove.SceneEntityDeletion": "Timestamp timestamp, enum Type type, string id",
     "foxglove.SceneUpdate": "repeated SceneEntityDeletion deletions, repeated SceneEntity entities",
-    "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in OF_SPROCKETS)]),
+    "warpchain.State": ", ".join(["double time", *(f"repeated double {channel.name}" for channel in OF_BODIES)]),
     "warpchain.Positions": "Timestamp timestamp, repeated double position",
 }
 """Fields of each message, numbered from 1 in the order given; a message stands after those that it uses."""

@@ -39,8 +39,8 @@ def scene_update(form: Form, drive: Drive) -> bytes:
     """A serialized `foxglove.SceneUpdate` of a drive.
 
     One entity a sprocket, `sprocket/NAME`: its teeth (closed) and its pitch circle (closed), in the frame that turns
-    with it, or, where the frames do not tell how it lies, at angle zero in the drive's frame; one a guide-bar,
-    `guide/NAME`: its face and ends (open). Points in metres.
+    with it, or, where the frames do not tell how it lies, at angle zero in the drive's frame; one a guide,
+    `guide/NAME`: its face and ends (open), in the frame of the arm that carries it if it has one. Points in metres.
     """
     entities = []
     turn = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
@@ -53,8 +53,12 @@ def scene_update(form: Form, drive: Drive) -> bytes:
         lines = [_line("LINE_LOOP", teeth, TEETH_COLOR), _line("LINE_LOOP", pitch, PITCH_COLOR)]
         entities.append(_entity(frame, f"sprocket/{sprocket.name}", facts, lines))
     for g, guide in enumerate(drive.guides):
-        lines = [_line("LINE_STRIP", guide_outline(drive, g), GUIDE_COLOR)]
-        entities.append(_entity(FRAME, f"guide/{guide.name}", {}, lines))
+        outline, frame = guide_outline(drive, g), FRAME
+        if guide.arm in form.turning[len(form.sprockets) :] and form.turns:
+            assert guide.arm is not None
+            frame = sprocket_frame(form.variant, guide.arm)
+            outline = outline - np.asarray(next(arm.pivot for arm in drive.arms if arm.name == guide.arm))
+        entities.append(_entity(frame, f"guide/{guide.name}", {}, [_line("LINE_STRIP", outline, GUIDE_COLOR)]))
     return b"".join(_field(2, entity) for entity in entities)
 
 

@@ -141,8 +141,8 @@ class Tracks(Mapping[int, Trajectory]):
         known = set(channels) <= set(NAMES) and len(set(channels)) == len(channels)
         if not known or precision not in PRECISIONS or values not in PRECISIONS:
             raise ArchiveError(f"{place.file.path}: {place.rollers.topic} has wrong metadata; see warpchain recover")
-        sprockets, exact = tuple(sprocket.name for sprocket in drive.sprockets), "positions" in place.numbers
-        return frame_layout(Form(drive.chain.links, sprockets, tuple(channels), precision, values, exact, variant))
+        exact = "positions" in place.numbers
+        return frame_layout(Form.made(drive, tuple(channels), precision, values, exact, variant))
 
     def read(
         self,

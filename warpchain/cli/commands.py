@@ -74,6 +74,15 @@ def modes(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def tensioner(arguments: argparse.Namespace) -> int:
+    from warpchain.cli.tensioner import tensioner_lines
+
+    start_warp()
+    for line in tensioner_lines(_load(arguments), arguments):
+        print(line)
+    return DONE
+
+
 def run(arguments: argparse.Namespace) -> int:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.simulation import simulate

@@ -1,4 +1,4 @@
-"""The command line: `warpchain check | chains | fit | modes | run | view | plot | report | export | recover | study`.
+"""The command line: `warpchain check | chains | fit | modes | tensioner | run | view | plot | report | export | ...`.
 
 Exit status 0: done. 1: a variant diverged, no row of a study is ok, or the run was interrupted. 2: a mistake of the
 user's or a refusal of the machine's, said in one line each.
@@ -102,6 +102,45 @@ def _modes(commands: Any) -> None:
     parser.add_argument("--points", type=whole_number, default=25, metavar="N", help="speeds of a diagram (default 25)")
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="also write there: .html, .png, .svg, .rrd (Rerun) or .npz"
+    )
+    parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
+
+
+def _tensioner(commands: Any) -> None:
+    parser = _add(
+        commands,
+        "tensioner",
+        do.tensioner,
+        "impose a sine on a tensioner's plunger as a test rig does; print and draw what it does",
+        "warpchain tensioner drive.toml tensioner --amplitude 2e-4 --frequency 100 -o loop.png",
+    )
+    parser.add_argument("drive", metavar="DRIVE", help=DRIVE)
+    parser.add_argument("name", metavar="NAME", help="of the tensioner")
+    parser.add_argument("--amplitude", type=number, default=2e-4, metavar="M", help="of the sine [m] (default 2e-4)")
+    parser.add_argument(
+        "--frequency", type=number, nargs="+", default=[100.0], metavar="HZ", help="one or more (default 100)"
+    )
+    parser.add_argument("--cycles", type=whole_number, default=10, metavar="N", help="of the sine (default 10)")
+    parser.add_argument(
+        "--extension", type=number, default=0.0, metavar="M", help="about which it swings [m] (default 0, as drawn)"
+    )
+    parser.add_argument(
+        "--viscosity", type=number, nargs="+", default=[], metavar="M^2/S", help="kinematic; default the drive's own"
+    )
+    parser.add_argument("--sweep", choices=["frequency", "temperature"], help="ride many sines instead")
+    parser.add_argument(
+        "--range",
+        type=number,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="with --sweep: from, to [Hz], [degrees C] (default 1 500, 20 140)",
+    )
+    parser.add_argument("--points", type=whole_number, default=25, metavar="N", help="of a sweep (default 25)")
+    parser.add_argument(
+        "--at", type=number, default=40.0, metavar="C", help="temperature of the drive's own viscosity (default 40)"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, help="also write there: .png, .svg, or .csv, .parquet"
     )
     parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
 
@@ -246,7 +285,7 @@ def _study(commands: Any) -> None:
     add_report_commands(studies)
 
 
-COMMANDS = (_check, _chains, _fit, _modes, _run, _view, _plot, _report, _export, _recover, _study)
+COMMANDS = (_check, _chains, _fit, _modes, _tensioner, _run, _view, _plot, _report, _export, _recover, _study)
 """What adds each command, in the order of the help."""
 
 

@@ -88,7 +88,8 @@ def _smooth(
     over = np.concatenate([[0.0], np.cumsum(steps)])
     degree = min(3, len(places) - 1)
     for share in (1.0, 0.5, 0.25, 0.1, 0.0):  # a sum of squares bounds no single point: as smooth as will do
-        spline, _ = splprep(places.T, u=over, k=degree, s=len(places) * (share * tolerance) ** 2)
+        square = len(places) * (share * tolerance) ** 2
+        (spline, _), *_ = splprep(places.T, u=over, k=degree, s=square, full_output=True)  # which says no warnings
         if np.hypot(*(np.array(splev(over, spline)) - places.T)).max() <= tolerance:
             break
     fine = np.interp(np.arange((len(over) - 1) * _SAMPLES + 1) / _SAMPLES, np.arange(len(over)), over)

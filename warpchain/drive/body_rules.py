@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from warpchain.drive.arms import Arm
 from warpchain.drive.guides import guide_profile
 from warpchain.drive.motion import SliderMount
-from warpchain.drive.part import BARE, Problem, elements, get, is_name, nearest, numbers, valid
+from warpchain.drive.part import BARE, Problem, elements, get, is_name, nearest, numbers, too_far, valid
 from warpchain.drive.parts import Chain, Sprocket
 from warpchain.drive.tensioners import Tensioner
 
-FARTHEST = 1e4
-"""No drive reaches farther [m]; numbers beyond come from a mistake, and would take hours of links to count."""
-
 NAMED = ("sprockets", "guides", "arms", "tensioners", "probes")
-PLACES = ("center", "start", "end", "pivot", "at")
+PLACES = {
+    "sprockets": ("center",),
+    "guides": ("start", "end"),
+    "arms": ("pivot", "center"),
+    "tensioners": ("at",),
+    "probes": ("at",),
+}
 LEAST_LEVER = 1e-3
 """Share of a tensioner's distance from what it moves that must be lever, or of its direction that must be along."""
 
@@ -36,24 +39,10 @@ def name_rules(drive: Any) -> Iterator[Problem]:
 
 def place_rules(drive: Any) -> Iterator[Problem]:
     """No part stands beyond all reason."""
-    text = f"must be within {FARTHEST:g} m of the origin"
-    for kind in NAMED:
+    for kind, keys in PLACES.items():
         for i, part in enumerate(elements(drive, kind)):
-            for key in PLACES:
-                if _far(get(part, key)):
-                    yield Problem((kind, i, key), list(get(part, key)), text)
-            for key in ("points", "profile"):
-                for k, point in enumerate(elements(part, key)):
-                    if _far(point):
-                        yield Problem((kind, i, key, k), list(point), text)
-            for k, arc in enumerate(elements(part, "arcs")):
-                if _far(get(arc, "center")):
-                    yield Problem((kind, i, "arcs", k, "center"), list(get(arc, "center")), text)
-
-
-def _far(point: Any) -> bool:
-    along = [x for x in point if isinstance(x, (int, float))] if isinstance(point, (list, tuple)) else []
-    return any(abs(x) > FARTHEST for x in along)
+            for key in keys:
+                yield from (problem.under(kind, i) for problem in too_far((key,), get(part, key)))
 
 
 def profile_rules(drive: Any) -> Iterator[Problem]:
@@ -99,15 +88,14 @@ def arm_rules(drive: Any) -> Iterator[Problem]:
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:
     """Tensioners push what can give way, and towards the chain."""
-    arms = {get(arm, "name"): arm for arm in elements(drive, "arms")}
-    sprockets = {get(sprocket, "name"): s for s, sprocket in enumerate(elements(drive, "sprockets"))}
+    arms, sprockets = (_by_name(elements(drive, kind)) for kind in ("arms", "sprockets"))
     for t, node in enumerate(elements(drive, "tensioners")):
         on = get(node, "on")
         if not isinstance(on, str):
             continue
         found: Iterator[Problem] = iter(())
         if on in arms:
-            found = _pushes_arm(drive, node, arms[on])
+            found = _pushes_arm(drive, node, elements(drive, "arms")[arms[on]])
         elif on in sprockets:
             found = _pushes_sprocket(drive, node, sprockets[on])
         else:
@@ -115,6 +103,11 @@ def tensioner_rules(drive: Any) -> Iterator[Problem]:
             hint = nearest(on, known) if known else "there are none"
             found = iter([Problem(("on",), on, f"must be the name of an arm, or of a sprocket on a slider; {hint}")])
         yield from (problem.under("tensioners", t) for problem in found)
+
+
+def _by_name(parts: Sequence[Any]) -> dict[str, int]:
+    """Indices of parts by their names, where those are text."""
+    return {name: i for i, part in enumerate(parts) if isinstance(name := get(part, "name"), str)}
 
 
 def _on_sliders(drive: Any) -> list[Any]:

@@ -7,7 +7,7 @@ that biarcs are fitted to.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -17,6 +17,7 @@ from warpchain.drive.biarcs import fitted
 from warpchain.drive.contact import GuideOverrides
 from warpchain.drive.part import (
     BARE,
+    FARTHEST,
     WRONG,
     Allowed,
     Finite,
@@ -30,6 +31,7 @@ from warpchain.drive.part import (
     elements,
     get,
     numbers,
+    too_far,
     valid,
 )
 from warpchain.drive.profile import Piece, Point, Profile, ProfileError, arcs, make_profile, rounded, straight
@@ -54,8 +56,18 @@ Measured = Annotated[
     _Points, Value("must be a list of at least 2 points [x, y] of finite numbers; load_drive alone reads them of files")
 ]
 
+SMALLEST, LARGEST = 1e-9, 1e9
+"""Radii beyond are mistakes [m]."""
+
 SHAPES = ("points", "arcs", "profile")
 """Keys that give a face another shape than that of a bar from start to end."""
+
+
+def _round(node: Any, key: str) -> Iterator[Problem]:
+    """A radius is one that can be calculated with."""
+    value = get(node, key)
+    if isinstance(value, (int, float)) and value > 0.0 and not SMALLEST <= value <= LARGEST:
+        yield Problem((key,), value, f"must be from {SMALLEST:g} to {LARGEST:g} m")
 
 
 class _Arc(Part):
@@ -77,6 +89,8 @@ class _Arc(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        yield from too_far(("center",), get(node, "center"))
+        yield from _round(node, "radius")
         begin, end = get(node, "from"), get(node, "to")
         if numbers(begin, end) and not 0.0 < abs(end - begin) < 360.0:
             text = f"must be another angle than from, {begin:g}, less than 360 degrees away"
@@ -165,12 +179,17 @@ class Guide(Part):
                 yield Problem(("end_radius",), None, f"missing; {allowed(cls, 'end_radius')}", BARE)
         if ends and list(elements(node, "start")) == list(elements(node, "end")) != []:
             yield Problem(("end",), get(node, "end"), "must be another point than start")
+        far = [problem for key in ("points", "profile") for i, point in enumerate(elements(node, key))
+               for problem in too_far((key, i), point)]  # fmt: skip
+        yield from far
+        yield from _round(node, "end_radius")
+        yield from _round(node, "radius")
         radius = get(node, "radius")
         if radius is not None and "points" not in shapes:
             yield Problem(("radius",), radius, "only together with points, whose corners it rounds")
         if radius is None and len(elements(node, "points")) > 2:
             yield Problem(("radius",), None, f"missing; {allowed(cls, 'radius')}; needed to round the points", BARE)
-        if len(shapes) == 1 and not ends:
+        if len(shapes) == 1 and not ends and not far:
             yield from _shape_rule(node, shapes[0])
 
 
@@ -192,8 +211,12 @@ def _shape_of(node: Any) -> tuple[str | None, tuple[Any, ...]]:
     for key in ("points", "profile"):
         if get(node, key) is not None:
             rows = _plain_points(get(node, key))
-            whole = isinstance(rows, tuple) and len(rows) > 1
-            whole = whole and all(isinstance(row, tuple) and len(row) == 2 and numbers(*row) for row in rows)
+            whole = isinstance(node, Part) or (
+                isinstance(rows, tuple)
+                and len(rows) > 1
+                and all(isinstance(row, tuple) and len(row) == 2 and numbers(*row) for row in rows)
+                and not any(abs(x) > FARTHEST for row in rows for x in row)
+            )
             if key == "profile":
                 return (key, (rows,)) if whole else (None, ())
             radius = get(node, "radius")
@@ -232,7 +255,11 @@ def guide_profile(node: Any, pitch: float) -> Profile | None:
     if not numbers(end_radius, pitch) or end_radius <= 0.0:
         return None
     try:
-        face = _face(key, values)
+        return _profile(key, values, end_radius, "right" if get(node, "side") == "right" else "left")
     except ProfileError:
         return None
-    return make_profile(face, end_radius, "right" if get(node, "side") == "right" else "left")
+
+
+@lru_cache(maxsize=1024)
+def _profile(key: str, values: tuple[Any, ...], end_radius: float, side: str) -> Profile:
+    return make_profile(_face(key, values), end_radius, side)

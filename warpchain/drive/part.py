@@ -170,6 +170,17 @@ def numbers(*values: Any) -> bool:
     )
 
 
+FARTHEST = 1e4
+"""No drive reaches farther [m]; numbers beyond come from a mistake, and would take hours of links to count."""
+
+
+def too_far(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
+    """The rule of places, which lie within all reason."""
+    along = [x for x in point if isinstance(x, (int, float))] if isinstance(point, (list, tuple)) else []
+    if any(abs(x) > FARTHEST for x in along):
+        yield Problem(path, list(point), f"must be within {FARTHEST:g} m of the origin")
+
+
 def nearest(key: str, known: Iterable[str]) -> str:
     """The end of a sentence about an unknown key: the one probably meant, else all there are."""
     names = list(known)

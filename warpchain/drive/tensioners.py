@@ -134,7 +134,7 @@ class Valve(Part):
         return self.preload / self.hole_area
 
     def flow_area(self, lift: float) -> float:
-        """A_v = pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) at a lift y [m^2]."""
+        """Of the gap around the ball, pi y (2 r_B tan(gamma) + y sin(gamma) / cos(gamma)^2) at a lift y [m^2]."""
         angle = self.seat_angle_rad
         wide = 2.0 * self.ball_radius * math.tan(angle) + lift * math.sin(angle) / math.cos(angle) ** 2
         return math.pi * lift * wide

@@ -30,6 +30,9 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("motions", packed.motions, structs.Motion),
         ("mounts", packed.mounts, structs.Mount),
         ("guides", packed.guides, kinds.Guide),
+        ("pieces", packed.pieces, structs.Piece),
+        ("arms", packed.arms, structs.Arm),
+        ("tensioners", packed.tensioners, structs.Tensioner),
         ("seats", packed.seats, wp.vec2d),
         ("tooth_sliding", packed.tooth_sliding, kinds.Sliding),
         ("guide_sliding", packed.guide_sliding, kinds.Sliding),
@@ -68,12 +71,15 @@ def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None
     state.totals = wp.zeros(partners, dtype=sum_structs.Totals, device=device)
     state.body_stages = wp.zeros(len(packed.bodies), dtype=structs.BodyStages, device=device)
     state.wrenches = wp.zeros(len(packed.bodies), dtype=structs.Wrench, device=device)
+    state.tensioners = wp.array(packed.oil, dtype=structs.TensionerState, device=device, copy=True)
+    state.pushes = wp.zeros(len(packed.oil), dtype=structs.Push, device=device)
+    state.meters = wp.zeros(len(packed.oil), dtype=sum_structs.TensionerFlows, device=device)
     state.progress = wp.zeros(packed.variants, dtype=structs.Progress, device=device)
     return state
 
 
 NOTES = ("chain_notes", "strand_notes", "sprocket_notes", "mount_notes")
-SUMS = ("chain", "strand", "sprocket", "mount", "contact", "slip", "tension_counts", *NOTES)
+SUMS = ("chain", "strand", "sprocket", "mount", "arm", "tensioner", "contact", "slip", "tension_counts", *NOTES)
 """The fields of `kernels.sum_structs.Sums`."""
 
 
@@ -88,6 +94,8 @@ def empty_sums(packed: Packed, device: str) -> sum_structs.Sums:
         ("strand", sum_structs.StrandSums, len(packed.sprockets)),
         ("sprocket", sum_structs.SprocketSums, len(packed.sprockets)),
         ("mount", sum_structs.MountSums, len(packed.sprockets)),
+        ("arm", sum_structs.ArmSums, len(packed.arms)),
+        ("tensioner", sum_structs.TensionerSums, len(packed.tensioners)),
         ("contact", sum_structs.ContactSums, len(packed.sprockets) + len(packed.guides)),
         ("slip", sum_structs.SlipSums, len(packed.sprockets)),
         ("chain_notes", sum_structs.ChainNote, packed.variants * notes),
@@ -99,7 +107,7 @@ def empty_sums(packed: Packed, device: str) -> sum_structs.Sums:
         for field in values.dtype.names or ():
             if field.endswith("_min"):
                 values[field] = np.inf
-            elif field.endswith("_max") and field != "force_max":
+            elif field.endswith("_max") and (name, field) != ("contact", "force_max"):
                 values[field] = -np.inf
         setattr(sums, name, wp.array(values, dtype=struct, device=device))
     return sums
@@ -113,5 +121,5 @@ def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     tallies.link.fill_(unseen())
     tallies.contact = wp.zeros(len(packed.seat), dtype=sum_structs.ContactSums, device=device)
     tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
-    tallies.sprocket = wp.zeros(len(packed.sprockets), dtype=sum_structs.RollerTally, device=device)
+    tallies.body = wp.zeros(len(packed.bodies), dtype=sum_structs.RollerTally, device=device)
     return tallies

@@ -27,6 +27,7 @@ from warpchain.drive.mounts import (
 from warpchain.drive.rubbing import Rubbing, joint_stop
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.table import Table
+from warpchain.engine.fill_bodies import guide_heft, piece_count
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import FREE, PRESCRIBED
 from warpchain.kernels.structs import GROUND
@@ -130,18 +131,24 @@ def fill_table(row: Any, drive: Drive, s: int, table: Table | None, tables: Tabl
         tables.add(row, table, shaft_ratio(drive, s, table.shaft))
 
 
-def fill_guide(row: Any, drive: Drive, g: int) -> None:
-    guide = drive.guides[g]
-    start, end = np.asarray(guide.start), np.asarray(guide.end)
+def fill_bar(row: Any, drive: Drive, g: int) -> None:
+    """Fills the face of a straight bar on the ground."""
+    bar = drive.guides[g].bar
+    start, end = np.asarray(bar.start), np.asarray(bar.end)
     length = float(np.hypot(*(end - start)))
     row["body"] = GROUND
     row["start"] = start
     row["direction"] = (end - start) / length
     row["length"] = length
-    row["end_radius"] = guide.end_radius
-    row["roller_radius"] = drive.chain.roller_radius
+    row["end_radius"] = bar.end_radius
+    row["roller_radius"] = drive.guide_offset(g)
+
+
+def fill_guide(row: Any, drive: Drive, g: int) -> None:
+    """Fills what a guide has beside its face."""
     row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
-    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass, drive.chain.mass)
+    heft = guide_heft(drive, g)
+    fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass, heft)
 
 
 def fill_sliding(row: Any, rubbing: Rubbing, heft: float) -> None:
@@ -191,7 +198,8 @@ def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
 
 def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["rollers"], row["sprockets"], row["guides"] = drive.chain.links, len(drive.sprockets), len(drive.guides)
-    row["bodies"] = len(drive.sprockets)
+    row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.arms), len(drive.arms)
+    row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
     margin = ESCAPE_PITCHES * drive.chain.pitch
     reach = np.array([sprocket.center for sprocket in drive.sprockets])
@@ -208,11 +216,14 @@ def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:
     row["center"], row["velocity"] = initial_center(sprocket), initial_velocity(sprocket)
 
 
-def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float]) -> None:
-    """Fills a sprocket's `kernels.structs.Mount`; it stays zero for a fixed center without a wheel."""
+def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float], plungers: float = 0.0) -> None:
+    """Fills a sprocket's `kernels.structs.Mount`; it stays zero for a fixed center without a wheel.
+
+    `plungers` is the mass of those that move with its center [kg].
+    """
     if not active(sprocket):
         return
-    mount, mass = sprocket.mount, moving_mass(sprocket)
+    mount, mass = sprocket.mount, moving_mass(sprocket) + plungers
     row["active"] = 1
     row["home"] = sprocket.center
     row["mass"] = mass

@@ -67,16 +67,17 @@ def refusal(packed: Packed) -> str | None:
         return (
             f'variant {v}: {partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}; use device="cpu"'
         )
-    for g in np.flatnonzero(packed.guides["body"][: drives["guides"].sum()] != GROUND):
+    guides = packed.guides[: drives["guides"].sum()]
+    for g in np.flatnonzero((guides["body"] != GROUND) & (guides["pieces"] == 0)):
         v = np.flatnonzero(drives["first_guide"] <= g)[-1]
         return (
             f"variant {v}: guide-bar {g - drives['first_guide'][v]} is carried by a body: a GPU takes guide-bars on "
             'the ground only; use device="cpu"'
         )
-    for v in np.flatnonzero(drives["bodies"] != drives["sprockets"]):
+    for v in np.flatnonzero(drives["bodies"] != drives["sprockets"] + drives["arms"]):
         return (
             f"variant {v}: {drives['bodies'][v]} bodies for {drives['sprockets'][v]} sprockets: a GPU takes no bodies "
-            'but sprockets; use device="cpu"'
+            'but sprockets and arms; use device="cpu"'
         )
     return None
 
@@ -124,6 +125,9 @@ class Bucket:
     sliding: bool
     bending: bool
     uneven: bool
+    arms: int
+    tensioners: int
+    profiles: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
 
@@ -154,6 +158,9 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         sliding=steps and bucket.sliding,
         bending=steps and bucket.bending,
         uneven=bucket.uneven,
+        arms=bucket.arms,
+        tensioners=bucket.tensioners,
+        profiles=bucket.profiles,
     )
 
 
@@ -202,17 +209,19 @@ class GpuEngine:
         slots = room_for(drives["rollers"])
         partners = [slots, drives["sprockets"], drives["guides"]]
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
-        keys = np.column_stack([*partners, moving, drives["integrator"], *rubs, self.packed.links["uneven"]])
+        kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
+        keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
         processors = int(wp.get_device(self.device).sm_count)
         buckets = []
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, *kinds = key
+            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles = key
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
-            moves, rk4, slides, bends, uneven = map(bool, kinds)
-            buckets.append(Bucket(shape, sprockets, guides, moves, rk4, slides, bends, uneven, order, array))
+            flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
+            bodies = arms, tensioners, bool(profiles)
+            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array))
         return buckets
 
     def _kernel(self, name: str, bucket: Bucket) -> Any:
@@ -332,7 +341,7 @@ class GpuEngine:
         """The window's sums, by name as in `kernels.sum_structs.Sums`."""
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device)
-            for name in ("strand", "sprocket", "mount", "slip", "tension_counts", *NOTES):
+            for name in ("strand", "sprocket", "mount", "arm", "tensioner", "slip", "tension_counts", *NOTES):
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
             wp.launch(
                 collect, dim=self.packed.variants, inputs=[self.ensemble.drives, self.tallies, sums], device=self.device

@@ -16,6 +16,7 @@ from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
 from warpchain.engine.alike import alike
 from warpchain.engine.fill import (
     RowList,
+    fill_bar,
     fill_body,
     fill_chain,
     fill_drive,
@@ -29,7 +30,10 @@ from warpchain.engine.fill import (
     fill_strand,
     tooth_heft,
 )
+from warpchain.engine.fill_bodies import fill_arm, fill_profile, guide_heft, profiled
+from warpchain.engine.fill_tensioner import fill_tensioner
 from warpchain.engine.packed import KINDS, Packed, numbered, state_rows
+from warpchain.engine.resting import lay_to_rest
 from warpchain.engine.tension_scale import tension_scale
 from warpchain.errors import DriveError
 from warpchain.kernels import structs
@@ -43,7 +47,8 @@ def _layout(drive: Drive) -> tuple[Any, ...]:
     sprockets = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
     wear = (chain.elongation, chain.worn_links, chain.outer, chain.play)
     lengths = (chain.pitch, chain.links, *wear, chain.roller_radius)
-    return (*lengths, sprockets, drive.contact.sprocket, drive.run.gravity)
+    bodies = drive.guides, drive.arms, drive.tensioners
+    return (*lengths, sprockets, *bodies, drive.contact.sprocket, drive.run.gravity)
 
 
 def _assembled(v: int, drive: Drive, known: dict[tuple[Any, ...], Assembly]) -> Assembly:
@@ -114,14 +119,33 @@ def _pack_each(
             fill_sliding(packed.tooth_sliding[mine], tooth_rubbing(drive), tooth_heft(drive, s))
             fill_strand(packed.strands[mine], assembly, s, drive.chain.links)
             fill_motion(packed.motions[body], drive, s, float(assembly.sprocket_angle[s]), harmonics, tables)
-            fill_mount(packed.mounts[body], sprocket, drive.run.gravity)
+            fill_mount(packed.mounts[body], sprocket, drive.run.gravity, drive.plunger_mass_on(s))
             fill_body(packed.bodies[body], sprocket, assembly, s)
             held = np.flatnonzero(assembly.seat_sprocket == s)
             packed.seat[row["first_contact"] + s * drive.chain.links + held] = assembly.seat_index[held]
-        for g in range(len(drive.guides)):
-            fill_guide(packed.guides[row["first_guide"] + g], drive, g)
-            fill_sliding(packed.guide_sliding[row["first_guide"] + g], guide_rubbing(drive, g), drive.chain.mass)
+        _pack_guides(packed, row, drive)
+        for a in range(len(drive.arms)):
+            fill_arm(
+                packed.arms[row["first_arm"] + a], packed.bodies[row["first_body"] + s + 1 + a], drive, a, assembly
+            )
+        for t in range(len(drive.tensioners)):
+            fill_tensioner(packed.tensioners[row["first_tensioner"] + t], drive, t)
+    lay_to_rest(packed)
     return packed
+
+
+def _pack_guides(packed: Packed, row: Any, drive: Drive) -> None:
+    """Fills the guides of a drive, whose rows of `kernels.structs.Drive` is `row`."""
+    pieces = packed.pieces[row["first_piece"] :]
+    used = 0
+    for g in range(len(drive.guides)):
+        at = row["first_guide"] + g
+        if profiled(drive, g):
+            used += fill_profile(packed.guides[at], pieces, used, drive, g)
+        else:
+            fill_bar(packed.guides[at], drive, g)
+        fill_guide(packed.guides[at], drive, g)
+        fill_sliding(packed.guide_sliding[at], guide_rubbing(drive, g), guide_heft(drive, g))
 
 
 def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:
@@ -143,6 +167,10 @@ def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:
         motions=zeros(structs.Motion, "body"),
         mounts=zeros(structs.Mount, "body"),
         guides=zeros(kinds.Guide, "guide"),
+        pieces=zeros(structs.Piece, "piece"),
+        arms=zeros(structs.Arm, "arm"),
+        tensioners=zeros(structs.Tensioner, "tensioner"),
+        oil=zeros(structs.TensionerState, "tensioner"),
         tooth_sliding=zeros(kinds.Sliding, "sprocket"),
         guide_sliding=zeros(kinds.Sliding, "guide"),
         harmonics=np.zeros(0),

@@ -57,6 +57,9 @@ KINDS = {
     "sprocket": Kind("first_sprocket", lambda drives: drives["sprockets"]),
     "body": Kind("first_body", lambda drives: drives["bodies"]),
     "guide": Kind("first_guide", lambda drives: drives["guides"]),
+    "piece": Kind("first_piece", lambda drives: drives["pieces"]),
+    "arm": Kind("first_arm", lambda drives: drives["arms"]),
+    "tensioner": Kind("first_tensioner", lambda drives: drives["tensioners"]),
     "contact": Kind("first_contact", lambda drives: drives["rollers"] * (drives["sprockets"] + drives["guides"])),
     "tally": Kind("first_tally", lambda drives: drives["rollers"] * (drives["sprockets"] + 1)),
 }
@@ -70,6 +73,10 @@ FIELDS = {
     "mounts": ("body", 1),
     "bodies": ("body", 1),
     "guides": ("guide", 1),
+    "pieces": ("piece", 1),
+    "arms": ("arm", 1),
+    "tensioners": ("tensioner", 1),
+    "oil": ("tensioner", 1),
     "tooth_sliding": ("sprocket", 1),
     "guide_sliding": ("guide", 1),
     "seat": ("contact", 1),
@@ -120,6 +127,10 @@ class Packed:
     motions: NDArray[Any]
     mounts: NDArray[Any]
     guides: NDArray[Any]
+    pieces: NDArray[Any]
+    arms: NDArray[Any]
+    tensioners: NDArray[Any]
+    oil: NDArray[Any]
     tooth_sliding: NDArray[Any]
     guide_sliding: NDArray[Any]
     harmonics: NDArray[np.float64]

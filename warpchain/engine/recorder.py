@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.results.channels import frame_width
+from warpchain.results.channels import Sizes, channels_of, frame_width
 from warpchain.results.run import Record, RunInfo, Trajectory
 from warpchain.results.schedule import Schedule
 
@@ -131,8 +131,8 @@ class Recorder:
     def _trajectory(self, v: int, time: NDArray[np.float64], values: NDArray[np.floating]) -> Trajectory:
         """Frames as they lie in a buffer, as a trajectory of its own memory."""
         drive = self.drives[v]
-        channels = self.packed.frame.split(values, drive.chain.links, len(drive.sprockets))
-        return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in self.channels})
+        channels, names = self.packed.frame.split(values, Sizes.of(drive)), channels_of(drive, self.channels)
+        return Trajectory(drive, time, **{name: np.array(channels[name], order="C") for name in names})
 
     def _keep(self, v: int, chunk: Trajectory) -> None:
         if self._archive is not None:
@@ -159,7 +159,8 @@ class Recorder:
         if len(chunks) == 1:
             return chunks[0]
         time = np.concatenate([chunk.time for chunk in chunks])
-        joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in self.channels}
+        names = channels_of(chunks[0].drive, self.channels)
+        joined = {name: np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in names}
         return Trajectory(chunks[0].drive, time, **joined)
 
     def close(self) -> None:

@@ -19,6 +19,7 @@ from warpchain.engine.alike import alike
 from warpchain.engine.devices import engine_on
 from warpchain.engine.pack import STATE_ROWS
 from warpchain.engine.packed import Packed
+from warpchain.engine.resting import lay_to_rest, springs
 from warpchain.kernels import relaxation
 
 SETTLE_LIMIT = 100_000
@@ -37,7 +38,8 @@ SETTLE_STEP = 0.7
 def elastic(packed: Packed) -> Packed:
     """The ensemble at rest, sprockets held, contacts without dissipation or friction, links damped for settling.
 
-    Rollers that assembly has put into guide-bars are pushed out through the face, however deep they are.
+    Rollers that assembly has put into guide-bars are pushed out through the face, however deep they are. Tensioners
+    push with what they push with at rest.
     """
     still = replace(
         packed,
@@ -49,12 +51,15 @@ def elastic(packed: Packed) -> Packed:
         guide_sliding=np.zeros_like(packed.guide_sliding),
         bodies=packed.bodies.copy(),
         rollers=packed.rollers.copy(),
+        arms=packed.arms.copy(),
+        tensioners=springs(packed.tensioners),
     )
     still.chains["damping"] = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
     still.links["outer_damping"] = SETTLE_DAMPING * np.sqrt(still.links["outer_stiffness"] * still.chains["mass"])
     still.sprockets["law"]["damping"] = 0.0
     still.guides["law"]["damping"] = 0.0
     still.guides["deepest_entry"] = np.inf
+    still.arms["damping"], still.arms["stop_damping"] = 0.0, 0.0
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
     for v in range(packed.variants):
         still.rows(v)[2:4] = 0.0
@@ -69,7 +74,7 @@ def settle(
     steps: int,
     run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
 ) -> NDArray[Any]:
-    """Settles the variants that ask for it: moves the rollers of `packed`, whose velocities stay.
+    """Settles the variants that ask for it: moves the rollers and arms of `packed`, whose velocities stay.
 
     Args:
         packed: the ensemble in float64.
@@ -104,10 +109,14 @@ def settle(
             going = run(engine.settle(steps), done)
             now = engine.settling()
             going = going and bool(((now["settled"] == 0) & (now["steps"] < now["limit"])).any())
-        moved = engine.rollers()
+        moved, bodies = engine.rollers(), engine.bodies()
     finally:
         engine.close()
     for v in np.flatnonzero(wanted):
         first, rows = packed.first_value(int(v)), packed.rows(int(v))
         rows[0:2] = moved[first : first + rows.size].reshape(STATE_ROWS, -1)[0:2]
+        last = int(packed.drives["first_body"][v] + packed.drives["bodies"][v])
+        arms = slice(last - int(packed.drives["arms"][v]), last)
+        packed.bodies["angle"][arms] = bodies["angle"][arms]
+    lay_to_rest(packed)
     return now

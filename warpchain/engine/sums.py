@@ -18,10 +18,11 @@ def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.integer]) -> dict[str, Any]:
-    """The sums of V variants that have S sprockets and G guide-bars each.
+    """The sums of V variants that have S sprockets, G guides, A arms and T tensioners each.
 
     Returns:
-        "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), a row a variant;
+        "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), "arm"
+        (V, A), "tensioner" (V, T), a row a variant;
         "batches", the same fields but for contacts and slips batch by batch along a last axis, and how long each
         batch is (V, batches) [s]; "tension", how many link tensions were seen in each bin of each strand and of no
         strand (V, S + 1, bins), and the bins' edges (V, bins + 1) [N].
@@ -30,6 +31,9 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
     sprockets, guides = int(drives["sprockets"][0]), int(drives["guides"][0])
     first = drives["first_sprocket"][:, None].astype(np.int64)
     sprocket = first + np.arange(sprockets)
+    arms, tensioners = int(drives["arms"][0]), int(drives["tensioners"][0])
+    arm = drives["first_arm"][:, None].astype(np.int64) + np.arange(arms)
+    tensioner = drives["first_tensioner"][:, None].astype(np.int64) + np.arange(tensioners)
     partner = first + drives["first_guide"][:, None] + np.arange(sprockets + guides)
     histograms = (first + variants[:, None]) + np.arange(sprockets + 1)
     counts = sums["tension_counts"].reshape(-1, int(BINS))[histograms]
@@ -40,6 +44,8 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
         "mount": sums["mount"][sprocket],
         "contact": sums["contact"][partner],
         "slip": sums["slip"][sprocket],
+        "arm": sums["arm"][arm],
+        "tensioner": sums["tensioner"][tensioner],
         "batches": (split_batches(sums, variants, sprocket), batch_durations(drives)),
         "tension": (counts, tension_edges(drives["tension_scale"])),
     }

@@ -17,6 +17,29 @@ if TYPE_CHECKING:
     from warpchain.drive import Drive
 
 
+Kind = Literal["roller", "link", "sprocket", "arm", "tensioner"]
+"""What channels are of."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How many things there are that channels are of; as many links as rollers."""
+
+    rollers: int
+    sprockets: int
+    arms: int = 0
+    tensioners: int = 0
+
+    @classmethod
+    def of(cls, drive: Drive) -> Sizes:
+        """Those of a drive."""
+        return cls(drive.chain.links, len(drive.sprockets), len(drive.arms), len(drive.tensioners))
+
+    def count(self, kind: Kind) -> int:
+        """How many of a kind."""
+        return self.rollers if kind in ("roller", "link") else int(getattr(self, f"{kind}s"))
+
+
 @dataclass(frozen=True)
 class Channel:
     """A quantity that is recorded.
@@ -33,7 +56,7 @@ class Channel:
 
     name: str
     unit: str
-    per: Literal["roller", "link", "sprocket"]
+    per: Kind
     description: str
     components: tuple[str, ...] = ()
     on_request: bool = False
@@ -49,13 +72,13 @@ class Channel:
         return ("time", self.per, *(("axis",) if self.components else ()))
 
     @property
-    def of_sprocket(self) -> bool:
-        """Whether there is one for each sprocket, not for each roller or link."""
-        return self.per == "sprocket"
+    def of_rollers(self) -> bool:
+        """Whether there is one for each roller or link, not for each sprocket, arm or tensioner."""
+        return self.per in ("roller", "link")
 
-    def shape(self, rollers: int, sprockets: int) -> tuple[int, ...]:
+    def shape(self, sizes: Sizes) -> tuple[int, ...]:
         """Its shape in one frame."""
-        count = sprockets if self.of_sprocket else rollers
+        count = sizes.count(self.per)
         return (count, len(self.components)) if self.components else (count,)
 
 
@@ -70,6 +93,12 @@ CHANNELS = (
     Channel("sprocket_moment", "N m", "sprocket", "moment of the contact forces, counter-clockwise"),
     Channel("sprocket_center", "m", "sprocket", "center", ("x", "y")),
     Channel("joint_friction_power", "W", "roller", "power that the joint at this roller dissipates", on_request=True),
+    Channel("arm_angle", "rad", "arm", "angle from the drawing, counter-clockwise"),
+    Channel("arm_speed", "rad/s", "arm", "angular velocity, counter-clockwise"),
+    Channel("arm_moment", "N m", "arm", "moment of the contact forces about its pivot, counter-clockwise"),
+    Channel("tensioner_extension", "m", "tensioner", "extension from the drawing, outward positive"),
+    Channel("tensioner_force", "N", "tensioner", "force on the body that it pushes"),
+    Channel("chamber_pressure", "Pa", "tensioner", "absolute pressure in the chamber; without oil the ambient one"),
 )
 """Every channel that a trajectory can hold beside its time. New ones go last: archives number them in this order."""
 
@@ -79,10 +108,10 @@ DEFAULT = tuple(channel.name for channel in CHANNELS if not channel.on_request)
 """Names of those that are recorded unless others are asked for."""
 CHANNEL = {channel.name: channel for channel in CHANNELS}
 """The channels by name."""
-OF_ROLLERS = tuple(channel for channel in CHANNELS if not channel.of_sprocket)
+OF_ROLLERS = tuple(channel for channel in CHANNELS if channel.of_rollers)
 """The channels of rollers and of links."""
-OF_SPROCKETS = tuple(channel for channel in CHANNELS if channel.of_sprocket)
-"""The channels of sprockets."""
+OF_BODIES = tuple(channel for channel in CHANNELS if not channel.of_rollers)
+"""The channels of sprockets, arms and tensioners."""
 UNITS = {"time": "s"} | {channel.name: channel.unit for channel in CHANNELS}
 """Unit of a trajectory's time and of each channel."""
 AXES = ("x", "y")
@@ -94,10 +123,12 @@ class FrameLayout:
     """How the values of one frame lie in a row of memory.
 
     First come the values of rollers and links, in rows of one value a roller; then those of the sprockets, one sprocket
-    after the other. With N rollers, component k of a channel is at
+    after the other, those of the arms and those of the tensioners likewise. With N rollers and S sprockets, component
+    k of a channel is at
 
         (place + k) N + i                                         of roller or link i
-        roller_values N + sprocket_values s + place + k           of sprocket s
+        values(roller) N + values(sprocket) s + place + k         of sprocket s
+        values(roller) N + values(sprocket) S + values(arm) a + place + k   of arm a, and so on
 
     Kernels take these numbers from it as constants (`kernels/frames.py`).
 
@@ -109,10 +140,12 @@ class FrameLayout:
 
     @cached_property
     def _places(self) -> dict[str, int]:
-        places, ends = {}, {True: 0, False: 0}
+        places: dict[str, int] = {}
+        ends = dict.fromkeys(BLOCKS, 0)
         for channel in self.channels:
-            places[channel.name] = ends[channel.of_sprocket]
-            ends[channel.of_sprocket] += len(channel.fields)
+            block = _block(channel.per)
+            places[channel.name] = ends[block]
+            ends[block] += len(channel.fields)
         return places
 
     def holds(self, name: str) -> bool:
@@ -120,34 +153,39 @@ class FrameLayout:
         return name in self._places
 
     def place(self, name: str) -> int:
-        """A channel's first row among those of the rollers, or its first value among a sprocket's."""
+        """A channel's first row among those of the rollers, or its first value among those of a sprocket and so on."""
         return self._places[name]
 
-    @property
-    def roller_values(self) -> int:
-        """Values of a frame per roller."""
-        return sum(len(channel.fields) for channel in self.channels if not channel.of_sprocket)
+    def values(self, kind: Kind) -> int:
+        """Values of a frame per roller (with its link), sprocket, arm or tensioner."""
+        return sum(len(channel.fields) for channel in self.channels if _block(channel.per) == _block(kind))
 
-    @property
-    def sprocket_values(self) -> int:
-        """Values of a frame per sprocket."""
-        return sum(len(channel.fields) for channel in self.channels if channel.of_sprocket)
-
-    def width(self, rollers: int, sprockets: int) -> int:
+    def width(self, sizes: Sizes) -> int:
         """Number of values of one frame."""
-        return self.roller_values * rollers + self.sprocket_values * sprockets
+        return sum(self.values(kind) * sizes.count(kind) for kind in BLOCKS)
 
-    def split(self, frames: NDArray[Any], rollers: int, sprockets: int) -> dict[str, NDArray[Any]]:
+    def split(self, frames: NDArray[Any], sizes: Sizes) -> dict[str, NDArray[Any]]:
         """The channels of frames (F, `width`) by name, as views: (F, N), (F, S), or (F, ..., 2) for vectors."""
-        end = self.roller_values * rollers
-        rows = frames[:, :end].reshape(len(frames), self.roller_values, rollers).transpose(0, 2, 1)
-        values = frames[:, end:].reshape(len(frames), sprockets, self.sprocket_values)
+        blocks, end = {}, 0
+        for kind in BLOCKS:
+            count, values = sizes.count(kind), self.values(kind)
+            held, end = frames[:, end : end + count * values], end + count * values
+            shape = (len(frames), values, count) if kind == "roller" else (len(frames), count, values)
+            blocks[kind] = held.reshape(shape).transpose(0, 2, 1) if kind == "roller" else held.reshape(shape)
         found = {}
         for channel in self.channels:
             first = self.place(channel.name)
-            held = (values if channel.of_sprocket else rows)[:, :, first : first + len(channel.fields)]
+            held = blocks[_block(channel.per)][:, :, first : first + len(channel.fields)]
             found[channel.name] = held if channel.components else held[:, :, 0]
         return found
+
+
+BLOCKS: tuple[Kind, ...] = ("roller", "sprocket", "arm", "tensioner")
+"""The kinds whose values stand together in a frame, in order; those of links with those of rollers."""
+
+
+def _block(kind: Kind) -> Kind:
+    return "roller" if kind == "link" else kind
 
 
 FRAME = FrameLayout(tuple(CHANNEL[name] for name in DEFAULT))
@@ -162,4 +200,10 @@ def frame_of(channels: Iterable[str]) -> FrameLayout:
 
 def frame_width(drive: Drive, frame: FrameLayout = FRAME) -> int:
     """Number of values of one frame of a drive."""
-    return frame.width(drive.chain.links, len(drive.sprockets))
+    return frame.width(Sizes.of(drive))
+
+
+def channels_of(drive: Drive, names: Iterable[str]) -> tuple[str, ...]:
+    """Those of these channels that a drive has anything of."""
+    sizes = Sizes.of(drive)
+    return tuple(name for name in names if sizes.count(CHANNEL[name].per) > 0)

@@ -24,6 +24,7 @@ from warpchain.results.formulas import (
     deviation,
     displacement_std,
     error_of,
+    flowed,
     impact_impulse,
     mean,
     peak_factor,
@@ -122,6 +123,12 @@ TENSION_SLACK = Column(
     "slack", "1", "share of links and instants without tension", tension_share_below(0.0), aside=True
 )
 
+MOMENT_MEAN = Column("moment_mean", "N m", "mean moment of the contact forces, counter-clockwise", mean("moment"))
+FORCE_MAX = Column(
+    "force_max", "N", "largest contact force on a roller; of a tensioner, its largest", total("force_max")
+)
+DAMPING_LOSS = Column("damping_loss", "J", "energy that its dampers and stops take", total("dissipated"))
+
 CHAIN = Group(
     "chain",
     with_errors(TENSION_MIN, TENSION_MAX, TENSION_MEAN, TENSION_STD, *TENSION_QUANTILES, TENSION_SLACK),
@@ -152,7 +159,7 @@ SPROCKET = Group(
         Column("speed_mean", "rad/s", "mean angular velocity", mean("speed")),
         Column("speed_max", "rad/s", "largest angular velocity", total("speed_max")),
         Column("speed_std", "rad/s", "standard deviation of the angular velocity", deviation("speed")),
-        Column("moment_mean", "N m", "mean moment of the contact forces, counter-clockwise", mean("moment")),
+        MOMENT_MEAN,
         Column("hub_force_x_mean", "N", "mean force of the chain on the sprocket to the right", mean("force", 0)),
         Column("hub_force_y_mean", "N", "mean force of the chain on the sprocket upward", mean("force", 1)),
         Column("hub_force_max", "N", "largest force of the chain on the sprocket", total("force_max")),
@@ -179,7 +186,7 @@ SLIP = Group(
 CONTACT = Group(
     "partner",
     (
-        Column("force_max", "N", "largest contact force on a roller", total("force_max")),
+        FORCE_MAX,
         Column("impacts", "1", "contacts that began", total("impacts"), kind=int),
         Column("impulse", "N s", "time integral of the contact forces", total("impulse")),
         Column("dissipated", "J", "energy dissipated in the contacts", total("dissipated")),
@@ -203,6 +210,45 @@ MISSED = Group(
     (Column("missed", "1", "rollers in the bar that did not come through its face", total("missed"), kind=int),),
     source="contact",
     where=lambda drive, index: index >= len(drive.sprockets),
+)
+ARM = Group(
+    "arm",
+    (
+        Column("angle_min", "rad", "smallest angle, counter-clockwise from the drawing", total("angle_min")),
+        Column("angle_mean", "rad", "mean angle", mean("angle")),
+        Column("angle_max", "rad", "largest angle", total("angle_max")),
+        Column("angle_std", "rad", "standard deviation of the angle", deviation("angle")),
+        MOMENT_MEAN,
+        DAMPING_LOSS,
+    ),
+    source="arm",
+)
+TENSIONER = Group(
+    "tensioner",
+    (
+        Column("force_min", "N", "smallest force on its body", total("force_min")),
+        Column("force_mean", "N", "mean force on its body", mean("force")),
+        FORCE_MAX,
+        Column("extension_min", "m", "smallest extension, from the drawing", total("extension_min")),
+        Column("extension_mean", "m", "mean extension", mean("extension")),
+        Column("extension_max", "m", "largest extension", total("extension_max")),
+        DAMPING_LOSS,
+    ),
+    source="tensioner",
+)
+OIL = Group(
+    "tensioner",
+    (
+        Column("pressure_min", "Pa", "smallest absolute pressure in the chamber", total("pressure_min")),
+        Column("pressure_mean", "Pa", "mean absolute pressure in the chamber", mean("pressure")),
+        Column("pressure_max", "Pa", "largest absolute pressure in the chamber", total("pressure_max")),
+        Column("leaked", "m^3", "oil that leaked through the gap", flowed("leaked")),
+        Column("supplied", "m^3", "oil that came in through the check valve", flowed("supplied")),
+        Column("oil_loss", "J", "energy that gap and check valve take", flowed("leak_loss", "valve_loss")),
+        Column("supply_work", "J", "work of the oil supply", flowed("supply_work")),
+    ),
+    source="tensioner",
+    where=lambda drive, index: drive.tensioners[index].hydraulic,
 )
 JOINTS = Group(
     "chain",
@@ -346,6 +392,8 @@ MEASURED = (
     (STRAND_TENSION, STRAND_DISPLACEMENT),
     (SPROCKET, MOUNT, SLIP),
     (CONTACT, FRICTION, TOUCHES, MISSED),
+    (ARM,),
+    (TENSIONER, OIL),
     (JOINTS,),
 )
 """What the sums of the window give. Groups that stand together go thing by thing: all of one, then all of the next."""
@@ -388,7 +436,8 @@ def _kind(drive: Drive) -> Hashable:
     """What decides which columns a drive has, and of what its energy balance consists."""
     has = (group.where(drive, i) for group in SOME for i in range(len(THINGS[group.of](drive))) if group.where)
     sprockets = ((sprocket.name, sprocket.prescribed is None) for sprocket in drive.sprockets)
-    return (*sprockets, None, *(guide.name for guide in drive.guides), None, *has)
+    bodies = (*(arm.name for arm in drive.arms), None, *(tensioner.name for tensioner in drive.tensioners))
+    return (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *has)
 
 
 def same_columns(drives: Sequence[Drive]) -> list[NDArray[np.intp]]:

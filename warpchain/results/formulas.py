@@ -44,6 +44,8 @@ THINGS: dict[str, Callable[[Drive], list[str]]] = {
     "strand": lambda drive: [f"{name}." for name in drive.strand_names],
     "sprocket": lambda drive: [f"{sprocket.name}." for sprocket in drive.sprockets],
     "partner": lambda drive: [f"{name}." for name in partner_names(drive)],
+    "arm": lambda drive: [f"{arm.name}." for arm in drive.arms],
+    "tensioner": lambda drive: [f"{tensioner.name}." for tensioner in drive.tensioners],
     "probe": lambda drive: [f"{probe.name}." for probe in drive.probes],
 }
 """The things of a drive that columns are of, by what stands before their names."""
@@ -69,6 +71,11 @@ class Summed:
 def total(field: str) -> Callable[[Summed], Values]:
     """A sum itself."""
     return lambda of: of.sums[field]
+
+
+def flowed(*fields: str) -> Callable[[Summed], Values]:
+    """What a tensioner's meter counted, several of it added up."""
+    return lambda of: sum(of.sums["flows"][field] for field in fields)
 
 
 def mean(field: str, component: int | None = None) -> Callable[[Summed], Values]:
@@ -172,7 +179,7 @@ class Balance:
         input: work of what prescribes angles and centers.
         output: work against the loads.
         links: dissipated in the links.
-        dissipated: in links, joints, contacts and mounts.
+        dissipated: in links, joints, contacts, mounts, arms and tensioners.
         change: of the mechanical energy.
         stored: the mechanical energy itself, at its larger end.
     """

@@ -145,15 +145,21 @@ def drifts_of(ended: Ended, sums: Mapping[str, Any]) -> Drifts:
 def energy_balance(drive: Drive, sums: Mapping[str, Any]) -> Balance:
     """Work done and energy gone over the window, (V,) each; `drive` is any of the variants.
 
-    What prescribes angles and centers does the input work; the loads take the output work.
+    What prescribes angles and centers, and what supplies oil, does the input work; the loads take the output work.
     """
     chain, sprockets, mounts = sums["chain"], sums["sprocket"], sums["mount"]
     driven = np.array([s.prescribed is not None for s in drive.sprockets])
     contact_work = np.compress(driven, sprockets["contact_work"], axis=1)
     load_work = np.compress(~driven, sprockets["load_work"], axis=1)
     dissipated = chain["dissipated"] + chain["friction"] + sums["contact"]["dissipated"].sum(axis=1)
+    supplied = 0.0
+    if drive.arms or drive.tensioners:
+        flows = sums["tensioner"]["flows"]
+        dissipated = dissipated + sums["arm"]["dissipated"].sum(axis=1) + sums["tensioner"]["dissipated"].sum(axis=1)
+        dissipated = dissipated + flows["leak_loss"].sum(axis=1) + flows["valve_loss"].sum(axis=1)
+        supplied = flows["supply_work"].sum(axis=1)
     return Balance(
-        input=mounts["work"].sum(axis=1) - contact_work.sum(axis=1),
+        input=mounts["work"].sum(axis=1) - contact_work.sum(axis=1) + supplied,
         output=-load_work.sum(axis=1),
         links=chain["dissipated"],
         dissipated=dissipated + mounts["dissipated"].sum(axis=1) + sums["contact"]["friction"].sum(axis=1),
@@ -187,10 +193,10 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     """The metrics of V variants whose drives have the same columns.
 
     Args:
-        sums: "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S) and "contact" (V, S + G) sums of these
-            alone; "batches", those by field with the batches along a last axis, and how long each batch is (V, batches)
-            [s]; "tension", counts in bins (V, S + 1, bins), those of links on no strand last, and the bins' edges
-            (V, bins + 1) [N].
+        sums: "chain" (V,), "strand", "sprocket", "mount" and "slip" (V, S), "contact" (V, S + G), and where there are
+            any "arm" (V, A) and "tensioner" (V, T) sums of these alone; "batches", those of the first four by field
+            with the batches along a last axis, and how long each batch is (V, batches) [s]; "tension", counts in bins
+            (V, S + 1, bins), those of links on no strand last, and the bins' edges (V, bins + 1) [N].
     """
     drive = ended.drives[0]
     with np.errstate(all="ignore"):

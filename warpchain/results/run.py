@@ -102,6 +102,12 @@ class Trajectory:
             the rate at which its links turn against each other, with leapfrog at the mean of the velocities before and
             after the step, as in the metric `joints.friction`; that of a joint that hardly turns can then be a little
             below 0. On request; 0 where joints do not rub.
+        arm_angle: (F, A) angles of the arms from the drawing, counter-clockwise [rad]; None without arms.
+        arm_speed: (F, A) their angular velocities [rad/s].
+        arm_moment: (F, A) moments of the contact forces about their pivots, counter-clockwise [N m].
+        tensioner_extension: (F, T) extensions of the tensioners from the drawing [m]; None without tensioners.
+        tensioner_force: (F, T) forces on the bodies that they push [N].
+        chamber_pressure: (F, T) absolute pressures in their chambers [Pa]; without oil the ambient one.
     """
 
     drive: Drive
@@ -116,6 +122,12 @@ class Trajectory:
     sprocket_moment: NDArray[np.floating] | None = None
     sprocket_center: NDArray[np.floating] | None = None
     joint_friction_power: NDArray[np.floating] | None = None
+    arm_angle: NDArray[np.floating] | None = None
+    arm_speed: NDArray[np.floating] | None = None
+    arm_moment: NDArray[np.floating] | None = None
+    tensioner_extension: NDArray[np.floating] | None = None
+    tensioner_force: NDArray[np.floating] | None = None
+    chamber_pressure: NDArray[np.floating] | None = None
 
     def channels(self) -> dict[str, NDArray[np.floating]]:
         """The recorded channels by name, without time."""

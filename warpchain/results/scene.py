@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.path import chain_path
 from warpchain.drive import Drive
+from warpchain.drive.profile import Piece
 from warpchain.drive.teeth import teeth_outline
 from warpchain.results.run import Trajectory
 
@@ -42,7 +43,7 @@ def tooth_outline(drive: Drive, s: int, arc_points: int = 9) -> Array:
 
 
 def guide_outline(drive: Drive, g: int, points: int = 12) -> Array:
-    """Outline of guide-bar g (P, 2) [m]: its face and both rounded ends."""
+    """Outline of guide g (P, 2) [m] as drawn: its face and both rounded ends."""
     if not drive.guides[g].straight:
         return drive.profile(g).points(drive.chain.pitch / points)
     bar = drive.guides[g].bar
@@ -70,7 +71,7 @@ def pressing(trajectory: Trajectory, least: float = 0.0) -> tuple[Arrows, Arrows
         normals[on] = sprocket_normals(trajectory, s, frame[on], roller[on])
     sprockets = Arrows(frame, roller, normals * np.asarray(trajectory.sprocket_force, float)[frame, roller, None])
     frame, roller = np.nonzero(trajectory.guide_force > least)
-    normals = _guide_normals(trajectory.drive, np.asarray(trajectory.position, dtype=float)[frame, roller])
+    normals = guide_normals(trajectory, frame, roller)
     guides = Arrows(frame, roller, normals * np.asarray(trajectory.guide_force, float)[frame, roller, None])
     return sprockets, guides
 
@@ -118,28 +119,63 @@ def sprocket_normals(trajectory: Trajectory, s: int, frame: Index | None = None,
     return np.stack([outward * c - lateral * d, outward * d + lateral * c], axis=-1)
 
 
-def _guide_normals(drive: Drive, x: Array) -> Array:
-    """Direction of the guide-bars' contact force on rollers at `x` (K, 2): the faces' normal."""
-    normals = np.zeros_like(x)
-    for bar in (guide.bar for guide in drive.guides):
-        t = np.subtract(bar.end, bar.start)
-        length = float(np.hypot(*t))
-        t = t / length
-        along = (x - np.asarray(bar.start)) @ t
-        reach = bar.end_radius + drive.chain.roller_radius
-        near = (along > -reach) & (along < length + reach)
-        normals += near[:, None] * np.array([-t[1], t[0]])
+def on_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
+    """Rollers (K,) at frames (K,) in the drawing of guide g (K, 2) [m], and by how much its arm has turned (K,) [rad].
+
+    The drawing has the guide's arm at angle 0; on the ground it is the drive's own plane.
+    """
+    assert trajectory.position is not None
+    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    arm = trajectory.drive.arm_of(g)
+    if arm is None or trajectory.arm_angle is None:
+        return x, np.zeros(len(x))
+    angle = np.asarray(trajectory.arm_angle, dtype=float)[frame, arm]
+    pivot, c, d = np.asarray(trajectory.drive.arms[arm].pivot), np.cos(angle), np.sin(angle)
+    r = x - pivot
+    return pivot + np.stack([r[:, 0] * c + r[:, 1] * d, r[:, 1] * c - r[:, 0] * d], axis=1), angle
+
+
+def guide_normals(trajectory: Trajectory, frame: Index, roller: Index) -> Array:
+    """Direction of the guides' contact force on rollers (K,) at frames (K,), as (K, 2): the normal of their faces."""
+    normals = np.zeros((len(frame), 2))
+    for g in range(len(trajectory.drive.guides)):
+        x, angle = on_guide_frame(trajectory, g, frame, roller)
+        profile, offset = trajectory.drive.profile(g), trajectory.drive.guide_offset(g)
+        reach = profile.end_radius + offset
+        for piece in profile.face:
+            along, height, tx, ty = _over_piece(piece, x)
+            near = (along > -reach) & (along < piece.length + reach) & (np.abs(height - offset) < reach)
+            if len(profile.face) > 1:
+                near &= (along >= 0.0) & (along < piece.length)
+            nx, ny = -ty, tx
+            c, d = np.cos(angle), np.sin(angle)
+            normals += near[:, None] * np.stack([nx * c - ny * d, nx * d + ny * c], axis=1)
     return normals
 
 
-def nearest_guide(drive: Drive, x: Array) -> Index:
-    """The guide-bar whose face each of the points `x` (K, 2) is nearest to (K,)."""
+def _over_piece(piece: Piece, x: Array) -> tuple[Array, Array, Array, Array]:
+    """Place along a piece and height over it [m] of points (K, 2), and the face's tangent there, (K,) each."""
+    t = np.array([math.cos(piece.heading), math.sin(piece.heading)])
+    q, k = x - np.asarray(piece.start), piece.curvature
+    u, w = q @ t, q @ np.array([-t[1], t[0]])
+    g = 2.0 * w - k * (u * u + w * w)
+    root = np.sqrt(np.maximum(1.0 - k * g, 1e-12))
+    along = np.arctan2(k * u, 1.0 - k * w) / k if k else u
+    nu, nw = -k * u / root, (1.0 - k * w) / root
+    return along, g / (1.0 + root), nw * t[0] + nu * t[1], nw * t[1] - nu * t[0]
+
+
+def nearest_guide(trajectory: Trajectory, frame: Index, roller: Index) -> Index:
+    """The guide whose face each of the rollers (K,) at frames (K,) is nearest to (K,)."""
     apart = []
-    for bar in (guide.bar for guide in drive.guides):
-        start, t = np.asarray(bar.start, dtype=float), np.subtract(bar.end, bar.start)
-        share = np.clip((x - start) @ t / float(t @ t), 0.0, 1.0)
-        apart.append(np.hypot(*(x - start - share[:, None] * t).T))
-    return np.argmin(apart, axis=0) if apart else np.zeros(len(x), dtype=np.intp)
+    for g in range(len(trajectory.drive.guides)):
+        x, _ = on_guide_frame(trajectory, g, frame, roller)
+        faces = []
+        for piece in trajectory.drive.profile(g).face:
+            along, height, _, _ = _over_piece(piece, x)
+            faces.append(np.hypot(along - np.clip(along, 0.0, piece.length), height))
+        apart.append(np.min(faces, axis=0))
+    return np.argmin(apart, axis=0) if apart else np.zeros(len(frame), dtype=np.intp)
 
 
 def nearest_sprocket(trajectory: Trajectory, rollers: Index | None = None) -> Index:

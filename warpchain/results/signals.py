@@ -114,8 +114,7 @@ def guide_forces(trajectory: Trajectory) -> list[tuple[Array, Array]]:
     assert trajectory.guide_force is not None
     frame, roller = np.nonzero(trajectory.guide_force > 0.0)
     force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
-    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
-    nearest = nearest_guide(trajectory.drive, x)
+    nearest = nearest_guide(trajectory, frame, roller)
     found: list[tuple[Array, Array]] = []
     for g in range(len(trajectory.drive.guides)):
         mine, count = nearest == g, len(trajectory.time)

@@ -46,6 +46,7 @@ def log_drive(stream: rr.RecordingStream, root: str, shown: Trajectory, top: flo
     _log_chain(stream, root, shown, x, top)
     _log_sprockets(stream, root, shown)
     _log_guides(stream, root, shown)
+    _log_arms(stream, root, shown)
     _log_arrows(stream, root, shown, x)
 
 
@@ -90,7 +91,6 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory) -> 
 
     assert shown.sprocket_angle is not None
     assert shown.sprocket_center is not None
-    count, kind = len(shown.time), rr.Transform3D
     for s, sprocket in enumerate(shown.drive.sprockets):
         path = entity(root, "drive", "sprockets", sprocket.name)
         spoke = np.array([[0.0, 0.0], [0.8 * shown.drive.pitch_radius(s), 0.0]])
@@ -98,22 +98,54 @@ def _log_sprockets(stream: rr.RecordingStream, root: str, shown: Trajectory) -> 
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL], radii=[0.05 * shown.drive.chain.pitch]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[sprocket.name], radii=[0.1 * shown.drive.chain.pitch], colors=[STEEL])
         stream.log(entity(root, "drive", "sprockets", sprocket.name, "name"), label, static=True)
-        place, turn = np.zeros((count, 3), np.float32), np.zeros((count, 4), np.float32)
-        place[:, :2] = flipped(shown.sprocket_center[:, s])
-        half = -0.5 * np.asarray(shown.sprocket_angle[:, s], dtype=float)
-        turn[:, 2], turn[:, 3] = np.sin(half), np.cos(half)
-        moved = Column(kind.descriptor_translation(), rows(vectors(place), 1, count))
-        send(stream, path, shown.time, [moved, Column(kind.descriptor_quaternion(), rows(vectors(turn), 1, count))])
+        _turn(stream, path, shown, shown.sprocket_center[:, s], shown.sprocket_angle[:, s])
 
 
 def _log_guides(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
     import rerun as rr
 
     for g, guide in enumerate(shown.drive.guides):
-        line = rr.LineStrips2D(
-            [flipped(guide_outline(shown.drive, g))], colors=[RUBBER], radii=[0.1 * shown.drive.chain.pitch]
-        )
-        stream.log(entity(root, "drive", "guides", guide.name), line, static=True)
+        outline, path = guide_outline(shown.drive, g), entity(root, "drive", "guides", guide.name)
+        arm = shown.drive.arm_of(g)
+        if arm is not None and shown.arm_angle is not None:
+            outline = outline - np.asarray(shown.drive.arms[arm].pivot)
+            _turn(stream, path, shown, np.asarray(shown.drive.arms[arm].pivot), shown.arm_angle[:, arm])
+        line = rr.LineStrips2D([flipped(outline)], colors=[RUBBER], radii=[0.1 * shown.drive.chain.pitch])
+        stream.log(path, line, static=True)
+
+
+def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
+    """Pivots, and from each a line to its guides' ends and to where tensioners push."""
+    import rerun as rr
+
+    if shown.arm_angle is None:
+        return
+    drive = shown.drive
+    for a, arm in enumerate(drive.arms):
+        path, pivot = entity(root, "drive", "arms", arm.name), np.asarray(arm.pivot)
+        ends = [drive.profile(g).face[i].start for g in drive.guides_of(a) for i in (0, -1)]
+        ends += [tensioner.at for tensioner in drive.tensioners if tensioner.on == arm.name]
+        parts = [flipped(np.array([(0.0, 0.0), np.asarray(end) - pivot])) for end in ends]
+        radius = 0.05 * drive.chain.pitch
+        stream.log(path, rr.LineStrips2D(parts, colors=[STEEL], radii=[radius]), static=True)
+        label = rr.Points2D([[0.0, 0.0]], labels=[arm.name], radii=[2.0 * radius], colors=[STEEL])
+        stream.log(entity(root, "drive", "arms", arm.name, "name"), label, static=True)
+        _turn(stream, path, shown, pivot, shown.arm_angle[:, a])
+
+
+def _turn(
+    stream: rr.RecordingStream, path: str, shown: Trajectory, pivot: NDArray[np.floating], angle: NDArray[np.floating]
+) -> None:
+    """Turns what is at `path` about a pivot at each frame."""
+    import rerun as rr
+
+    count, kind = len(shown.time), rr.Transform3D
+    place, turn = np.zeros((count, 3), np.float32), np.zeros((count, 4), np.float32)
+    place[:, :2] = flipped(pivot)
+    half = -0.5 * np.asarray(angle, dtype=float)
+    turn[:, 2], turn[:, 3] = np.sin(half), np.cos(half)
+    moved = Column(kind.descriptor_translation(), rows(vectors(place), 1, count))
+    send(stream, path, shown.time, [moved, Column(kind.descriptor_quaternion(), rows(vectors(turn), 1, count))])
 
 
 def _log_arrows(stream: rr.RecordingStream, root: str, shown: Trajectory, x: NDArray[np.float32]) -> None:

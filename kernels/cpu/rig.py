@@ -1,0 +1,132 @@
+"""A test rig on the CPU: one tensioner a thread, its plunger led through a sine as a shaker does.
+
+x = x_0 + amplitude sin(2 pi f t), from the state at rest at x_0. What is summed and noted of the last cycle stands in
+`RideSums`; the work W = -int F dx that the shaker does on the plunger by the mean of the forces at a step's ends.
+"""
+
+import math
+
+import warp as wp
+
+from ..physics.tensioner import (
+    damper_power,
+    resting_state,
+    tensioner_energy,
+    tensioner_force,
+    tensioner_step,
+)
+from ..structs import Tensioner
+
+SAMPLE_COLUMNS = ("extension", "force", "pressure", "valve_lift", "leaked", "supplied")
+"""What a sample holds; flows since the start."""
+
+
+@wp.struct
+class Ride:
+    """How a plunger is led."""
+
+    center: wp.float64  # x_0 [m]
+    amplitude: wp.float64  # [m]
+    step: wp.float64  # h [s]
+    cycle: wp.int32  # steps of a cycle
+    cycles: wp.int32
+    every: wp.int32  # steps between samples; 0: none
+
+
+@wp.struct
+class RideSums:
+    """Of the last cycle."""
+
+    force_min: wp.float64  # [N]
+    force_max: wp.float64
+    pressure_min: wp.float64  # [Pa]
+    pressure_max: wp.float64
+    lift_max: wp.float64  # of the valve [m]
+    openings: wp.int32  # of the valve
+    leaked: wp.float64  # [m^3]
+    supplied: wp.float64  # [m^3]
+    work: wp.float64  # on the plunger [J]
+    supply_work: wp.float64  # [J]
+    leak_loss: wp.float64  # [J]
+    valve_loss: wp.float64  # [J]
+    damper_loss: wp.float64  # [J]
+    gained: wp.float64  # energy stored at its end less that at its beginning [J]
+    vapor: wp.float64  # share of it at the vapor pressure
+
+
+@wp.func
+def place_at(step: int, ride: Ride):
+    """x [m] and x' [m/s] at a step."""
+    turn = wp.float64(wp.static(2.0 * math.pi)) / wp.float64(ride.cycle)
+    angle = turn * wp.float64(step % ride.cycle)
+    return ride.center + ride.amplitude * wp.sin(angle), ride.amplitude * turn / ride.step * wp.cos(angle)
+
+
+@wp.kernel(enable_backward=False)
+def lead(
+    rides: wp.array[Ride],
+    tensioners: wp.array[Tensioner],
+    first: int,
+    samples: wp.array3d[wp.float64],
+    sums: wp.array[RideSums],
+):
+    """Leads the plungers from number `first` on; samples (rides, samples, columns)."""
+    r = first + wp.tid()
+    ride = rides[r]
+    tensioner = tensioners[r]
+    half = wp.float64(0.5)
+    leaked = wp.float64(0.0)
+    supplied = wp.float64(0.0)
+    total = RideSums()
+    x, rate = place_at(0, ride)
+    state = resting_state(x, tensioner)
+    force, pressure = tensioner_force(x, rate, state, tensioner)
+    lift = wp.float64(0.0)
+    steps = ride.cycle * ride.cycles
+    i = int(0)
+    while i <= steps:
+        if ride.every > 0 and i % ride.every == 0:
+            at = i // ride.every
+            samples[r, at, 0] = x
+            samples[r, at, 1] = force
+            samples[r, at, 2] = pressure
+            samples[r, at, 3] = lift
+            samples[r, at, 4] = leaked
+            samples[r, at, 5] = supplied
+        if i == steps - ride.cycle:
+            total.force_min = force
+            total.force_max = force
+            total.pressure_min = pressure
+            total.pressure_max = pressure
+            total.gained = -tensioner_energy(x, state, tensioner)
+        if i < steps:
+            lost = half * damper_power(x, rate, state, tensioner)
+            before = x
+            pushed = force
+            opened = lift
+            x, rate = place_at(i + 1, ride)
+            state, flows = tensioner_step(x, (x - before) / ride.step, ride.step, state, tensioner)
+            force, pressure = tensioner_force(x, rate, state, tensioner)
+            lift = flows.lift
+            leaked += flows.leaked
+            supplied += flows.supplied
+            if i >= steps - ride.cycle:
+                total.force_min = wp.min(total.force_min, force)
+                total.force_max = wp.max(total.force_max, force)
+                total.pressure_min = wp.min(total.pressure_min, pressure)
+                total.pressure_max = wp.max(total.pressure_max, pressure)
+                total.lift_max = wp.max(total.lift_max, lift)
+                if lift > wp.float64(0.0) and opened <= wp.float64(0.0):
+                    total.openings += 1
+                total.leaked += flows.leaked
+                total.supplied += flows.supplied
+                total.work -= half * (pushed + force) * (x - before)
+                total.supply_work += flows.supply_work
+                total.leak_loss += flows.leak_loss
+                total.valve_loss += flows.valve_loss
+                total.damper_loss += ride.step * (lost + half * damper_power(x, rate, state, tensioner))
+                if tensioner.hydraulic == 1 and pressure <= tensioner.vapor * wp.float64(1.000001):
+                    total.vapor += wp.float64(1.0) / wp.float64(ride.cycle)
+        i += 1
+    total.gained += tensioner_energy(x, state, tensioner)
+    sums[r] = total

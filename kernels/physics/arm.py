@@ -1,0 +1,73 @@
+r"""An arm: a rigid body that turns about a fixed pivot, with a torsion spring, a damper and two stops.
+
+    I theta'' = N + M_g - k_t (theta - theta_0) - c_t omega + M_stop,                                     (a)
+
+N the moment of contacts and tensioners about the pivot, M_g = r x g of its weight, r = m (c - p) turned by theta. A
+stop pushes only, M_stop = k (theta_low - theta) - c omega >= 0 below the lower one, likewise above the upper one.
+"""
+
+import warp as wp
+
+from ..structs import Arm, BodyState
+
+
+@wp.func
+def stop_moment(angle: wp.float64, speed: wp.float64, arm: Arm):
+    """Moment [N m] of the stop that an arm leans on, and what of it is elastic."""
+    zero = wp.float64(0.0)
+    elastic = zero
+    moment = zero
+    if angle < arm.low:
+        elastic = arm.stop_stiffness * (arm.low - angle)
+        moment = wp.max(elastic - arm.stop_damping * speed, zero)
+    elif angle > arm.high:
+        elastic = arm.stop_stiffness * (arm.high - angle)
+        moment = wp.min(elastic - arm.stop_damping * speed, zero)
+    return moment, elastic
+
+
+@wp.func
+def own_moment(body: BodyState, heading: wp.vec2d, arm: Arm):
+    """Moment [N m] on an arm of all but contacts and tensioners: weight, spring, damper, stops, as in (a).
+
+    Args:
+        body: its angle and speed.
+        heading: cosine and sine of its angle.
+        arm: its data.
+    """
+    r = wp.vec2d(
+        arm.heft[0] * heading[0] - arm.heft[1] * heading[1], arm.heft[0] * heading[1] + arm.heft[1] * heading[0]
+    )
+    stop, elastic = stop_moment(body.angle, body.speed, arm)
+    weight = r[0] * arm.gravity[1] - r[1] * arm.gravity[0]
+    return weight + stop - arm.stiffness * (body.angle - arm.free_angle) - arm.damping * body.speed
+
+
+@wp.func
+def arm_rates(body: BodyState, heading: wp.vec2d, moment: wp.float64, arm: Arm):
+    """Accelerations of an arm's center (none) and angle [rad/s^2], (a), as `body.body_rates` gives a sprocket's.
+
+    `moment` is that of contacts and tensioners about the pivot [N m].
+    """
+    angular = (moment + own_moment(body, heading, arm)) * arm.inverse_inertia
+    return wp.vec3d(wp.float64(0.0), wp.float64(0.0), angular)
+
+
+@wp.func
+def arm_energy(body: BodyState, heading: wp.vec2d, arm: Arm):
+    """Kinetic, elastic and potential energy of an arm [J]."""
+    half = wp.float64(0.5)
+    turned = body.angle - arm.free_angle
+    energy = half * body.speed * body.speed / arm.inverse_inertia + half * arm.stiffness * turned * turned
+    beyond = wp.max(arm.low - body.angle, wp.float64(0.0)) + wp.max(body.angle - arm.high, wp.float64(0.0))
+    energy += half * arm.stop_stiffness * beyond * beyond
+    x = arm.heft[0] * heading[0] - arm.heft[1] * heading[1]
+    y = arm.heft[0] * heading[1] + arm.heft[1] * heading[0]
+    return energy - x * arm.gravity[0] - y * arm.gravity[1]
+
+
+@wp.func
+def arm_dissipation(body: BodyState, arm: Arm):
+    """Power [W] that an arm's damper and stops take."""
+    stop, elastic = stop_moment(body.angle, body.speed, arm)
+    return arm.damping * body.speed * body.speed - (stop - elastic) * body.speed

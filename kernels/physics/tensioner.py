@@ -1,0 +1,461 @@
+r"""A chain tensioner: a plunger that pushes a body out, on a spring, on oil behind a check valve, with a ratchet.
+
+The plunger touches a body at a place r and pushes along a unit vector d that stands in space. With r_0 the place at
+the drawing, the extension is
+
+    x = (r - r_0) . d,    x' = r' . d                                                           (1)
+
+and the force on the body along d, which only pushes (mass of the plunger: with the body),
+
+    spring:     F = max(0, f_0 - k x - c x') + F_s                                              (2)
+    hydraulic:  F = max(0, (P - P_0) A + f_0 - k x - c x') + F_s.                               (3)
+
+**Oil.** The chamber of volume V = V_0 + A x holds oil with a share a of air at the ambient pressure P_0, n = 1.4:
+
+    1/E(P) = (1/E_0 + (a/n) P_0^(1/n) P^(-1-1/n)) / (1 + a),    P' = (E/V) (Q - A x')           (4)
+
+with Q the flow into it. What (4) conserves without flow is the mass M: with
+
+    phi(P) = int dP/E = (P/E_0 - a (P_0/P)^(1/n)) / (1 + a)                                     (5)
+    mu = ln(M) = phi(P) + ln(V/V_0),    M' = exp(phi) Q   (M in units of rho V_0 at phi = 0)    (6)
+
+(4) and (6) are the same. So the pressure is a function P(mu, x), the oil between flows a spring of stiffness E A^2/V
+that conserves energy at any step, and (5) and (6) with z = (P/P_0)^(1/7), since 1/n = 5/7, hold whole powers only:
+P = P_0 z^7, (P_0/P)^(1/n) = z^-5. Where (6) gives less than the vapor pressure P_v, P = P_v and the volume
+V - V_0 exp(mu - phi(P_v)) is vapor.
+
+**Flows.** Through the gap, and through the check valve of lift y while dP = P_s - P > 0:
+
+    Q = Q_cv - Q_leak,    Q_leak = G (P - P_0) + (pi d h / 2) x'                                (7)
+    y = clip((dP A_b - F_0) / k_cv, 0, y_max),    S = C_d pi y (2 r_B tan(g) + y sin(g) / cos(g)^2)
+    Q_cv = S_e sqrt(2 dP / rho),    1/S_e^2 = 1/S^2 + 1/A_b^2                                   (8)
+
+(below 5 kPa linear in dP). The hole of the seat, A_b, stands in series with the ball's curtain S: at full lift the
+curtain can be many times the hole, and no more oil than the hole passes comes in. Flows are stiff, so a step of length
+h takes them at its end, after the body has moved. With mass conserved, that is one equation for P, rising with P:
+
+    phi(P) + ln((V - h Q(P)) / V_0) = mu before the step.                                       (9)
+
+**Energy.** Oil at P has a volume exp(-phi) a unit of M, and
+
+    u = int (p - P_0) exp(-phi) dphi from P_0 to P,    H = u + (P - P_0) exp(-phi)              (10)
+    U = M u - (P - P_0) (V - M exp(-phi))                                                       (11)
+
+is stored (the bracket is the vapor): -dU/dx = (P - P_0) A, dU/dM = H. A mass dM that comes in takes H(P_s) dM from the
+supply, of which the valve loses (H(P_s) - H(P)) dM; a mass that leaks loses H(P) dM.
+
+**Ratchet.** Of pitch a and backlash s, x_max the farthest x so far: a stop of stiffness k_s and damping c_s holds the
+plunger where it is pushed back below
+
+    x_s = max(a floor(x_max / a) - s, x_b),    F_s = max(0, k_s (x_s - x) - c_s x') while x < x_s;   (12)
+
+x_b is the bottom of the chamber, where a plunger stands without a ratchet, too.
+"""
+
+import math
+
+import warp as wp
+
+from ..structs import BodyState, Push, Tensioner, TensionerState, Wrench
+from ..sum_structs import TensionerFlows
+from .body import heading_of
+
+ROUNDS = wp.constant(60)
+"""Newton's steps at most; from the pressure before, two or three do."""
+
+CLOSE = wp.constant(wp.float64(1e-7))
+"""A step of Newton's that is smaller than this part of z is the last (the error is then about its square)."""
+
+LARGEST = wp.constant(wp.float64(8.0))
+"""z above any pressure: 8^7 is two million times the ambient one."""
+
+SMALL = wp.constant(wp.float64(0.03))
+"""Up to here exp is a polynomial of degree 5, to 1e-12."""
+
+NODES = [0.1834346424956498, 0.525532409916329, 0.7966664774136267, 0.9602898564975363]
+WEIGHTS = [0.362683783378362, 0.3137066458778873, 0.2223810344533745, 0.1012285362903763]
+"""Gauss-Legendre of 8 points, those above 0."""
+
+
+@wp.func
+def touch_of(center: wp.vec2d, heading: wp.vec2d, speed: wp.float64, velocity: wp.vec2d, tensioner: Tensioner):
+    """Place [m] and velocity [m/s] of the point of a body that the plunger touches.
+
+    Args:
+        center, velocity: of the body [m], [m/s].
+        heading: cosine and sine of its angle.
+        speed: its angular velocity [rad/s].
+        tensioner: with the point in the body's own frame, from its center.
+    """
+    p = tensioner.point
+    arm = wp.vec2d(p[0] * heading[0] - p[1] * heading[1], p[0] * heading[1] + p[1] * heading[0])
+    return center + arm, velocity + speed * wp.vec2d(-arm[1], arm[0])
+
+
+@wp.func
+def extension(place: wp.vec2d, tensioner: Tensioner):
+    """x [m] of the touched point, eq. (1)."""
+    return wp.dot(place - tensioner.home, tensioner.direction)
+
+
+@wp.func
+def tensioner_wrench(force: wp.float64, arm: wp.vec2d, tensioner: Tensioner):
+    """What a tensioner that pushes with `force` [N] does to its body.
+
+    Args:
+        arm: from the body's center to the touched point [m].
+    """
+    wrench = Wrench()
+    wrench.force = force * tensioner.direction
+    wrench.moment = arm[0] * wrench.force[1] - arm[1] * wrench.force[0]
+    return wrench
+
+
+@wp.func
+def chamber_volume(x: wp.float64, tensioner: Tensioner):
+    """V [m^3]; what is left at the bottom where x is below that."""
+    return tensioner.volume + tensioner.area * wp.max(x, tensioner.bottom)
+
+
+@wp.func
+def root_of(pressure: wp.float64, tensioner: Tensioner):
+    """z = (P / P_0)^(1/7)."""
+    return wp.pow(pressure / tensioner.ambient, wp.float64(wp.static(1.0 / 7.0)))
+
+
+@wp.func
+def pressure_at(z: wp.float64, tensioner: Tensioner):
+    """P = P_0 z^7 [Pa]."""
+    square = z * z
+    return tensioner.ambient * square * square * square * z
+
+
+@wp.func
+def compression(z: wp.float64, tensioner: Tensioner):
+    """phi [-] and dphi/dz, eq. (5)."""
+    one = wp.float64(1.0)
+    square = z * z
+    sixth = square * square * square
+    share = one / (one + tensioner.air)
+    stiff = share * tensioner.ambient / tensioner.bulk_modulus * sixth
+    soft = share * tensioner.air / sixth
+    return (stiff - soft) * z, wp.float64(7.0) * stiff + wp.float64(5.0) * soft
+
+
+@wp.func
+def bulk_modulus(pressure: wp.float64, tensioner: Tensioner):
+    """E(P) [Pa], eq. (4)."""
+    z = root_of(pressure, tensioner)
+    phi, slope = compression(z, tensioner)
+    return wp.float64(7.0) * pressure / (z * slope)
+
+
+@wp.func
+def valve_lift(pressure: wp.float64, tensioner: Tensioner):
+    """y [m] of the ball, eq. (8)."""
+    push = (tensioner.supply - pressure) * tensioner.hole_area - tensioner.valve_preload
+    return wp.clamp(push / tensioner.valve_stiffness, wp.float64(0.0), tensioner.lift_max)
+
+
+@wp.func
+def valve_flow(pressure: wp.float64, tensioner: Tensioner):
+    """Q_cv [m^3/s] and dQ_cv/dP, eq. (8)."""
+    zero = wp.float64(0.0)
+    two = wp.float64(2.0)
+    flow = zero
+    slope = zero
+    y = valve_lift(pressure, tensioner)
+    if y > zero:
+        drop = tensioner.supply - pressure
+        around = tensioner.discharge * wp.float64(wp.static(math.pi))
+        curtain = around * y * (tensioner.seat_width + y * tensioner.seat_growth)
+        hole = tensioner.hole_area
+        part = hole / wp.sqrt(curtain * curtain + hole * hole)
+        limit = wp.max(drop, tensioner.laminar_limit)
+        speed = wp.sqrt(two * limit / tensioner.density)
+        quicker = speed / (two * limit)
+        if drop < limit:
+            speed = speed * drop / limit
+            quicker = speed / drop
+        flow = part * curtain * speed
+        slope = part * curtain * quicker
+        if y < tensioner.lift_max:
+            wider = around * (tensioner.seat_width + two * y * tensioner.seat_growth) * part * part * part
+            slope = slope + wider * speed * hole / tensioner.valve_stiffness
+    return flow, -slope
+
+
+@wp.func
+def inflow(pressure: wp.float64, rate: wp.float64, tensioner: Tensioner):
+    """Q_cv, Q_leak [m^3/s] and d(Q_cv - Q_leak)/dP, eq. (7), (8)."""
+    supplied, slope = valve_flow(pressure, tensioner)
+    leaked = tensioner.leak * (pressure - tensioner.ambient) + tensioner.drag * rate
+    return supplied, leaked, slope - tensioner.leak
+
+
+@wp.func
+def imbalance(z: wp.float64, content: wp.float64, volume: wp.float64, h: wp.float64, rate: wp.float64, t: Tensioner):
+    """What is left of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6)."""
+    phi, slope = compression(z, t)
+    room = volume
+    if h > wp.float64(0.0):
+        pressure = pressure_at(z, t)
+        supplied, leaked, flow_slope = inflow(pressure, rate, t)
+        room = wp.max(volume - h * (supplied - leaked), wp.float64(0.01) * volume)
+        slope -= h * flow_slope * wp.float64(7.0) * pressure / (z * room)
+    return phi + wp.log(room / t.volume) - content, slope
+
+
+@wp.func
+def solved_root(
+    content: wp.float64, volume: wp.float64, h: wp.float64, rate: wp.float64, near: wp.float64, tensioner: Tensioner
+):
+    """z of eq. (9), or of eq. (6) where h = 0, not below that of the vapor pressure; by Newton's method in a bracket.
+
+    Args:
+        content: mu [-].
+        volume: V [m^3].
+        h: step [s].
+        rate: x' [m/s].
+        near: a z to begin at.
+    """
+    zero = wp.float64(0.0)
+    floor = zero  # z of the vapor pressure, once it is wanted
+    low = zero
+    high = LARGEST
+    z = near
+    change = high
+    rounds = int(0)
+    while rounds < ROUNDS and wp.abs(change) > CLOSE * z:
+        rest, slope = imbalance(z, content, volume, h, rate, tensioner)
+        if rest > zero:
+            high = z
+        else:
+            low = z
+        after = z - rest / slope
+        if after <= zero or pressure_at(after, tensioner) < tensioner.vapor:
+            if floor == zero:
+                floor = root_of(tensioner.vapor, tensioner)
+            after = floor
+        if after < low or after > high or (z > floor and low == floor and after == floor):
+            after = wp.float64(0.5) * (low + high)
+        change = after - z
+        z = after
+        rounds += 1
+    return z
+
+
+@wp.func
+def pressure_of(x: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """P(mu, x) [Pa], eq. (6); the ambient pressure of a mere spring."""
+    pressure = tensioner.ambient
+    if tensioner.hydraulic == 1:
+        zero = wp.float64(0.0)
+        volume = chamber_volume(x, tensioner)
+        near = root_of(state.pressure, tensioner)
+        pressure = pressure_at(solved_root(state.content, volume, zero, zero, near, tensioner), tensioner)
+    return pressure
+
+
+@wp.func
+def elastic_push(x: wp.float64, pressure: wp.float64, tensioner: Tensioner):
+    """(P - P_0) A + f_0 - k x [N], the spring pushing only where there is no oil, eq. (2), (3)."""
+    push = tensioner.preload - tensioner.stiffness * x
+    if tensioner.hydraulic == 0:
+        push = wp.max(push, wp.float64(0.0))
+    return push + (pressure - tensioner.ambient) * tensioner.area
+
+
+@wp.func
+def stop_place(state: TensionerState, tensioner: Tensioner):
+    """x_s [m] below which the stop pushes out, eq. (12)."""
+    place = tensioner.bottom
+    pitch = tensioner.ratchet_pitch
+    if pitch > wp.float64(0.0):
+        place = wp.max(place, pitch * wp.floor(state.farthest / pitch) - tensioner.backlash)
+    return place
+
+
+@wp.func
+def stop_force(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """F_s [N], eq. (12)."""
+    force = wp.float64(0.0)
+    depth = stop_place(state, tensioner) - x
+    if depth > force:
+        force = wp.max(force, tensioner.stop_stiffness * depth - tensioner.stop_damping * rate)
+    return force
+
+
+@wp.func
+def tensioner_force(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """F >= 0 [N] on the touched point along the direction, and P [Pa], eq. (2), (3).
+
+    Args:
+        x: extension [m].
+        rate: x' [m/s].
+    """
+    pressure = pressure_of(x, state, tensioner)
+    push = elastic_push(x, pressure, tensioner) - tensioner.damping * rate
+    return wp.max(push, wp.float64(0.0)) + stop_force(x, rate, state, tensioner), pressure
+
+
+@wp.func
+def push_by(body: BodyState, remembered: TensionerState, tensioner: Tensioner):
+    """What a tensioner does to its body."""
+    heading = heading_of(body)
+    place, velocity = touch_of(body.center, heading, body.speed, body.velocity, tensioner)
+    push = Push()
+    push.extension = extension(place, tensioner)
+    push.rate = wp.dot(velocity, tensioner.direction)
+    force, pressure = tensioner_force(push.extension, push.rate, remembered, tensioner)
+    push.force = force
+    push.pressure = pressure
+    push.wrench = tensioner_wrench(force, place - body.center, tensioner)
+    return push
+
+
+@wp.func
+def lost_power(push: Push, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """Power [W] that the dampers of spring and stop take, and what is lost where a plunger cannot follow.
+
+    `rate` is x' at the instant of `push` [m/s], whose own is half a step behind with leapfrog.
+    """
+    depth = wp.max(stop_place(state, tensioner) - push.extension, wp.float64(0.0))
+    elastic = elastic_push(push.extension, push.pressure, tensioner) + tensioner.stop_stiffness * depth
+    return (elastic - push.force) * rate
+
+
+@wp.func
+def damper_power(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """Power [W] as of `lost_power` at an extension [m] that changes at `rate` [m/s]."""
+    push = Push()
+    push.extension = x
+    force, pressure = tensioner_force(x, rate, state, tensioner)
+    push.force = force
+    push.pressure = pressure
+    return lost_power(push, rate, state, tensioner)
+
+
+@wp.func
+def exponential(x: wp.float64):
+    """exp(x), quick where x is small."""
+    one = wp.float64(1.0)
+    value = one + x / wp.float64(5.0)
+    if wp.abs(x) < SMALL:
+        value = one + x * wp.float64(0.25) * value
+        value = one + x * wp.float64(wp.static(1.0 / 3.0)) * value
+        value = one + x * wp.float64(0.5) * value
+        value = one + x * value
+    else:
+        value = wp.exp(x)
+    return value
+
+
+@wp.func
+def compressed(z: wp.float64, phi_end: wp.float64, tensioner: Tensioner):
+    """(p - P_0) exp(phi_end - phi) dphi/dz, what eq. (10) integrates."""
+    phi, slope = compression(z, tensioner)
+    return (pressure_at(z, tensioner) - tensioner.ambient) * exponential(phi_end - phi) * slope
+
+
+@wp.func
+def specific_energy(z: wp.float64, tensioner: Tensioner):
+    """u exp(phi) [Pa], eq. (10): the energy of the oil by its volume as it is; and exp(phi)."""
+    phi, slope = compression(z, tensioner)
+    half = wp.float64(0.5) * (z - wp.float64(1.0))
+    middle = wp.float64(1.0) + half
+    total = wp.float64(0.0)
+    for i in range(wp.static(len(NODES))):
+        reach = wp.float64(wp.static(NODES[i])) * half
+        pair = compressed(middle - reach, phi, tensioner) + compressed(middle + reach, phi, tensioner)
+        total += wp.float64(wp.static(WEIGHTS[i])) * pair
+    return half * total, wp.exp(phi)
+
+
+@wp.func
+def enthalpy(z: wp.float64, tensioner: Tensioner):
+    """H [Pa] of the oil, eq. (10)."""
+    energy, density = specific_energy(z, tensioner)
+    return (energy + pressure_at(z, tensioner) - tensioner.ambient) / density
+
+
+@wp.func
+def oil_energy(x: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """U [J], eq. (11); 0 at the ambient pressure."""
+    pressure = pressure_of(x, state, tensioner)
+    energy, density = specific_energy(root_of(pressure, tensioner), tensioner)
+    liquid = tensioner.volume * wp.exp(state.content) / density
+    vapor = chamber_volume(x, tensioner) - liquid
+    return liquid * energy - (pressure - tensioner.ambient) * vapor
+
+
+@wp.func
+def tensioner_energy(x: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """Stored in spring, stop and oil [J]; the spring's is 0 at x = 0."""
+    half = wp.float64(0.5)
+    zero = wp.float64(0.0)
+    reach = x
+    if tensioner.hydraulic == 0 and tensioner.stiffness > zero:
+        reach = wp.min(x, tensioner.preload / tensioner.stiffness)
+    energy = reach * (half * tensioner.stiffness * reach - tensioner.preload)
+    depth = wp.max(stop_place(state, tensioner) - x, zero)
+    energy += half * tensioner.stop_stiffness * depth * depth
+    if tensioner.hydraulic == 1:
+        energy += oil_energy(x, state, tensioner)
+    return energy
+
+
+@wp.func
+def resting_state(x: wp.float64, tensioner: Tensioner):
+    """The state at rest at an extension: the valve brings in what leaks, Q_cv = Q_leak; the ratchet latched there."""
+    state = TensionerState()
+    state.farthest = x
+    state.pressure = tensioner.ambient
+    if tensioner.hydraulic == 1:
+        state.pressure = tensioner.rest
+        phi, slope = compression(root_of(tensioner.rest, tensioner), tensioner)
+        state.content = phi + wp.log(chamber_volume(x, tensioner) / tensioner.volume)
+    return state
+
+
+@wp.func
+def oil_step(x: wp.float64, rate: wp.float64, h: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """The oil after a step, and what flowed, eq. (9).
+
+    What flows has the enthalpy at the mean z of the step's ends: with it, work on the plunger by the mean of the forces
+    at both ends and what is stored, lost and supplied differ by O(h^2).
+    """
+    before = root_of(state.pressure, tensioner)
+    z = solved_root(state.content, chamber_volume(x, tensioner), h, rate, before, tensioner)
+    pressure = pressure_at(z, tensioner)
+    supplied, leaked, slope = inflow(pressure, rate, tensioner)
+    flows = TensionerFlows()
+    flows.supplied = h * supplied
+    flows.leaked = h * leaked
+    flows.lift = valve_lift(pressure, tensioner)
+    phi, slope = compression(z, tensioner)
+    density = wp.exp(phi)
+    middle = enthalpy(wp.float64(0.5) * (before + z), tensioner)
+    flows.leak_loss = middle * density * flows.leaked
+    if supplied > wp.float64(0.0):
+        flows.supply_work = enthalpy(root_of(tensioner.supply, tensioner), tensioner) * density * flows.supplied
+        flows.valve_loss = flows.supply_work - middle * density * flows.supplied
+    mass = wp.exp(state.content) + density * (flows.supplied - flows.leaked) / tensioner.volume
+    state.content = wp.log(mass)
+    state.pressure = pressure
+    return state, flows
+
+
+@wp.func
+def tensioner_step(x: wp.float64, rate: wp.float64, h: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """The state after a step of `h` [s], once the body has moved, and what flowed in it.
+
+    Args:
+        x: extension after the step [m].
+        rate: x' over the step [m/s].
+    """
+    flows = TensionerFlows()
+    if tensioner.hydraulic == 1:
+        state, flows = oil_step(x, rate, h, state, tensioner)
+    state.farthest = wp.max(state.farthest, x)
+    return state, flows

@@ -1,0 +1,193 @@
+"""The rig on which tensioners are tried, and what it takes from drives."""
+
+import math
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from tensioner_rig import TEXT, engine, looked, moved, tensioner
+
+import warpchain
+from warpchain import bench_tensioner, loads_drive
+from warpchain.drive import oil
+from warpchain.engine.fill_tensioner import fill_tensioner
+from warpchain.engine.rig import SAMPLES, Shake, shake
+from warpchain.errors import DriveError, SimulationError
+from warpchain.kernels.structs import Tensioner
+
+ELSEWHERE = ("body", "home", "rest", "stop_stiffness", "stop_damping", "bottom", "direction", "point")
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return engine()
+
+
+def filled(drive, t):
+    row = np.zeros(1, dtype=Tensioner.numpy_dtype())[0]
+    fill_tensioner(row, drive, t)
+    return row
+
+
+# ---- what drives say, as rows ----
+
+
+def test_a_row_has_the_numbers_of_its_drive(drive):
+    row, wanted = filled(drive, 0), tensioner(ratchet_pitch=1e-3, backlash=2e-4)
+    for name in row.dtype.names:
+        if name not in ELSEWHERE:
+            assert row[name] == pytest.approx(getattr(wanted, name), rel=1e-14), name
+    assert drive.sprockets[row["body"]].name == "tensioner"
+    assert row["home"] == pytest.approx(drive.sprockets[row["body"]].center)
+    assert row["direction"] == pytest.approx([-1.0, 0.0]) and not row["point"].any()
+    assert row["bottom"] == pytest.approx(-0.95 * 1e-6 / wanted.area)
+    assert row["stop_stiffness"] == drive.chain.stiffness
+    spring = filled(drive, 1)
+    assert (spring["hydraulic"], spring["stiffness"], spring["damping"], spring["area"]) == (0, 3500.0, 20.0, 0.0)
+    assert spring["bottom"] == -math.inf
+
+
+def test_at_rest_the_valve_feeds_the_leak(drive):
+    part = drive.tensioners[0]
+    rest = oil.static_pressure(part)
+    assert rest == pytest.approx(tensioner().rest, rel=1e-12)
+    assert oil.valve_flow(part, rest) == pytest.approx(part.leak_conductance * (rest - 1e5), rel=1e-8)
+    assert oil.static_force(part, 1e-3) == pytest.approx((rest - 1e5) * part.area + 90.0 - 3.5)
+    assert oil.static_force(drive.tensioners[1], 1.0) == 0.0
+    held = moved(tensioner(rest=rest), np.zeros(1001), 1e-3)
+    assert held["pressure"] == pytest.approx(rest, rel=1e-11)
+
+
+def test_at_rest_without_supply_the_pressure_is_the_ambient_one():
+    part = loads_drive(TEXT.replace("supply = 3.0e5", "supply = 1.0e5")).tensioners[0]
+    assert oil.static_pressure(part) == 1e5
+
+
+def test_python_and_kernels_have_one_oil_and_one_valve(drive):
+    part, pressures = drive.tensioners[0], np.array([1e3, 1e5, 2e5, 2.3e5, 2.49e5, 2.9e5, 1e6, 1e8])
+    found = looked(tensioner(), pressures)
+    assert found[2] == pytest.approx([oil.bulk_modulus(part, p) for p in pressures], rel=1e-13)
+    assert found[3] == pytest.approx([oil.valve_flow(part, p) for p in pressures], rel=1e-13)
+    assert oil.oil_stiffness(part) == pytest.approx(8e8 * 1.01 * part.area**2 / 1e-6)
+    assert oil.oil_stiffness(part, 1e6) == pytest.approx(found[2][6] * part.area**2 / 1e-6)
+    assert oil.oil_stiffness(drive.tensioners[1]) == 0.0
+    assert oil.relaxation_time(part, 1e6) == pytest.approx(1e-6 / (found[2][6] * part.leak_conductance))
+
+
+def test_viscosity_over_temperature_is_walther_s():
+    assert oil.viscosity_at(8e-5, 40.0) == pytest.approx(8e-5, rel=1e-12)
+    # a 5W-30 of 62 mm^2/s at 40 degrees C has about 10.3 at 100
+    assert oil.viscosity_at(62e-6, 100.0) == pytest.approx(10.3e-6, rel=0.01)
+    # VG 100 of a viscosity index of 95 has 11.1 at 100 (B = 3.6)
+    assert oil.viscosity_at(100e-6, 100.0, slope=3.6) == pytest.approx(11.1e-6, rel=0.03)
+
+
+# ---- rides ----
+
+
+def test_a_ride_is_a_table_with_units(drive):
+    table = bench_tensioner(drive, "element", amplitude=2e-4, frequency=100.0, cycles=3)
+    assert warpchain.bench_tensioner is bench_tensioner
+    assert isinstance(table, pa.Table)
+    assert table.column_names[:6] == ["time", "extension", "force", "pressure", "valve_lift", "leaked"]
+    assert table.schema.field("pressure").metadata == {b"unit": b"Pa"}
+    assert len(table) == 3 * SAMPLES + 1
+    time, x = np.asarray(table["time"]), np.asarray(table["extension"])
+    assert time[-1] == pytest.approx(0.03)
+    assert x == pytest.approx(2e-4 * np.sin(2.0 * np.pi * 100.0 * time), abs=1e-16)
+    assert (np.diff(np.asarray(table["leaked"])) > -1e-12).all()
+    oil_force = (np.asarray(table["pressure"]) - 1e5) * drive.tensioners[0].area
+    assert np.asarray(table["force"]) == pytest.approx(oil_force + 90.0 - 3500.0 * x, rel=1e-12)
+
+
+def test_slowly_it_is_a_damper_of_a_square_over_g(drive):
+    part = drive.tensioners[0]
+    row = shake(drive, "element", [Shake(2e-4, 10.0)]).rides.to_pylist()[0]
+    fastest = 2e-4 * 2.0 * math.pi * 10.0
+    damping = part.area * (part.area + part.drag_flow) / part.leak_conductance
+    # 197 N on 90 of the spring; compressed oil, in series, is 1 / (omega tau) = 7 times as stiff and takes 1 % of it
+    assert row["force_max"] == pytest.approx(90.0 + damping * fastest, rel=0.01)
+    # over half a cycle, from where the pressure exceeds that at rest (the valve closes): less than pi/2 c omega X^2
+    assert 0.7 < row["work"] / (0.5 * math.pi * damping * fastest * 2e-4) < 1.0
+
+
+@pytest.mark.parametrize("frequency", [10.0, 100.0, 400.0])
+def test_a_cycle_s_energy_is_accounted_for(drive, frequency):
+    row = shake(drive, "element", [Shake(2e-4, frequency)]).rides.to_pylist()[0]
+    left = row["work"] + row["supply_work"] - row["gained"] - row["leak_loss"] - row["valve_loss"] - row["damper_loss"]
+    assert abs(left) < 1e-6 * row["work"]  # h^2 of 2500 steps
+    assert row["openings"] == 1 and row["lift_max"] > 0.0
+
+
+def test_the_tenth_cycle_is_like_the_ninth(drive):
+    table = bench_tensioner(drive, "element", amplitude=2e-4, frequency=100.0, cycles=10)
+    force = np.asarray(table["force"])
+    assert force[-SAMPLES:] == pytest.approx(force[-2 * SAMPLES : -SAMPLES], rel=1e-6)
+
+
+def test_rides_together_are_those_alone(drive):
+    shakes = [Shake(2e-4, 50.0), Shake(1e-4, 200.0, extension=1e-4), Shake(2e-4, 50.0, viscosity=1e-5)]
+    together = shake(drive, "element", shakes, cycles=2).rides.to_pylist()
+    for row, one in zip(together, shakes, strict=True):
+        assert shake(drive, "element", [one], cycles=2).rides.to_pylist()[0] == row
+    assert together[2]["viscosity"] == 1e-5 and together[0]["viscosity"] == 8e-5
+
+
+def force_max(drive, **change):
+    values = {f"tensioners.element.{path.replace('__', '.')}": value for path, value in change.items()}
+    return shake(drive.with_values(values), "element", [Shake(2e-4, 100.0)], cycles=3).rides["force_max"][0].as_py()
+
+
+def test_the_force_rises_as_the_gap_shrinks_and_falls_with_thin_oil_and_air(drive):
+    """Feng, Yang and Wang, Chin. J. Mech. Eng. 36 (2023)."""
+    gaps = [force_max(drive, plunger__gap=gap) for gap in (3e-5, 4e-5, 5e-5, 6e-5, 8e-5)]
+    assert (np.diff(gaps) < 0.0).all()
+    airs = [force_max(drive, oil__air=air) for air in (0.0, 0.01, 0.03, 0.1)]
+    assert (np.diff(airs) < 0.0).all()
+    warm = [force_max(drive, oil__viscosity=oil.viscosity_at(8e-5, t)) for t in (20.0, 40.0, 80.0, 120.0)]
+    assert (np.diff(warm) < 0.0).all()
+
+
+def test_a_spring_with_a_damper_loses_its_ellipse(drive):
+    row = shake(drive, "plain", [Shake(2e-4, 100.0)]).rides.to_pylist()[0]
+    omega = 2.0 * math.pi * 100.0
+    assert row["work"] == pytest.approx(math.pi * 20.0 * omega * 2e-4**2, rel=1e-5)  # pi c omega X^2; h^2
+    assert row["damper_loss"] == pytest.approx(row["work"], rel=1e-5)
+    assert row["force_max"] == pytest.approx(90.0 + math.hypot(3500.0, 20.0 * omega) * 2e-4, rel=1e-5)
+    assert row["leaked"] == row["pressure_max"] == 0.0 and math.isnan(row["viscosity"])
+
+
+# ---- mistakes ----
+
+
+def test_a_name_that_is_none(drive):
+    with pytest.raises(DriveError, match="tensioner 'elemnt': allowed are element, plain"):
+        bench_tensioner(drive, "elemnt", amplitude=1e-4, frequency=10.0)
+    bare = loads_drive(TEXT.split("[[tensioners]]")[0])
+    with pytest.raises(DriveError, match="the drive has no tensioners"):
+        bench_tensioner(bare, "element", amplitude=1e-4, frequency=10.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "told"),
+    [
+        ("element", {"amplitude": 0.0}, "amplitude = 0: must be a number above 0, at most 1 m"),
+        ("element", {"amplitude": math.nan}, "amplitude = nan: must be a number above 0"),
+        ("element", {"frequency": -1.0}, "frequency = -1: must be a number above 0"),
+        ("element", {"frequency": math.inf}, "frequency = inf: must be a number above 0"),
+        ("element", {"cycles": 0}, "cycles = 0: must be 1 to 10000"),
+        ("element", {"extension": math.nan}, "extension = nan: must be a number from -1 to 1 m"),
+        ("element", {"amplitude": 0.01}, "above the bottom of its chamber, -0.00497"),
+        ("element", {"amplitude": 1e-3, "extension": -0.0045}, "above the bottom of its chamber"),
+    ],
+)
+def test_what_cannot_be_ridden_is_refused(drive, name, values, told):
+    with pytest.raises(SimulationError) as caught:
+        bench_tensioner(drive, name, **{"amplitude": 1e-4, "frequency": 10.0} | values)
+    assert told in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_another_oil_is_for_those_with_oil(drive):
+    for name, viscosity in (("plain", 1e-5), ("element", 0.0), ("element", math.nan)):
+        with pytest.raises(SimulationError, match="viscosity = "):
+            shake(drive, name, [Shake(1e-4, 10.0, viscosity=viscosity)])

@@ -1,0 +1,319 @@
+"""The tensioner's physics against closed forms, on the numbers of the model's section on bodies."""
+
+import math
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy.integrate import quad
+from tensioner_rig import loaded, looked, moved, still, tensioner
+
+from warpchain.kernels.physics.tensioner import extension, tensioner_wrench, touch_of
+from warpchain.kernels.structs import Tensioner
+
+PRESSURES = np.geomspace(1e3, 1e8, 40)
+N = 1.4
+
+
+def phi(p, t):
+    """int dP/E."""
+    return (p / t.bulk_modulus - t.air * (t.ambient / p) ** (1.0 / N)) / (1.0 + t.air)
+
+
+def modulus(p, t):
+    """E(P)."""
+    soft = t.air * t.bulk_modulus / N * t.ambient ** (1.0 / N) * p ** (-1.0 - 1.0 / N)
+    return t.bulk_modulus * (1.0 + t.air) / (1.0 + soft)
+
+
+def sine(amplitude, frequency, cycles, steps):
+    """Places of a sine from 0 on, and the time between them."""
+    return amplitude * np.sin(2.0 * np.pi * np.arange(cycles * steps + 1) / steps), 1.0 / (frequency * steps)
+
+
+# ---- the oil ----
+
+
+@pytest.mark.parametrize("air", [0.0, 0.01, 0.1])
+def test_compression_and_bulk_modulus_are_those_of_oil_with_air(air):
+    t = tensioner(air=air)
+    found = looked(t, PRESSURES)
+    assert found[0] == pytest.approx(phi(PRESSURES, t), abs=1e-14)  # round-off of z^7
+    assert found[2] == pytest.approx(modulus(PRESSURES, t), rel=1e-13)
+
+
+@pytest.mark.parametrize("air", [0.0, 0.01])
+def test_energy_of_the_oil_is_the_integral_over_its_compression(air):
+    t = tensioner(air=air)
+
+    def power(y):  # over y = ln p
+        p = math.exp(y)
+        return (p - t.ambient) * math.exp(-phi(p, t)) * p / modulus(p, t)
+
+    wanted = [quad(power, math.log(t.ambient), math.log(p), epsrel=1e-13, limit=200)[0] for p in PRESSURES]
+    # eight points of Gauss: exact up to z^15, u is about z^14; far below P_0 it is about z^-10, which is no power
+    assert looked(t, PRESSURES)[1] == pytest.approx(np.array(wanted), rel=1e-6, abs=1e-9)
+    assert looked(t, PRESSURES[4:])[1] == pytest.approx(np.array(wanted[4:]), rel=1e-8, abs=1e-9)
+
+
+def test_the_pressure_is_found_from_any_other_one():
+    t = tensioner()
+    pairs = np.array([(p, near) for p in PRESSURES for near in PRESSURES])
+    found = looked(t, pairs[:, 0], pairs[:, 1])[6]
+    # the last step of Newton is below 1e-7 of z: its square, some ten times over for the curve and P = z^7
+    assert found == pytest.approx(pairs[:, 0], rel=1e-11)
+
+
+@pytest.mark.parametrize("air", [0.0, 0.02])
+def test_closed_in_it_is_a_spring_that_gives_back_what_it_took(air):
+    t = still(5e5, air=air, leak=0.0, stiffness=0.0, preload=0.0)
+    turn = 2.0 * np.pi * np.arange(4001) / 4000
+    places = 1e-5 * np.cos(turn) - 1e-5
+    got = moved(t, places, 1e-5)
+    volume = 1e-6 + t.area * places
+    # the mass V exp(phi) stays: where P is, phi is where it was and what ln V has changed since
+    wanted = phi(5e5, t) - np.log(volume / volume[0])
+    assert phi(got["pressure"], t) == pytest.approx(wanted, abs=1e-13)
+    work = np.concatenate([[0.0], np.cumsum(-0.5 * (got["force"][1:] + got["force"][:-1]) * np.diff(places))])
+    size = np.ptp(got["energy"])
+    assert got["energy"] - got["energy"][0] == pytest.approx(work, abs=1e-5 * size)  # trapezoids of 4000: h^2
+    assert got["energy"][-1] == pytest.approx(got["energy"][0], abs=1e-12 * size)
+
+
+def test_it_boils_at_the_vapor_pressure_and_keeps_its_oil():
+    t = still(3e5, leak=0.0, vapor=2e3)
+    places = np.concatenate([np.linspace(0.0, 3e-3, 301), np.linspace(3e-3, 0.0, 301)])
+    got = moved(t, places, 1e-5)
+    assert got["pressure"].min() == pytest.approx(2e3, rel=1e-12)
+    assert (got["pressure"] < 2.001e3).sum() > 300
+    assert got["mass"] == pytest.approx(got["mass"][0], rel=1e-14)
+    assert got["pressure"][-1] == pytest.approx(3e5, rel=1e-9)
+    slack = (got["pressure"] < 2.001e3)[:300]  # out: at a constant pressure energy grows evenly
+    growth = np.diff(got["energy"][:301])[slack]
+    spring = 0.5 * 3500.0 * np.diff(places[:301] ** 2)[slack] - 90.0 * 1e-5
+    assert growth[1:] == pytest.approx((1e5 - 2e3) * t.area * 1e-5 + spring[1:], rel=1e-9)
+
+
+# ---- the flows ----
+
+
+def test_the_valve_opens_lifts_and_passes_no_more_than_its_hole():
+    t = tensioner()
+    drops = np.array([0.0, 4e4, 0.0751 / t.hole_area, 7e4, 0.1499 / t.hole_area, 1e5, 2.9e5])
+    found = looked(t, 3e5 - drops)
+    lift = np.clip((drops * t.hole_area - 0.075) / 75.0, 0.0, 1e-3)
+    assert found[5] == pytest.approx(lift, abs=1e-16)
+    curtain = np.pi * lift * (6e-3 + lift * math.sqrt(2.0))  # 45 degrees: tan = 1, sin / cos^2 = sqrt(2)
+    assert curtain[-1] / t.hole_area == pytest.approx(15.1, abs=0.05)  # at full lift: 15 holes
+    with np.errstate(divide="ignore"):
+        area = 1.0 / np.sqrt(1.0 / (0.2 * curtain) ** 2 + 1.0 / t.hole_area**2)
+    assert found[3] == pytest.approx(area * np.sqrt(2.0 * drops / 800.0), rel=1e-12)
+    assert (found[3] <= t.hole_area * np.sqrt(2.0 * drops / 800.0)).all()
+
+
+def test_below_five_kilopascal_the_valve_is_laminar():
+    t = tensioner(valve_preload=0.0, valve_stiffness=1e-6)  # wide open at any drop
+    drops = np.array([10.0, 1e3, 4999.0, 5e3, 2e4])
+    flow = looked(t, 3e5 - drops)[3]
+    assert flow[:3] / drops[:3] == pytest.approx(flow[3] / 5e3, rel=1e-9)
+    assert flow[4] == pytest.approx(2.0 * flow[3], rel=1e-12)  # a root: four times the drop
+
+
+@pytest.mark.parametrize("valve", [{}, {"valve_preload": 0.0, "valve_stiffness": 1e-6}, {"valve_preload": 0.0}])
+def test_the_valve_s_slope_is_the_derivative_of_its_flow(valve):
+    t = tensioner(**valve)
+    at = 3e5 - np.array([1e3, 4e3, 6e3, 3e4, 6e4, 8e4, 1.5e5])
+    ahead, behind = looked(t, at + 0.1)[3], looked(t, at - 0.1)[3]
+    # differences over 0.2 Pa round at 1e-16 of the flow each
+    assert looked(t, at)[4] == pytest.approx((ahead - behind) / 0.2, rel=1e-6, abs=1e-16)
+
+
+@pytest.mark.parametrize(("drag", "tolerance"), [(0.0, 1e-6), (None, 1e-6)])
+def test_leak_down_under_a_constant_load(drag, tolerance):
+    values = {"stiffness": 0.0, "preload": 90.0} | ({"drag": drag} if drag is not None else {})
+    t = tensioner(**values)
+    h = 1e-5
+    got = loaded(t, np.full(6000, 1000.0), h)
+    rate = (got["x"][-1] - got["x"][-1001]) / (1000 * h)
+    # (P - P_0) A = F - F_spring, A x' = -G (P - P_0) - drag x'; the swing of the start is gone by e^-20
+    assert rate == pytest.approx(-t.leak * (1000.0 - 90.0) / (t.area * (t.area + t.drag)), rel=tolerance)
+    # what the plunger drags back in makes up 0.6 % of it: 2 h / d
+    assert rate == pytest.approx(-t.leak * 910.0 / t.area**2, rel=0.0063 if drag is None else 1e-6)
+
+
+def test_it_damps_by_a_square_over_g_inwards_and_hardly_outwards():
+    t = tensioner(stiffness=0.0, drag=0.0)
+    h, speed = 1e-5, 0.01
+    inwards = moved(t, -speed * h * np.arange(4001), h)["force"][-1] - 90.0
+    assert inwards == pytest.approx(t.area**2 / t.leak * speed, rel=1e-4)  # 156 N; the start is gone by e^-20
+    outwards = moved(t, speed * h * np.arange(4001), h)["force"]
+    resting = 90.0 + (t.rest - t.ambient) * t.area
+    assert 0.0 < resting - outwards[-1] < 0.01 * inwards  # 0.7 N: the valve opens by another 3 kPa
+
+
+@pytest.mark.parametrize("air", [0.0, 0.001])
+@pytest.mark.parametrize("cycles", [0.1, 1.0, 10.0])
+def test_small_motion_is_a_maxwell_element(air, cycles):
+    t = still(1e5, air=air, stiffness=0.0, volume=1e-6)
+    spring = modulus(1e5, t) * t.area**2 / t.volume
+    relaxation = t.volume / (modulus(1e5, t) * t.leak)
+    omega, steps = cycles / relaxation, 4000
+    amplitude = 1.0 / (spring / t.area)  # of 1 Pa at most: 1e-5 of P_0
+    places, h = sine(amplitude, omega / (2.0 * np.pi), 12, steps)
+    force = moved(t, places, h)["force"][-steps:] - 90.0
+    angle = 2.0 * np.pi * np.arange(1, steps + 1) / steps
+    complex_stiffness = 2.0 * np.mean(force * np.exp(-1j * angle)) * 1j / amplitude
+    wanted = -spring * 1j * cycles / (1.0 + 1j * cycles)
+    # flows at the step's end: a phase of omega h / 2 = pi / 4000; the start's transient is below e^-7 at 10
+    assert abs(complex_stiffness - wanted) < 2e-3 * abs(wanted)
+
+
+@pytest.mark.parametrize("h", [1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-1])
+def test_the_pressure_falls_evenly_at_any_step(h):
+    """Pressed in at once and held: P falls to where the valve feeds the leak, without swinging past it."""
+    t = tensioner()
+    places = np.full(2001, -1e-5)
+    places[0] = 0.0
+    pressure = moved(t, places, h)["pressure"][1:]
+    assert pressure[0] > t.rest
+    assert (np.diff(pressure) <= 1e-4).all()  # what Newton's method leaves: 1e-9 of P at most
+    assert (pressure >= t.rest - 1e-4).all()
+
+
+def test_the_pressure_after_a_given_time_comes_nearer_with_the_step():
+    """First order: the error halves with the step."""
+    t, after = tensioner(), []
+    for steps in (100, 200, 400, 800, 1600):
+        places = np.full(steps + 1, -1e-5)
+        places[0] = 0.0
+        after.append(moved(t, places, 1e-3 / steps)["pressure"][-1])
+    errors = np.diff(after)
+    assert errors[:-1] / errors[1:] == pytest.approx(2.0, abs=0.1)
+
+
+def test_at_rest_it_stays():
+    got = moved(tensioner(), np.zeros(1001), 1e-4)
+    assert got["pressure"] == pytest.approx(got["pressure"][0], rel=1e-10)
+    assert got["supplied"][1:] == pytest.approx(got["leaked"][1:], rel=1e-7)  # a flow of 3.9e-7 by 5 Pa of 5e4
+
+
+def test_oil_is_conserved():
+    t = tensioner(vapor=2e4)
+    places, h = sine(4e-4, 400.0, 5, 1000)
+    got = moved(t, places, h)
+    assert got["pressure"].min() == pytest.approx(2e4, rel=1e-12)  # it boils in every cycle
+    density = np.exp(phi(got["pressure"], t))
+    gained = np.cumsum(density * (got["supplied"] - got["leaked"]))
+    assert got["mass"] - got["mass"][0] == pytest.approx(gained, abs=1e-13 * got["mass"][0])
+    # while there is no vapor, the mass is V exp(phi)
+    full = got["pressure"] > 2.001e4
+    filled = (1e-6 + t.area * places) * density
+    assert got["mass"][full] == pytest.approx(filled[full], rel=1e-12)
+    assert (got["mass"][~full] < filled[~full]).all()
+
+
+# ---- energy ----
+
+
+def balance(t, steps, frequency=100.0):
+    """What work, supply, storage and losses of two cycles leave over, as a part of the work."""
+    places, h = sine(2e-4, frequency, 2, steps)
+    got = moved(t, places, h)
+    work = -np.sum(0.5 * (got["force"][1:] + got["force"][:-1]) * np.diff(places))
+    left = work + got["work"].sum() - (got["energy"][-1] - got["energy"][0])
+    return (left - got["leak_loss"].sum() - got["valve_loss"].sum()) / work
+
+
+@pytest.mark.parametrize("values", [{}, {"air": 0.05}, {"vapor": 5e4, "supply": 1.6e5}])
+def test_work_and_supply_are_stored_or_lost(values):
+    # flows happen between a step's two forces: what is left over is of the second order in the step
+    coarse, fine = balance(tensioner(**values), 1000), balance(tensioner(**values), 4000)
+    assert abs(coarse) < 1e-5
+    assert abs(fine) < 0.2 * abs(coarse)
+
+
+def test_losses_are_not_negative_but_for_what_the_plunger_drags():
+    places, h = sine(2e-4, 100.0, 3, 2000)
+    got = moved(tensioner(drag=0.0), places, h)
+    assert (got["leak_loss"] >= 0.0).all() and (got["valve_loss"] >= 0.0).all()
+    loss = got["leak_loss"].sum()
+    assert loss == pytest.approx(moved(tensioner(), places, h)["leak_loss"].sum(), rel=0.01)  # 2 h / d = 0.6 %
+
+
+# ---- spring, ratchet, body ----
+
+
+def test_a_spring_pushes_and_never_pulls():
+    t = Tensioner()
+    t.direction, t.stiffness, t.preload, t.damping = wp.vec2d(1.0, 0.0), 1000.0, 20.0, 5.0
+    places = np.array([0.0, 5e-3, 1e-2, 3e-2, 2.9e-2, 1e-2])
+    got = moved(t, places, 1e-2)
+    rate = np.diff(places, prepend=0.0) / 1e-2
+    assert got["force"] == pytest.approx(np.maximum(0.0, np.maximum(20.0 - 1000.0 * places, 0.0) - 5.0 * rate))
+    assert got["force"][3] == 0.0 and got["pressure"][0] == 0.0
+
+
+@pytest.mark.parametrize("drag_out", [0.1, 1.0, 10.0])
+def test_oil_never_pulls(drag_out):
+    got = moved(tensioner(preload=10.0), 1e-3 * drag_out * np.linspace(0.0, 1.0, 201), 1e-5)
+    assert (got["force"] >= 0.0).all()
+
+
+@pytest.mark.parametrize("hydraulic", [0, 1])
+def test_a_ratchet_lets_it_back_by_no_more_than_its_backlash(hydraulic):
+    """Pushed out by 2.3 a and let go it comes back by 0.3 a + s, and by what the load presses the stop in."""
+    pitch, backlash, push = 1e-3, 2e-4, 2e3
+    t = tensioner(hydraulic=hydraulic, leak=1e-9, ratchet_pitch=pitch, backlash=backlash, stop_damping=2e3)
+    got = loaded(t, np.full(20000, push), 1e-5, x=2.3 * pitch)
+    others = 90.0 - 3500.0 * got["x"][-1] + (got["pressure"][-1] - t.ambient) * t.area  # spring and oil
+    back = 0.3 * pitch + backlash + (push - others) / t.stop_stiffness
+    assert got["x"][0] - got["x"][-1] == pytest.approx(back, abs=1e-8)
+
+
+def test_a_ratchet_gets_no_tooth_further_than_it_was_pushed():
+    pitch, backlash = 1e-3, 2e-4
+    t = tensioner(hydraulic=0, ratchet_pitch=pitch, backlash=backlash)
+    places = np.concatenate([np.linspace(0.0, 2.3e-3, 231), np.linspace(2.3e-3, 1.75e-3, 56)])
+    got = moved(t, places, 1e-2)
+    below = np.where(np.arange(287) < 231, 0.0, 2.0 * pitch - backlash - places)  # on the way out no stop
+    assert got["force"] == pytest.approx(90.0 - 3500.0 * places + 1e7 * np.maximum(below, 0.0), abs=1e-6)
+    assert got["force"][-1] > 500.0
+
+
+def test_without_a_ratchet_it_stands_on_the_bottom_of_its_chamber():
+    t = tensioner(leak=1e-8, stop_damping=2e3)
+    got = loaded(t, np.full(20000, 3e3), 1e-5)
+    spring = 90.0 - 3500.0 * got["x"][-1]
+    assert got["x"][-1] == pytest.approx(-4.5e-3 - (3e3 - spring) / 1e7, abs=5e-5)
+    assert np.abs(np.diff(got["x"][-1000:])).max() < 1e-9
+
+
+@wp.kernel(enable_backward=False)
+def touch(t: Tensioner, angle: wp.float64, out: wp.array[wp.vec2d]):
+    place, velocity = touch_of(
+        wp.vec2d(wp.float64(1.0), wp.float64(2.0)),
+        wp.vec2d(wp.cos(angle), wp.sin(angle)),
+        wp.float64(3.0),
+        wp.vec2d(wp.float64(0.1), wp.float64(0.2)),
+        t,
+    )
+    wrench = tensioner_wrench(wp.float64(10.0), place - wp.vec2d(wp.float64(1.0), wp.float64(2.0)), t)
+    out[0] = place
+    out[1] = velocity
+    out[2] = wrench.force
+    out[3] = wp.vec2d(wrench.moment, extension(place, t))
+
+
+def test_the_touched_point_moves_with_its_body_and_is_pushed():
+    angle, point = 0.4, np.array([0.3, -0.1])
+    t = Tensioner()
+    t.point, t.home, t.direction = wp.vec2d(*point), wp.vec2d(1.2, 1.9), wp.vec2d(0.6, 0.8)
+    out = wp.zeros(4, dtype=wp.vec2d, device="cpu")
+    wp.launch(touch, dim=1, inputs=[t, angle, out], device="cpu")
+    place, velocity, force, (moment, x) = out.numpy()
+    arm = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]) @ point
+    assert place == pytest.approx(np.array([1.0, 2.0]) + arm)
+    assert velocity == pytest.approx(np.array([0.1, 0.2]) + 3.0 * np.array([-arm[1], arm[0]]))
+    assert force == pytest.approx([6.0, 8.0])
+    assert moment == pytest.approx(arm[0] * 8.0 - arm[1] * 6.0)
+    assert x == pytest.approx((place - [1.2, 1.9]) @ [0.6, 0.8])

@@ -1,0 +1,128 @@
+r"""What the oil of a hydraulic tensioner does at rest and over temperature, and how stiff it is; plain Python.
+
+Flows through gap and valve are taken at a step's end, so that of the oil only its stiffness E A^2/V limits the step.
+
+The pressure at rest is the one at which the check valve brings in what leaks through the gap, Q_cv(P) = G (P - P_0),
+the laws being those of `kernels/physics/tensioner.py`.
+
+Viscosity over temperature, Walther (ASTM D341), nu in mm^2/s and T in K:
+
+    log10(log10(nu + 0.7)) = A - B log10(T).                                                              (a)
+
+B is 3.1 for engine oils of several grades (a 5W-30 of 62 mm^2/s at 40 degrees C and 10.3 at 100), 3.5 to 3.7 for
+mineral oils of a single one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from warpchain.drive.tensioners import Tensioner
+
+EXPONENT = 1.4
+"""n of the air in the oil, compressed adiabatically."""
+LAMINAR_DROP = 5.0e3
+"""Drop of pressure [Pa] below which the valve's flow is linear in it."""
+BOTTOM = 0.95
+"""Share of the chamber's volume, as drawn, that the plunger can take before it stands on the bottom."""
+
+WALTHER_SLOPE = 3.1
+"""B of (a), unless told otherwise."""
+REFERENCE = 40.0
+"""Temperature [degrees C] at which a drive's viscosity is meant where it is swept over temperature."""
+KELVIN = 273.15
+THINNEST, THICKEST = 0.5e-6, 1.0
+"""Viscosities [m^2/s] that the law holds for, with some margin."""
+
+
+def bulk_modulus(tensioner: Tensioner, pressure: float) -> float:
+    """E(P) [Pa] of the oil with its air at an absolute pressure [Pa].
+
+    E = E_0 (1 + a) / (1 + a (E_0/n) P_0^(1/n) P^(-1 - 1/n)).
+    """
+    oil = tensioner.oil
+    assert oil is not None
+    n = EXPONENT
+    soft = oil.air * oil.bulk_modulus / (n * oil.ambient) * (oil.ambient / pressure) ** (1.0 + 1.0 / n)
+    return oil.bulk_modulus * (1.0 + oil.air) / (1.0 + soft)
+
+
+def oil_stiffness(tensioner: Tensioner, pressure: float | None = None, x: float = 0.0) -> float:
+    """E A^2 / V [N/m] of the closed chamber; 0 without oil.
+
+    Args:
+        pressure: absolute [Pa]; None is any, at most E_0 (1 + a).
+        x: extension [m].
+    """
+    if not tensioner.hydraulic:
+        return 0.0
+    oil, chamber = tensioner.oil, tensioner.chamber
+    assert oil is not None and chamber is not None
+    modulus = oil.bulk_modulus * (1.0 + oil.air) if pressure is None else bulk_modulus(tensioner, pressure)
+    return modulus * tensioner.area**2 / (chamber.volume + tensioner.area * x)
+
+
+def relaxation_time(tensioner: Tensioner, pressure: float) -> float:
+    """V / (E G) [s], in which a closed chamber's pressure leaks away."""
+    assert tensioner.chamber is not None
+    return tensioner.chamber.volume / (bulk_modulus(tensioner, pressure) * tensioner.leak_conductance)
+
+
+def valve_flow(tensioner: Tensioner, pressure: float) -> float:
+    """Q_cv [m^3/s] that the check valve lets into a chamber of an absolute pressure [Pa]; see the kernels' law."""
+    oil, valve = tensioner.oil, tensioner.valve
+    assert oil is not None and valve is not None
+    drop = oil.supply - pressure
+    push = drop * valve.hole_area - valve.preload
+    if drop <= 0.0 or push <= 0.0:
+        return 0.0
+    lift = valve.lift if push >= valve.stiffness * valve.lift else push / valve.stiffness
+    curtain = valve.discharge * valve.flow_area(lift)
+    area = curtain * valve.hole_area / math.hypot(curtain, valve.hole_area)
+    limit = max(drop, LAMINAR_DROP)
+    return area * math.sqrt(2.0 * limit / oil.density) * drop / limit
+
+
+def static_pressure(tensioner: Tensioner) -> float:
+    """Absolute pressure [Pa] at rest, Q_cv = Q_leak, to round-off; the ambient one where the valve stays closed."""
+    oil = tensioner.oil
+    assert oil is not None
+    low, high = oil.ambient, oil.supply
+    while low < (middle := 0.5 * (low + high)) < high:
+        if valve_flow(tensioner, middle) > tensioner.leak_conductance * (middle - oil.ambient):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def static_force(tensioner: Tensioner, x: float = 0.0) -> float:
+    """Force [N] at rest at an extension [m]: (P - P_0) A + preload - k x, not below 0."""
+    push = tensioner.spring_preload - tensioner.spring_stiffness * x
+    if tensioner.hydraulic:
+        assert tensioner.oil is not None
+        push += (static_pressure(tensioner) - tensioner.oil.ambient) * tensioner.area
+    return max(push, 0.0)
+
+
+def bottom_place(tensioner: Tensioner) -> float:
+    """Extension [m] at which the plunger stands on the chamber's bottom; minus infinity without oil."""
+    if not tensioner.hydraulic:
+        return -math.inf
+    assert tensioner.chamber is not None
+    return -BOTTOM * tensioner.chamber.volume / tensioner.area
+
+
+def viscosity_at(viscosity: float, temperature: float, at: float = REFERENCE, slope: float = WALTHER_SLOPE) -> float:
+    """Kinematic viscosity [m^2/s] at a temperature, of an oil that has `viscosity` at another one, (a).
+
+    Args:
+        viscosity: [m^2/s], `THINNEST` to `THICKEST`.
+        temperature, at: [degrees C].
+        slope: B.
+    """
+    known = math.log10(math.log10(1e6 * viscosity + 0.7))
+    wanted = known - slope * math.log10((temperature + KELVIN) / (at + KELVIN))
+    return 1e-6 * (10.0 ** (10.0**wanted) - 0.7)

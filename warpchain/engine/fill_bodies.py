@@ -1,0 +1,96 @@
+"""Rows of the kernels' structs for guides' profiles and for arms."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly import Assembly
+from warpchain.drive import Drive
+from warpchain.drive.profile import Profile
+from warpchain.kernels.structs import GROUND
+
+MARGIN = 0.25
+"""Rollers are looked after from so many pitches before they can touch a guide."""
+
+
+def profiled(drive: Drive, g: int) -> bool:
+    """Whether kernels take guide g as a profile: all but straight bars on the ground."""
+    return not drive.guides[g].straight or drive.guides[g].arm is not None
+
+
+def piece_count(drive: Drive) -> int:
+    """Rows of `kernels.structs.Piece` of a drive, with one more a guide that says where it ends."""
+    return sum(len(drive.profile(g).pieces) + 1 for g in range(len(drive.guides)) if profiled(drive, g))
+
+
+def _origin(drive: Drive, g: int) -> NDArray[np.float64]:
+    """Where the coordinates of the body that carries guide g begin [m]."""
+    arm = drive.arm_of(g)
+    return np.zeros(2) if arm is None else np.asarray(drive.arms[arm].pivot)
+
+
+def fill_profile(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int:
+    """Fills the face of guide g of a `kernels.structs.Guide`, and its pieces from `first` on among those of the drive.
+
+    Returns the number of rows used.
+    """
+    profile, origin, arm = drive.profile(g), _origin(drive, g), drive.arm_of(g)
+    row["body"] = GROUND if arm is None else len(drive.sprockets) + arm
+    row["pieces"], row["first_piece"] = len(profile.pieces), first
+    for piece, place, at in zip(profile.pieces, profile.places, pieces[first:], strict=False):
+        at["start"] = np.subtract(piece.start, origin)
+        at["direction"] = math.cos(piece.heading), math.sin(piece.heading)
+        at["curvature"], at["place"] = piece.curvature, place
+    last, end = profile.pieces[-1], pieces[first + len(profile.pieces)]
+    end["start"] = np.subtract(last.end, origin)
+    end["direction"] = math.cos(last.end_heading), math.sin(last.end_heading)
+    end["place"] = profile.places[-1] + last.length
+    row["roller_radius"], row["end_radius"] = drive.guide_offset(g), profile.end_radius
+    _fill_box(row, profile, origin, drive.guide_offset(g), MARGIN * drive.chain.pitch)
+    return len(profile.pieces) + 1
+
+
+def _fill_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: float, margin: float) -> None:
+    """Fills the box along the face's chord in which rollers may be near it, from `margin` [m] before they touch."""
+    points = profile.points(0.25 * profile.end_radius) - origin
+    start = np.asarray(profile.face[0].start) - origin
+    chord = np.asarray(profile.face[-1].end) - origin - start
+    row["start"], row["length"] = start, np.hypot(*chord)
+    t = row["direction"] = chord / np.hypot(*chord)
+    reach = points - start
+    along, across = reach @ t, reach @ np.array([-t[1], t[0]])
+    around = offset + margin
+    row["low"] = along.min() - around, across.min() - profile.end_radius
+    row["high"] = along.max() + around, across.max() + around
+
+
+def guide_heft(drive: Drive, g: int) -> float:
+    """m_e [kg] of a roller that slides on guide g: less than its mass where all its rollers can turn a light arm.
+
+    As `fill.tooth_heft`, with the rollers that there is room for on the faces of the arm, at its reach r:
+    1/m_e = 1/m + n r^2 / I.
+    """
+    arm = drive.arm_of(g)
+    if arm is None:
+        return drive.chain.mass
+    rollers = sum(drive.profile(of).face_length / drive.chain.pitch + 2.0 for of in drive.guides_of(arm))
+    return 1.0 / (1.0 / drive.chain.mass + rollers * drive.arm_lever(arm) ** 2 / drive.arm_inertia(arm))
+
+
+def fill_arm(row: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
+    """Fills the rows of arm a, of `kernels.structs.Arm` and, at rest, of `BodyState`."""
+    arm = drive.arms[a]
+    row["pivot"] = body["center"] = arm.pivot
+    row["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
+    row["stiffness"], row["free_angle"], row["damping"] = arm.stiffness, arm.free_angle_rad, arm.damping
+    row["low"], row["high"] = arm.stops_rad
+    if arm.stops is not None:
+        row["stop_stiffness"], row["stop_damping"] = drive.stop_stiffness(a), drive.stop_damping(a)
+    row["reach"] = drive.arm_lever(a)
+    row["heft"] = arm.mass * np.subtract(arm.center, arm.pivot)
+    row["gravity"] = drive.run.gravity
+    body["angle"] = getattr(assembly, "arm_angle", np.zeros(9))[a]
