@@ -190,8 +190,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             at = ensemble.drives[mine.variant].first_body + s
             energy = body_energy(body, motion, mount)
             tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-        sums = shared.sprocket_sums[s]
-        shared.sprocket_sums[s] = add_sprocket(sums, body.speed, wrench.moment, load, wrench.force, weight)
+        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
 
     return ObserveFunctions(
         reset_link=reset_link,

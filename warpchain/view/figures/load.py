@@ -158,7 +158,8 @@ def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
     for axis, (title, (unit, values)) in zip(axes, held.items(), strict=True):
         word, factor = ("degrees", 180.0 / np.pi) if unit == "rad" else shown(unit, values[:, k])
         curve(axis, found.whole.time, factor * values[:, k], color=LINES[0])
-        axis.set_ylabel(f"{title}\n[{word}]")
+        axis.set_title(title, loc="left", fontsize=9)
+        axis.set_ylabel(f"[{word}]")
     axes[-1].set_xlabel("time [s]")
     return figure
 
