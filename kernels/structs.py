@@ -220,14 +220,6 @@ class Wrench:
 
 
 @wp.struct
-class Acting:
-    """What acts on a body at one instant."""
-
-    contact: Wrench  # of contacts
-    whole: Wrench  # of contacts and tensioners
-
-
-@wp.struct
 class Push:
     """What a tensioner does at one instant."""
 

@@ -137,10 +137,8 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 
 @wp.func
-def add_sprocket(
-    sums: SprocketSums, speed: wp.float64, moment: wp.float64, load: wp.float64, force: wp.vec2d, weight: wp.float64
-):
-    """One sprocket's speed, contact moment, load moment and contact force at one step."""
+def add_sprocket(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load: wp.float64, weight: wp.float64):
+    """One sprocket's speed, contact moment and load moment at one step."""
     sums.speed_min = wp.min(sums.speed_min, speed)
     sums.speed_max = wp.max(sums.speed_max, speed)
     sums.speed = sums.speed + weight * speed
@@ -148,6 +146,12 @@ def add_sprocket(
     sums.moment = sums.moment + weight * moment
     sums.contact_work = sums.contact_work + weight * moment * speed
     sums.load_work = sums.load_work + weight * load * speed
+    return sums
+
+
+@wp.func
+def add_hub_force(sums: SprocketSums, force: wp.vec2d, weight: wp.float64):
+    """The chain's force on one sprocket at one step."""
     sums.force = sums.force + weight * force
     sums.force_max = wp.max(sums.force_max, wp.length(force))
     return sums

@@ -22,6 +22,7 @@ from ..sums import (
     add_displacement,
     add_energy,
     add_friction,
+    add_hub_force,
     add_mount,
     add_sprocket,
     add_tensioner,
@@ -135,8 +136,8 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             whole = wrench_on(ensemble, state, drive, b)
             held, power = held_by(at.time, body, whole, load_part, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
-        mine = sums.sprocket[i]
-        sums.sprocket[i] = add_sprocket(mine, body.speed, wrench.moment, load_part, wrench.force, at.weight)
+        mine = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
+        sums.sprocket[i] = add_hub_force(mine, wrench.force, at.weight)
 
     @wp.func
     def add_arm_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, a: int, at: Instant):

@@ -10,8 +10,9 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import Acting, types
+from ..structs import types
 from ..sum_structs import Sums, Tallies
+from ..sums import add_hub_force
 from .block_arms import block_arms
 from .block_bodies import block_bodies
 from .block_events import END
@@ -87,14 +88,14 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         wrench = wrench_on(shared, mine.thread)
         if mine.sprocket >= 0:
             before = shared.poses[mine.sprocket]
-            acting = Acting()
-            acting.contact = wrench
-            acting.whole = wrench
+            hub = wp.vec2d(wrench.force[0], wrench.force[1])  # the chain's alone, without tensioners
             if wp.static(kind.tensioners > 0):
-                acting.whole = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
-            body = bodies.advance(ensemble, state, shared, mine, now, acting.whole)
+                wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
+            body = bodies.advance(ensemble, state, shared, mine, now, wrench)
             if wp.static(measuring) and now.measured != 0:
-                observe_sprocket(ensemble, tallies, shared, mine, now, body, acting, before)
+                observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
+                mine_sums = shared.sprocket_sums[mine.sprocket]
+                shared.sprocket_sums[mine.sprocket] = add_hub_force(mine_sums, hub, wp.float64(now.weight))
                 if wp.static(kind.tensioners > 0):
                     arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
             sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench)

@@ -15,7 +15,7 @@ from ..physics.link import link_chain
 from ..physics.motion import load_moment_at_speed
 from ..physics.roller import roller_energy
 from ..rows import accessors
-from ..structs import Acting, BodyState, Drive, Mount, Pose, types
+from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
 from ..sum_structs import ChainNote, ContactSums, LinkTally, Sums, Tallies
 from ..sums import (
     add_displacement,
@@ -167,7 +167,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         mine: Mine,
         now: Now,
         body: BodyState,
-        acting: Acting,
+        wrench: Wrench,
         before: Pose,
     ):
         """One step of the thread's sprocket for the sums of the window, and its energy at their ends.
@@ -184,14 +184,13 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         load = load_moment_at_speed(time, before.load, before.speed, body.speed, motion)
         if wp.static(moving):
             if mount.active != 0:
-                held, power = held_by(time, body, acting.whole, load, motion, mount, ensemble.curves)
+                held, power = held_by(time, body, wrench, load, motion, mount, ensemble.curves)
                 shared.mount_sums[s] = add_mount(shared.mount_sums[s], body, mount, held, power, weight)
         if now.flags & ENDS != 0:
             at = ensemble.drives[mine.variant].first_body + s
             energy = body_energy(body, motion, mount)
             tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-        sums, force = shared.sprocket_sums[s], acting.contact.force
-        shared.sprocket_sums[s] = add_sprocket(sums, body.speed, acting.whole.moment, load, force, weight)
+        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
 
     return ObserveFunctions(
         reset_link=reset_link,

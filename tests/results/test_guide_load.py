@@ -5,7 +5,7 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Trajectory
-from warpchain.results.faces import Face, face_of, in_drawing, on_face, tangent_at
+from warpchain.results.faces import Face, face_of, on_face, tangent_at
 from warpchain.results.friction_power import friction_power
 from warpchain.results.guide_load import guide_contacts, guide_loads
 from warpchain.results.metrics import column_of
@@ -92,11 +92,21 @@ def test_places_on_a_curved_face():
     np.testing.assert_allclose(found, height, atol=1e-15)
 
 
-def test_a_guide_on_the_ground_stays_where_it_is():
-    points = np.array([[1.0, 2.0]])
-    same, angle = in_drawing(sliding(10), 0, np.array([3]), points)
-    np.testing.assert_array_equal(same, points)
-    assert angle == [0.0]
+def test_a_guide_on_an_arm_is_seen_in_the_arm_s_frame():
+    # the same chain and bar, both turned by 0.3 rad about the arm's pivot
+    still = sliding(200)
+    pivot, c, s = np.array([0.2, 0.1]), np.cos(0.3), np.sin(0.3)
+    turn = np.array([[c, s], [-s, c]])  # rows from the right: counter-clockwise
+    arm = {"name": "arm", "pivot": tuple(pivot), "mass": 0.2, "center": (0.3, 0.3), "inertia": 0.05,
+           "stops": (-30.0, 30.0)}  # fmt: skip
+    drive = still.drive.with_values({"arms": (arm,), "guides.bar.arm": "arm"})
+    turned = Trajectory(
+        drive, still.time, position=pivot + (still.position - pivot) @ turn, velocity=still.velocity @ turn,
+        guide_force=still.guide_force, arm_angle=np.full((200, 1), 0.3),
+    )  # fmt: skip
+    (mine,), (theirs,) = guide_contacts(still), guide_contacts(turned)
+    np.testing.assert_allclose(theirs.place, mine.place, atol=1e-12)
+    np.testing.assert_allclose(theirs.speed, mine.speed, rtol=1e-12)
 
 
 def test_a_drive_without_guides_has_no_loads():

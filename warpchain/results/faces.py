@@ -17,10 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.run import Trajectory
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 
 class Face(NamedTuple):
@@ -84,26 +82,3 @@ def tangent_at(face: Face, place: Array) -> Array:
     piece = np.clip(np.searchsorted(face.place, place, side="right") - 1, 0, len(face.place) - 1)
     heading = face.heading[piece] + face.curvature[piece] * (place - face.place[piece])
     return np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-
-
-def in_drawing(trajectory: Trajectory, g: int, frame: Index, points: Array) -> tuple[Array, Array]:
-    """Points (K, 2) at frames (K,) in the coordinates in which guide g is drawn, and the guide's angle there (K,).
-
-    A guide on an arm turns with it about its pivot; the others stay where they are.
-    """
-    arm = _arm_of(trajectory, g)
-    if arm is None:
-        return points, np.zeros(len(points))
-    pivot, turned = arm
-    angle = turned[frame]
-    c, s = np.cos(angle), np.sin(angle)
-    r = points - pivot
-    return pivot + np.stack([c * r[:, 0] + s * r[:, 1], c * r[:, 1] - s * r[:, 0]], axis=-1), angle
-
-
-def _arm_of(trajectory: Trajectory, g: int) -> tuple[Array, Array] | None:
-    """Pivot of the arm that carries guide g, and its angle (F,) [rad]; None on the ground or without that channel."""
-    arm, angles = trajectory.drive.arm_of(g), getattr(trajectory, "arm_angle", None)
-    if arm is None or angles is None:
-        return None
-    return np.asarray(trajectory.drive.arms[arm].pivot, dtype=float), np.asarray(angles, dtype=float)[:, arm]

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.faces import face_of, in_drawing, on_face, tangent_at
+from warpchain.results.faces import face_of, on_face, tangent_at
 from warpchain.results.run import Trajectory, need
+from warpchain.results.scene import on_guide_frame
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -55,13 +56,14 @@ def guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
     drive = trajectory.drive
     frame, roller = np.nonzero(trajectory.guide_force > 0.0)
     force = np.asarray(trajectory.guide_force, dtype=float)[frame, roller]
-    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
-    v = np.zeros_like(x) if trajectory.velocity is None else np.asarray(trajectory.velocity, dtype=float)[frame, roller]
+    v = np.zeros((len(frame), 2))
+    if trajectory.velocity is not None:
+        v = np.asarray(trajectory.velocity, dtype=float)[frame, roller]
     faces = [face_of(drive, g) for g in range(len(drive.guides))]
-    seen = [in_drawing(trajectory, g, frame, x) for g in range(len(faces))]
+    seen = [on_guide_frame(trajectory, g, frame, roller) for g in range(len(faces))]
     places = [on_face(face, points) for face, (points, _) in zip(faces, seen, strict=True)]
     off = [np.abs(height - drive.guide_offset(g)) for g, (_, height) in enumerate(places)]
-    nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=0) if off else np.zeros(len(x), dtype=np.intp)
+    nearest = np.argmin(np.nan_to_num(off, nan=np.inf), axis=0) if off else np.zeros(len(frame), dtype=np.intp)
     found = []
     for g, face in enumerate(faces):
         mine = (nearest == g) & np.isfinite(places[g][0])

@@ -9,6 +9,7 @@ import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.results.channels import CHANNELS
+from warpchain.results.faces import face_of
 from warpchain.results.friction_power import Array, by_group
 from warpchain.results.guide_load import GuideLoad
 from warpchain.results.handed_in import HandedIn
@@ -49,10 +50,12 @@ def guide_load_figure(found: HandedIn, g: int) -> Figure:
             twin.set_ylim(0.0)
         axis.set_ylabel(f"{title}\n[{word}]")
     face = to_length * float(np.clip(span.max(), 0.0, None))
+    whole = to_length * face_of(found.drive, g).face_length
     for axis in axes:
-        axis.axvline(0.0, color="black", lw=0.8, ls="--")
-    axes[0].set_xlim(min(to_length * span.min(), 0.0) - width, face + 2.0 * width)
-    axes[-1].set_xlabel(f"arc length along the face [{length}], 0 where the face begins")
+        for end in (0.0, whole):
+            axis.axvline(end, color="black", lw=0.8, ls="--")
+    axes[0].set_xlim(min(to_length * span.min(), 0.0) - width, max(face, whole) + 2.0 * width)
+    axes[-1].set_xlabel(f"arc length along the face [{length}], the rounded ends beyond the dashed lines")
     return figure
 
 
@@ -155,7 +158,8 @@ def body_figure(found: HandedIn, kind: str, k: int) -> Figure | None:
     for axis, (title, (unit, values)) in zip(axes, held.items(), strict=True):
         word, factor = ("degrees", 180.0 / np.pi) if unit == "rad" else shown(unit, values[:, k])
         curve(axis, found.whole.time, factor * values[:, k], color=LINES[0])
-        axis.set_ylabel(f"{title}\n[{word}]")
+        axis.set_title(title, loc="left", fontsize=9)
+        axis.set_ylabel(f"[{word}]")
     axes[-1].set_xlabel("time [s]")
     return figure
 

@@ -135,21 +135,30 @@ def guide_table(found: HandedIn, metrics: Mapping[str, float], row: Mapping[str,
 
 
 def stroke_table(found: HandedIn, channels: Mapping[str, tuple[str, Any]], k: int) -> str:
-    """How each channel (F, count) of body k moves in the window: extremes, mean, travel, way in a second, openings.
-
-    What never falls below 0 and rests there, as a valve's lift does, has openings.
-    """
+    """How each channel (F, count) of body k moves in the window: extremes, mean, travel, way in a second."""
     rows = []
     for title, (unit, values) in channels.items():
-        mine, time = values[:, k], found.part.time
-        moved, opened = stroke(time, mine), events(time, mine)
-        cells = [quantity(value, unit, max(abs(moved.low), abs(moved.high))) for value in
-                 (moved.low, moved.mean, moved.high, moved.travel, moved.path)]  # fmt: skip
-        opens = moved.low == 0.0 and opened.share < 1.0
-        spells = f"{opened.openings}, {100.0 * opened.share:.1f} % of the time" if opens else ""
-        rows.append([title, *(value for value, _ in cells), cells[0][1], spells])
-    head = ["what", "least", "mean", "most", "travel", "way in a second", "unit", "openings"]
-    return table(head, rows)
+        moved = stroke(found.part.time, values[:, k])
+        largest = max(abs(moved.low), abs(moved.high))
+        cells = [
+            quantity(value, unit, largest) for value in (moved.low, moved.mean, moved.high, moved.travel, moved.path)
+        ]
+        rows.append([title, *(value for value, _ in cells), cells[0][1]])
+    return table(["what", "least", "mean", "most", "travel", "way in a second", "unit"], rows)
+
+
+def valve_line(found: HandedIn, k: int) -> str:
+    """How often the check valve of tensioner k opens in the window: where the chamber is below the supply by more than
+    the cracking pressure; "" without oil or without the chamber's pressure."""
+    tensioner, pressure = found.drive.tensioners[k], found.part.chamber_pressure
+    if pressure is None or tensioner.valve is None or tensioner.oil is None:
+        return ""
+    below = tensioner.oil.supply - np.asarray(pressure[:, k], dtype=float)
+    opened = events(found.part.time, below, tensioner.valve.cracking_pressure)
+    return (
+        f"Check valve: {opened.openings} openings, {opened.rate:.4g} a second; open for {100.0 * opened.share:.1f} % "
+        f"of the time, at most {written(opened.longest, 's')} at once."
+    )
 
 
 def friction_table(found: HandedIn, row: Mapping[str, Any]) -> str:

@@ -190,6 +190,7 @@ def bodies(found: HandedIn, row: Row) -> Iterator[str]:
             if channels:
                 yield html.heading(part.name)
                 yield numbers.stroke_table(found, channels, k)
+                yield html.text(line) if kind == "tensioner" and (line := numbers.valve_line(found, k)) else ""
                 yield pictured(load.body_figure(found, kind, k), f"what {part.name} does")
     names = [part.name for of in load.BODIES.values() for part in getattr(found.drive, of)]
     tables = numbers.metric_tables(found.drive, row)
