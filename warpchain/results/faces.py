@@ -82,3 +82,19 @@ def tangent_at(face: Face, place: Array) -> Array:
     piece = np.clip(np.searchsorted(face.place, place, side="right") - 1, 0, len(face.place) - 1)
     heading = face.heading[piece] + face.curvature[piece] * (place - face.place[piece])
     return np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+
+
+def on_guide_frame(trajectory: Trajectory, g: int, frame: Index, roller: Index) -> tuple[Array, Array]:
+    """Rollers (K,) at frames (K,) in the coordinates in which guide g is drawn (K, 2) [m], and its angle (K,) [rad].
+
+    A guide on an arm turns with it about its pivot; the others stay where they are.
+    """
+    assert trajectory.position is not None
+    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
+    arm = trajectory.drive.arm_of(g)
+    if arm is None or trajectory.arm_angle is None:
+        return x, np.zeros(len(x))
+    angle = np.asarray(trajectory.arm_angle, dtype=float)[frame, arm]
+    pivot, c, s = np.asarray(trajectory.drive.arms[arm].pivot, dtype=float), np.cos(angle), np.sin(angle)
+    r = x - pivot
+    return pivot + np.stack([c * r[:, 0] + s * r[:, 1], c * r[:, 1] - s * r[:, 0]], axis=-1), angle

@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.faces import face_of, on_face, tangent_at
+from warpchain.results.faces import face_of, on_face, on_guide_frame, tangent_at
 from warpchain.results.run import Trajectory, need
-from warpchain.results.scene import on_guide_frame
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.path import chain_path
 from warpchain.drive import Drive
 from warpchain.drive.teeth import teeth_outline
-from warpchain.results.faces import face_of, in_drawing, on_face, tangent_at
+from warpchain.results.faces import face_of, on_face, on_guide_frame, tangent_at
 from warpchain.results.run import Trajectory
 
 Array = NDArray[np.float64]
@@ -129,12 +129,11 @@ def _guides_under(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[
 
     By the height of the roller's center over the face less that at which it touches; 0 normals beyond all faces.
     """
-    assert trajectory.position is not None
-    x = np.asarray(trajectory.position, dtype=float)[frame, roller]
-    near, normals, apart = np.zeros(len(x), dtype=np.intp), np.zeros((len(x), 2)), np.full(len(x), np.inf)
+    count = len(frame)
+    near, normals, apart = np.zeros(count, dtype=np.intp), np.zeros((count, 2)), np.full(count, np.inf)
     for g in range(len(trajectory.drive.guides)):
         face = face_of(trajectory.drive, g)
-        points, angle = in_drawing(trajectory, g, frame, x)
+        points, angle = on_guide_frame(trajectory, g, frame, roller)
         place, height = on_face(face, points)
         off = np.abs(height - trajectory.drive.guide_offset(g))
         closer = np.nan_to_num(off, nan=np.inf) < apart
