@@ -17,7 +17,7 @@ from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_l
 from warpchain.drive import Drive
 from warpchain.engine.alike import alike
 from warpchain.engine.devices import engine_on
-from warpchain.engine.fill import escape, widen_box
+from warpchain.engine.fill import FORMS, escape, widen_box
 from warpchain.engine.pack import STATE_ROWS
 from warpchain.engine.packed import Packed
 from warpchain.engine.resting import lay_to_rest, springs
@@ -67,6 +67,21 @@ def elastic(packed: Packed) -> Packed:
     return still
 
 
+def cushion(still: Packed) -> None:
+    """Gives contacts of drives with arms a damper as links have it while settling.
+
+    An arm waits for the whole chain; without dampers a single roller that bounces between its links and a tooth keeps
+    stopping all of them. Other drives settle as they always have.
+    """
+    drives = still.drives
+    damping = SETTLE_DAMPING * np.sqrt(still.chains["stiffness"] * still.chains["mass"])
+    for laws, count in ((still.sprockets["law"], "sprockets"), (still.guides["law"], "guides")):
+        owner = np.repeat(np.arange(still.variants), drives[count])
+        armed = np.flatnonzero(drives["arms"][owner] > 0)
+        laws["form"][armed] = FORMS["kelvin_voigt"]
+        laws["damping"][armed] = damping[owner[armed]]
+
+
 def quickened(packed: Packed, drives: Sequence[Drive]) -> None:
     """Gives arms, for settling, as little inertia as lets the fastest of them oscillate half as fast, in omega^2, as
     the rollers do: nothing waits for them then, and the step of `SETTLE_STEP` stays stable.
@@ -113,6 +128,7 @@ def settle(
         return state
     rollers = packed.drives["rollers"].astype(float)
     still = elastic(packed)
+    cushion(still)
     quickened(still, drives)
     engine = engine_on(devices, still, cores)
 

@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
+from warpchain.results.run import Trajectory
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 
 class Face(NamedTuple):
