@@ -11,7 +11,7 @@ DISPLAYED: dict[str, tuple[tuple[float, str, float], ...]] = {
     "s": ((0.0, "\N{MICRO SIGN}s", MICRO), (1e-3, "ms", MILLI), (1.0, "s", 1.0)),
     "rad": ((0.0, "mrad", MILLI), (1.0, "rad", 1.0)),
     "N": ((0.0, "mN", MILLI), (0.1, "N", 1.0), (1e3, "kN", KILO), (1e6, "MN", MEGA)),
-    "N m": ((0.0, "mN m", MILLI), (0.1, "N m", 1.0), (1e3, "kN m", KILO)),
+    "N m": ((0.0, "mN m", MILLI), (0.1, "N m", 1.0), (1e4, "kN m", KILO)),
     "N s": ((0.0, "mN s", MILLI), (0.1, "N s", 1.0), (1e3, "kN s", KILO)),
     "N/m": ((0.0, "N/m", 1.0), (1e3, "kN/m", KILO), (1e6, "MN/m", MEGA), (1e9, "GN/m", GIGA)),
     "N s/m": ((0.0, "N s/m", 1.0), (1e3, "kN s/m", KILO), (1e6, "MN s/m", MEGA)),
