@@ -8,24 +8,11 @@ Prints a table of what each run came to, as docs/examples.md has it.
 import argparse
 from pathlib import Path
 
-import numpy as np
-from matplotlib.figure import Figure
-
 from warpchain import Record, Run, load_drive, simulate
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.view.figures.write import drive_figure
 
 FOLDER = Path(__file__).parent.parent / "docs" / "images"
-
-
-def picture(run: Run) -> Figure:
-    """The drive's figure with room for its arrows."""
-    figure = drive_figure(run[0])
-    axis = figure.axes[0]
-    span = max(np.diff(axis.get_xlim())[0], np.diff(axis.get_ylim())[0])
-    for limits, place in ((axis.get_xlim(), axis.set_xlim), (axis.get_ylim(), axis.set_ylim)):
-        place(limits[0] - 0.08 * span, limits[1] + 0.08 * span)
-    return figure
 
 
 def table(name: str, run: Run) -> str:
@@ -55,7 +42,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for name in names:
         run = simulate(load_drive(drive_path(name)), record=Record(channels=channels))
-        picture(run).savefig(FOLDER / f"{name.replace('_', '-')}-drive.png", dpi=90)
+        drive_figure(run[0]).savefig(FOLDER / f"{name.replace('_', '-')}-drive.png", dpi=90)
         print(table(name, run))
 
 

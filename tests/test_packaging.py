@@ -119,4 +119,5 @@ def test_every_import_is_declared_and_every_dependency_imported():
 def test_extras_add_what_the_tests_and_checks_need():
     extras = PROJECT["project"]["optional-dependencies"]
     assert {"pytest", "hypothesis", "setuptools"} <= names(extras["test"])
-    assert {"warpchain", "ruff", "mypy", "build"} <= names(extras["dev"])
+    assert {"warpchain", "ruff", "mypy"} <= names(extras["dev"])
+    assert {"build", "twine"} <= names(extras["release"])

@@ -72,7 +72,7 @@ def test_documents_name_commands():
         ("teeth.md", "scripts/compare_profiles.py"),
         ("wear.md", "scripts/wear_study.py"),
         ("model.md", "scripts/seat_angle_study.py"),
-        ("README.md", "scripts/render_picture.py"),
+        ("README.md", "scripts/moving_picture.py"),
     } <= named
     assert {script for _, script in named} == {f"scripts/{path.name}" for path in SCRIPTS}
 

@@ -333,3 +333,10 @@ def test_curves_are_readable_on_dark_ground():
         assert min(apart) > 15.0
     apart = [np.linalg.norm(np.subtract(a, b)) for i, a in enumerate(CURVES) for b in CURVES[:i]]
     assert min(apart) > 40.0
+
+
+def test_no_thing_has_a_color_of_the_tension_scale():
+    """Nor one that looks like it: farther than what `test_viewer.py` takes for it, 14 counts of a channel."""
+    scale = tension_color(np.arange(256.0), 255.0)[:, :3].astype(int)
+    for color in CURVES:
+        assert np.abs(scale - np.array(color)).max(axis=1).min() > 20

@@ -151,7 +151,7 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | 
         if pressed.any():
             tips = (factor * reach * force[pressed]).T
             axis.quiver(*factor * x[pressed].T, *tips, **straight, color=color, zorder=4)
-        axis.plot([], [], color=color, lw=1.5, label=label)
+            axis.plot([], [], color=color, lw=1.5, label=label)
     word, share = display_unit("N", largest)
     axis.plot([], [], " ", label=f"longest arrow {share * largest:.3g} {word}")
     axis.set_aspect("equal")
@@ -190,7 +190,7 @@ def _extent(trajectory: Trajectory, f: int, tips: list[Any]) -> tuple[Any, Any]:
 def _size(tall: float) -> tuple[float, float]:
     """Size of the figure [in] around a drawing so much taller than wide, beside its labels and colors."""
     wide = float(np.clip(8.5 / max(tall, 1e-9), 3.2, 9.0))
-    return wide + 1.7, min(wide * tall, 9.5) + 1.9
+    return wide + 1.7, min(wide * tall, 9.5) + (1.9 if tall > 1.0 else 1.4)
 
 
 def _draw_parts(axis: Any, trajectory: Trajectory, f: int, factor: float) -> None:
