@@ -20,6 +20,7 @@ from warpchain.errors import StudyError
 from warpchain.study.columns import ARCHIVED
 from warpchain.study.design import make_design
 from warpchain.study.design.rows import table_of_rows
+from warpchain.study.optimize.rounds import round_file, round_name, rounds_done, together
 from warpchain.study.optimize.search import Optimizer
 from warpchain.study.results import Results, read_results
 from warpchain.study.run.batch import Variant, _build
@@ -67,7 +68,6 @@ class Bench:
         self._workers, self._memory = workers, memory
         self._known: dict[str, tuple[pa.Table, int]] = {}
         self._optimizer: Optimizer | None = None
-        self._results: Results | None = None
         check_names(self.study, self.drive, 1 << 62, source)
 
     # ------------------------------------------------------------------------------------------------ rows
@@ -122,8 +122,7 @@ class Bench:
             KeyboardInterrupt: the user stopped it; what is done stays, if there is a folder.
         """
         if self.folder is not None:
-            number = len(list(self.folder.glob("rounds/*/rows.parquet")))
-            return self.round(number, rows, progress)
+            return self.round(rounds_done(self.folder), rows, progress)
         with tempfile.TemporaryDirectory(prefix="warpchain-") as place:
             return self._run(Path(place), "", table_of_rows(self.study, rows), progress)
 
@@ -134,9 +133,8 @@ class Bench:
             StudyError: the folder has other rows in that round, or is damaged.
         """
         assert self.folder is not None  # who asks for rounds has one
-        name = f"rounds/{number:04d}"
+        name, done = round_name(number), round_file(self.folder, number)
         place, design = self.folder / name, table_of_rows(self.study, rows)
-        done = place / "rows.parquet"
         if done.exists():
             table = read_table(done)
             factors = [factor.name for factor in self.study.factors]
@@ -217,7 +215,8 @@ class Bench:
         """
         if self.folder is None:
             raise StudyError("results: this study was opened without a folder")
-        return read_results(self.folder / "results.parquet", self._factors)
+        rounds = rounds_done(self.folder)
+        return read_results(together(self.folder, rounds) if rounds else self.folder / "results.parquet", self._factors)
 
     def surrogate(self, metric: str, kind: str = "gaussian", logarithm: bool = False) -> Surrogate:
         """What stands for a metric between the rows that were run: `predict(rows) -> mean, sd`; see `fit_surrogate`."""
