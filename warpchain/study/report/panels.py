@@ -193,7 +193,7 @@ def correlations(both: Correlation) -> list[Panel]:
         }
     ]
     x, y = {"words": list(both.factors), "turned": True}, {"words": list(both.metrics)[::-1]}
-    size = {"width": max(420, 230 + 62 * len(both.factors)), "height": 110 + 22 * len(both.metrics)}
+    size = {"width": max(520, 350 + 62 * len(both.factors)), "height": 110 + 22 * len(both.metrics)}
     return [{"x": x, "y": y, "series": series, "cells": True, **size}]
 
 
