@@ -45,6 +45,7 @@ STUDY_LEVELS = (
     ("analysis",),
     ("surrogate",),
     ("optimize",),
+    ("plan",),
     ("report",),
 )
 WITHOUT_WARP = ("drive", "assembly", "results", "archive", "view")

@@ -411,3 +411,22 @@ def test_python_of_the_documents_runs(tmp_path, monkeypatch):
     held = {}
     exec(compile(code, "optimization.md", "exec"), held)
     assert len(held["further"]) == 4 == len(held["mean"]) and len(held["found"].recommended) >= 1
+
+
+def test_replicates_are_rows_with_their_standard_errors(tmp_path):
+    path = written(tmp_path)
+    path.write_text(
+        path.read_text().replace("count = 4\n", "count = 4\nreplicates = 3\n").replace("count = 10", "count = 6")
+    )
+    found = optimize(path, tmp_path / "out")
+    table = found.results.table
+    assert table.num_rows == 7 and set(table["n"].to_pylist()) == {3}
+    errors = np.array(table["tension_max_se"].to_pylist())
+    assert (errors > 0.0).all()  # copies begin at other phases
+    single = open_study(written(tmp_path / "single")).evaluate(table.select(["torque", "links"]).to_pylist()[:1])
+    # the mean of three is not the first of them, which is as without replicates
+    assert single["tension_max"][0].as_py() != table["tension_max"][0].as_py()
+    one = found.recommended[0]
+    assert np.isfinite(one.believed["tension_max"][1])
+    assert main(["study", "report", str(tmp_path / "out"), "-o", str(tmp_path / "r.html")]) == 0
+    assert "scatter between equal runs" in (tmp_path / "r.html").read_text()

@@ -14,8 +14,9 @@ lengths two teeth. Only a sprocket's pitch above the chain's, or a single link u
 times the difference from the start, until settling.
 
 The driver, the first prescribed sprocket, has a seat exactly where the chain's path arrives on it, which is where the
-strand that it pulls ends. The other angles follow (see `warpchain.assembly.seating`). Seat 0 of every sprocket is the
-one nearest to the x direction, so that sprocket angles are within half a pitch angle of zero.
+strand that it pulls ends; or `run.phase` teeth further on. The other angles follow (see `warpchain.assembly.seating`).
+Seat 0 of every sprocket is the one nearest to the x direction, so that sprocket angles are within half a pitch angle of
+zero.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.path import ChainPath, chain_path, check_fit
 from warpchain.assembly.seating import Seating, seat_chain
 from warpchain.assembly.tables import initial_speed
+from warpchain.drive.copies import turned_on
 from warpchain.drive.mounts import initial_center, initial_velocity
 
 if TYPE_CHECKING:
@@ -153,19 +155,20 @@ def _sprocket_angles(drive: Drive, seating: Seating) -> tuple[list[float], list[
 
 def _sprocket_speeds(drive: Drive, path: ChainPath) -> NDArray[np.float64]:
     """Initial angular velocities (S,) [rad/s]: prescribed, or at the driver's pitch-circle speed."""
-    travel = _prescribed_speed(drive.sprockets[drive.driver]) * float(path.radius[drive.driver])
+    travel = _prescribed_speed(drive, drive.sprockets[drive.driver]) * float(path.radius[drive.driver])
     speeds = [
-        travel / float(path.radius[s]) if sprocket.prescribed is None else _prescribed_speed(sprocket)
+        travel / float(path.radius[s]) if sprocket.prescribed is None else _prescribed_speed(drive, sprocket)
         for s, sprocket in enumerate(drive.sprockets)
     ]
     return np.array([sprocket.sign * speed for sprocket, speed in zip(drive.sprockets, speeds, strict=True)])
 
 
-def _prescribed_speed(sprocket: Sprocket) -> float:
+def _prescribed_speed(drive: Drive, sprocket: Sprocket) -> float:
     """Forward speed at t = 0 [rad/s]: zero if it is ramped up, else with its harmonics."""
     motion = sprocket.prescribed
     if motion is None or motion.ramp_time > 0.0:
         return 0.0
+    motion = turned_on(drive, sprocket, motion)
     speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
     return speed * (1.0 + sum(h.amplitude * math.cos(h.phase) for h in motion.harmonics))
 

@@ -7,15 +7,17 @@ The closing conditions, one a strand,
     |first roller of sprocket k+1 (a_{k+1}) - last roller of sprocket k (b_k)| = l_k (1 + strain),     (a)
 
 with l_k the sum of the unloaded lengths of its n_k links, determine the strain and all a_s but the driver's, which is
-the angle where the path arrives on it. They are solved by Newton's method from the path. In a slack chain (strain < 0)
-a strand of one link cannot sag: it keeps its length. Rollers stand in their seats' directions, but where outer links
-are longer and the rollers ride above the seats: there they lean by `Drive.riding_lean`, turn by turn back and forth.
+the angle where the path arrives on it, or `run.phase` teeth further on. They are solved by Newton's method from the
+path. In a slack chain (strain < 0) a strand of one link cannot sag: it keeps its length. Rollers stand in their seats'
+directions, but where outer links are longer and the rollers ride above the seats: there they lean by
+`Drive.riding_lean`, turn by turn back and forth.
 
 The whole numbers come from the path measured in pitches from the driver's arrival: on an arc the angle over the pitch
-angle, in a strand the length over p (1 + nominal strain), p the links' mean length. Roller i stands at i pitches, and
-it is seated where it comes within half a pitch of the arc. That is also where the choice does not matter: a last seat
-half a pitch angle before the tangent point sends the next roller of a straight strand exactly to the next seat. So
-where the solved angles have left that range a seat is added or given back, and the conditions are solved again.
+angle, in a strand the length over p (1 + nominal strain), p the links' mean length. Roller i stands at i pitches, or
+`run.phase` further on, and it is seated where it comes within half a pitch of the arc. That is also where the choice
+does not matter: a last seat half a pitch angle before the tangent point sends the next roller of a straight strand
+exactly to the next seat. So where the solved angles have left that range a seat is added or given back, and the
+conditions are solved again.
 """
 
 from __future__ import annotations
@@ -99,7 +101,8 @@ class _Loop:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""
         seating = Seating([0.0] * self.size, [0] * self.size, [0] * self.size, path.nominal_strain)
         link = path.pitch * (1.0 + path.nominal_strain)
-        position, previous = 0.0, 0
+        position, previous = 0.0 - (drive.run.phase or 0.0), 0
+        begin = math.ceil(position - 0.5 - _TIE)
         for turn in range(self.size):
             s = (self.driver + turn) % self.size
             first = math.ceil(position - 0.5 - _TIE)
@@ -110,7 +113,7 @@ class _Loop:
             previous = math.floor(position + 0.5 + _TIE)
             seating.seats[s] = previous - first + 1
             position += float(path.strand_length[s]) / link
-        seating.links[self.driver - 1] = drive.chain.links - previous
+        seating.links[self.driver - 1] = drive.chain.links + begin - previous
         self._check_counts(seating, path)
         return seating
 

@@ -66,6 +66,14 @@ def part(word: str) -> tuple[int, int]:
     return int(first), int(parts)
 
 
+def wanted_precision(word: str) -> tuple[str, float]:
+    """METRIC=VALUE as (name, positive number)."""
+    name, mark, value = word.partition("=")
+    if not mark or not name.strip() or not (math.isfinite(number(value)) and number(value) > 0.0):
+        raise argparse.ArgumentTypeError(f"{word!r}: must be METRIC=VALUE, a metric and a number above 0")
+    return name.strip(), number(value)
+
+
 def woehler_curve(word: str) -> tuple[float, ...]:
     """M,RANGE,CYCLES as three numbers."""
     try:

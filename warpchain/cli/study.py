@@ -1,4 +1,4 @@
-"""The commands `warpchain study run | status | merge`: options and bodies."""
+"""The commands `warpchain study run | plan | status | merge`: options and bodies."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from warpchain.cli.arguments import gibibytes, part, whole_number
+from warpchain.cli.arguments import gibibytes, part, wanted_precision, whole_number
 from warpchain.cli.commands import DONE, UNFINISHED, start_warp
+from warpchain.errors import StudyError
 
 SHARDS_A_WORKER = 2
 """Fewest shards of a new study for each worker of a cluster, so that none waits long for the last one."""
@@ -26,6 +27,32 @@ def add_commands(commands: Any) -> None:
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     run.set_defaults(study_run=_run)
 
+    text = "tell what a study will come to, without running it"
+    plan = commands.add_parser("plan", help=text, description=text[0].upper() + text[1:] + ".")
+    plan.add_argument("study", metavar="STUDY.toml", type=Path, help="study file")
+    plan.add_argument(
+        "--like", metavar="DIR", type=Path, help="an earlier study with replicates, or its table: how runs scatter"
+    )
+    plan.add_argument(
+        "--precision",
+        metavar="METRIC=VALUE",
+        action="append",
+        default=[],
+        type=wanted_precision,
+        help="how many replicates, or how long a window, knowing a metric to +-VALUE takes (repeatable; with --like)",
+    )
+    plan.add_argument(
+        "--metric",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a metric whose precision to tell; default all, the noisiest first",
+    )
+    plan.add_argument(
+        "--stored", action="store_true", help="take stored rates, without the short runs that measure them"
+    )
+    plan.set_defaults(study_run=_plan)
+
     status = commands.add_parser("status", help="how far a study is", description="Tell how far a study is.")
     status.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
     status.set_defaults(study_run=_status)
@@ -35,7 +62,7 @@ def add_commands(commands: Any) -> None:
     merge.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
     merge.set_defaults(study_run=_merge)
 
-    for parser in (run, merge):
+    for parser in (run, plan, merge):
         parser.add_argument(
             "--workers", metavar="N", type=whole_number, help="CPU threads of a shard; default all cores"
         )
@@ -77,6 +104,27 @@ def _executor(scheduler: str | None) -> Iterator[tuple[Any, int]]:
 
     with dask_executor(scheduler) as (executor, workers):
         yield executor, max(1, SHARDS_A_WORKER * workers)
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from warpchain.study.plan import plan_lines, plan_study
+
+    start_warp()
+    wanted = dict(arguments.precision)
+    metrics = tuple(dict.fromkeys([*arguments.metric, *wanted]))
+    if wanted and arguments.like is None:
+        raise StudyError("--precision: needs --like, an earlier study with replicates that tells how runs scatter")
+    plan = plan_study(
+        arguments.study,
+        like=arguments.like,
+        metrics=metrics,
+        calibrate=not arguments.stored,
+        workers=arguments.workers,
+        memory=arguments.memory,
+    )
+    for line in plan_lines(plan, wanted):
+        print(line)
+    return DONE
 
 
 def _status(arguments: argparse.Namespace) -> int:

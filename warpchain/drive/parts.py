@@ -40,6 +40,8 @@ LinkIndex = Annotated[int, Field(strict=True, ge=0), Value("must be an integer o
 Elongation = Annotated[float, Field(strict=True, ge=-0.05, le=0.1), Value("must be a number from -0.05 to 0.1")]
 Wrap = Annotated[Literal["ccw", "cw"], Value('must be "ccw" or "cw"')]
 Integrator = Annotated[Literal["leapfrog", "rk4"], Value('must be "leapfrog" or "rk4"')]
+Phase = Annotated[float, Field(strict=True, ge=-0.5, le=0.5), Value("must be a number from -0.5 to 0.5 (teeth)")]
+Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63), Value("must be an integer of at least 0")]
 Step = Annotated[
     Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)] | Literal["auto"],
     Value('must be a positive number or "auto"'),
@@ -396,6 +398,9 @@ class RunSettings(Part):
         integrator: "leapfrog" or "rk4".
         sample_rate: of trajectories [Hz]; the sampling interval is rounded to whole steps.
         gravity: [m/s^2].
+        phase: how far the drive has turned on at the start, in teeth of the driver [-]; what goes by the angle of a
+            shaft (harmonics, tables over angle) goes with it.
+        nudge: seed of a displacement of every roller by some 1e-9 pitches before the first step; None is none.
     """
 
     settle: Switch = True
@@ -404,6 +409,8 @@ class RunSettings(Part):
     integrator: Integrator = "leapfrog"
     sample_rate: Positive
     gravity: Pair = (0.0, -9.81)
+    phase: Phase | None = None
+    nudge: Seed | None = None
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

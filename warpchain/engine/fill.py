@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from warpchain.assembly import Assembly
 from warpchain.assembly.tables import TableList, shaft_ratio
 from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
+from warpchain.drive.copies import turned_on
 from warpchain.drive.laws import LAWS
 from warpchain.drive.mounts import (
     active,
@@ -107,17 +108,18 @@ def fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: RowList
     row["sign"] = sprocket.sign
     row["start_angle"] = angle
     if sprocket.prescribed is not None:
+        motion = turned_on(drive, sprocket, sprocket.prescribed)
         row["prescribed"] = 1
-        row["speed"] = sprocket.prescribed.top_speed
-        row["ramp_time"] = sprocket.prescribed.ramp_time
-        fill_table(row["drive_table"], drive, s, sprocket.prescribed.table, tables)
-        rows = _harmonic_rows(drive, s, sprocket.prescribed.harmonics)
+        row["speed"] = motion.top_speed
+        row["ramp_time"] = motion.ramp_time
+        fill_table(row["drive_table"], drive, s, motion.table, tables)
+        rows = _harmonic_rows(drive, s, motion.harmonics)
         row["drive_harmonics"]["first"], row["drive_harmonics"]["count"] = harmonics.add(rows)
         return
     assert sprocket.inertia is not None  # the drive's own check
     row["inverse_inertia"] = 1.0 / (sprocket.inertia + wheel_inertia(sprocket))
     if sprocket.load is not None:
-        load = sprocket.load
+        load = turned_on(drive, sprocket, sprocket.load)
         row["load"] = (load.torque, load.viscous, load.quadratic)
         row["load_ramp_time"] = load.ramp_time
         fill_table(row["load_table"], drive, s, load.table, tables)

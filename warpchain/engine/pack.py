@@ -43,7 +43,7 @@ def _layout(drive: Drive) -> tuple[Any, ...]:
     sprockets = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
     wear = (chain.elongation, chain.worn_links, chain.outer, chain.play)
     lengths = (chain.pitch, chain.links, *wear, chain.roller_radius)
-    return (*lengths, sprockets, drive.contact.sprocket, drive.run.gravity)
+    return (*lengths, sprockets, drive.contact.sprocket, drive.run.gravity, drive.run.phase)
 
 
 def _assembled(v: int, drive: Drive, known: dict[tuple[Any, ...], Assembly]) -> Assembly:

@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
+from warpchain.drive.copies import Replicates, each_copy
 from warpchain.engine.progress import Report, Stop, interruptible, reporter
 from warpchain.engine.recorder import Recorder, Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 from warpchain.results.judgement import Limits, told
 from warpchain.results.metrics import Ended, metrics_table
+from warpchain.results.replicates import with_copies
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.version import installed
 
@@ -56,6 +58,8 @@ def simulate(
     overwrite: bool = False,
     workers: int | None = None,
     limits: Limits | None = None,
+    replicates: int = 1,
+    replicate_by: str = "phase",
 ) -> Run:
     """Simulates drives, all at once, and returns their metrics and the recorded trajectories.
 
@@ -78,6 +82,10 @@ def simulate(
         overwrite: replace an archive of that name.
         workers: number of CPU threads; None takes all cores.
         limits: what a variant may come to and still be "ok" (column `status` of the metrics); None takes the defaults.
+        replicates: run this many copies of each drive that differ in how they begin, the drive itself among them; copy
+            k of drive d is variant d * replicates + k, and `run.summary` has mean, standard error and n of each drive.
+        replicate_by: "phase", copies begin at other phases within a tooth of the driver; "nudge", with every roller
+            displaced by some 1e-9 pitches.
 
     Returns:
         The run. If the user interrupts (Ctrl-C), what was computed until then, with `run.info.ended` "interrupted".
@@ -92,11 +100,14 @@ def simulate(
     """
     from warpchain.engine.devices import chosen_devices, engine_on, frame_bytes, launch_steps
     from warpchain.engine.ends import engaged, layout_line, layouts_of, net_force
+    from warpchain.engine.nudge import nudge
     from warpchain.engine.pack import pack
     from warpchain.engine.packed import real_of
     from warpchain.results.channels import frame_of
 
     chosen = (drives,) if isinstance(drives, Drive) else tuple(drives)
+    copies = Replicates(replicates, replicate_by)
+    chosen = tuple(each_copy(chosen, copies))
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
     recording = Recording(record or Record(), precision, memory, archive, archive_options, overwrite)
@@ -116,13 +127,14 @@ def simulate(
         with reporter(progress) as report, interruptible() as stop:
             settled = _settle(packed, chosen, devices, cores, steps, report, stop)
             left = net_force(packed, settled["residual"])
+            nudge(packed, chosen)
             steps = launch_steps(devices, packed, recorder.launch_steps(steps, frame_bytes(devices)))
             buffer_values = recorder.layout(steps)
             engine = engine_on(devices, packed.at_precision(precision), cores)
             _march(engine, steps, buffer_values, recorder, report, stop)
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
         ended = Ended(chosen, schedules, *_ends(engine), settled, engaged(engine, chosen), layouts, left)
-        metrics = _metrics(engine, ended, limits)
+        metrics = with_copies(_metrics(engine, ended, limits), copies.count)
         _warn(SuspectWarning, told(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
     finally:

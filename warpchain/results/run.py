@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from warpchain.errors import SimulationError
 from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.results.judgement import OK
+from warpchain.results.replicates import COPY, DRIVE, summary
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -198,6 +199,24 @@ class Run(Mapping[int, Trajectory]):
         if "status" not in self.metrics.column_names:
             return np.ones(len(self.drives), dtype=bool)
         return np.array([word == OK for word in self.metrics["status"].to_pylist()], dtype=bool)
+
+    @property
+    def replicates(self) -> int:
+        """Copies of each drive, 1 where each was run once."""
+        if COPY not in self.metrics.column_names or not self.metrics.num_rows:
+            return 1
+        return 1 + max(self.metrics[COPY].to_pylist())
+
+    @property
+    def summary(self) -> pa.Table:
+        """A row for each drive that was asked for: the worst status of its copies, and of each metric the mean, its
+        standard error (`METRIC_se`) and over how many copies (`n`); see `results.replicates`."""
+        import pyarrow as pa
+
+        table = self.metrics
+        if DRIVE not in table.column_names:
+            table = table.append_column(pa.field(DRIVE, pa.int64(), metadata={"unit": "1"}), table["variant"])
+        return summary(table, DRIVE)
 
     def __getitem__(self, variant: int) -> Trajectory:
         try:

@@ -15,6 +15,7 @@ from warpchain.errors import StudyError
 from warpchain.files import refusals, whole_file
 from warpchain.results.judgement import STATUSES as JUDGED
 from warpchain.results.judgement import common_reasons
+from warpchain.results.replicates import COUNT, ERROR, ROLE_OF_ERRORS
 from warpchain.study.columns import BOOKKEEPING
 from warpchain.study.store import read_table
 
@@ -46,6 +47,26 @@ class Results:
         if "variant" in self.table.column_names:
             return np.asarray(self.table["variant"].to_pylist(), dtype=np.int64)
         return np.arange(self.table.num_rows)
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(R,) how many runs each row's metrics are the mean of; 1 where the table does not tell."""
+        if not self.replicated:
+            return np.ones(self.table.num_rows, dtype=np.int64)
+        return np.asarray(self.table[COUNT].to_numpy(), dtype=np.int64)
+
+    @property
+    def replicated(self) -> bool:
+        """Whether rows are means of several runs."""
+        names = self.table.column_names
+        return COUNT in names and any(_is_error(self.table, name) for name in names)
+
+    def errors(self, metric: str) -> Array:
+        """(R,) standard error of a metric's means between equal runs, NaN where there is none."""
+        name = metric + ERROR
+        if not (self.replicated and name in self.table.column_names and _is_error(self.table, name)):
+            return np.full(self.table.num_rows, np.nan)
+        return self.values(name)
 
     @cached_property
     def status(self) -> list[str]:
@@ -164,6 +185,14 @@ def _is_numeric(table: pa.Table, name: str) -> bool:
     return bool(kinds.is_integer(kind) or kinds.is_floating(kind) or kinds.is_boolean(kind))
 
 
+def _is_error(table: pa.Table, name: str) -> bool:
+    """Whether a column is the error of a metric's mean between equal runs; in tables without roles, by its name."""
+    role = (table.schema.field(name).metadata or {}).get(b"role")
+    if role is not None:
+        return bool(role == ROLE_OF_ERRORS.encode())
+    return name.endswith(ERROR) and name.removesuffix(ERROR) in table.column_names and COUNT in table.column_names
+
+
 def read_results(
     source: pa.Table | str | Path, factors: Iterable[str] | None = None, metrics: Iterable[str] | None = None
 ) -> Results:
@@ -193,7 +222,9 @@ def read_results(
         measured = tuple(metrics)
     else:
         names = noted or table.column_names
-        named = (n for n in names if n not in chosen and n not in BOOKKEEPING and _is_numeric(table, n))
+        held = {name for name in names if name == COUNT or _is_error(table, name)}
+        held = held if len(held) > 1 else set()
+        named = (n for n in names if n not in {*chosen, *held} and n not in BOOKKEEPING and _is_numeric(table, n))
         measured = tuple(name for name in named if not ((of := column_of(name)) and of.aside))
     for kind, names in (("factors", chosen), ("metrics", measured)):
         for name in names:

@@ -1,4 +1,4 @@
-"""What a study's results say: effects, correlations, surfaces, Sobol' indices, Pareto fronts."""
+"""What a study's results say: effects, correlations, surfaces, Sobol' indices, Pareto fronts, and how sure that is."""
 
 from warpchain.study.analysis.effects import (
     Correlation,
@@ -6,10 +6,14 @@ from warpchain.study.analysis.effects import (
     correlation,
     main_effects,
 )
+from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors
 
 __all__ = [
     "Correlation",
     "Effect",
+    "PureError",
     "correlation",
     "main_effects",
+    "pure_error",
+    "pure_errors",
 ]

@@ -1,13 +1,24 @@
-"""What factors do to metrics: main effects and correlations, over the variants that ran to their end."""
+"""What factors do to metrics: main effects and correlations, over the variants that ran to their end.
+
+A factor with G groups that takes up the part E of a metric's variance among R rows has
+
+    F = E / (1 - E) (R - G) / (G - 1).                                                                        (a)
+
+Where rows come at random as far as this factor goes, F is noncentral F-distributed with the noncentrality
+R E' / (1 - E'), E' the part that it would take up of infinitely many rows; the interval of E' is where F lies between
+the 2.5 % and 97.5 % points (Steiger 2004).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
+from warpchain.study.analysis.pure_error import CONFIDENCE, pure_error, student
 from warpchain.study.results import Array, Results, varies
 
 BINS = 8
@@ -28,6 +39,8 @@ class Effect:
         errors: standard error of each mean (G,); NaN where a group has one variant.
         counts: number of variants in each group (G,).
         explained: part of the metric's variance that lies between the groups [-] (the correlation ratio).
+        scatter: standard error of each mean from what equal runs scatter alone (G,); None without replicates. `errors`
+            holds what the other factors do, too.
     """
 
     factor: str
@@ -37,6 +50,44 @@ class Effect:
     errors: Array
     counts: NDArray[np.int64]
     explained: float
+    scatter: Array | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of variants in all groups."""
+        return int(self.counts.sum())
+
+    @property
+    def intervals(self) -> Array:
+        """Half width of each mean's 95 % interval (G,), by Student's t; NaN where a group has one variant."""
+        t = np.array([student(count - 1) if count > 1 else np.nan for count in self.counts.tolist()])
+        return np.asarray(t * self.errors)
+
+    @property
+    def chance(self) -> float:
+        """How probable it is that so large a part is explained by chance alone; NaN where nothing is left to tell."""
+        from scipy.special import fdtrc
+
+        between, within = len(self.counts) - 1, self.rows - len(self.counts)
+        if between < 1 or within < 1:
+            return float("nan")
+        return float(fdtrc(between, within, self._ratio()))
+
+    @property
+    def explained_interval(self) -> tuple[float, float]:
+        """95 % interval of the part that the factor would explain of infinitely many variants; (0, 1) where nothing is
+        left to tell."""
+        between, within = len(self.counts) - 1, self.rows - len(self.counts)
+        if between < 1 or within < 1:
+            return 0.0, 1.0
+        ends = [_noncentrality(between, within, self._ratio(), 0.5 + s * 0.5 * CONFIDENCE) for s in (1.0, -1.0)]
+        low, high = (end / (end + self.rows) if np.isfinite(end) else 1.0 for end in ends)
+        return low, high
+
+    def _ratio(self) -> float:
+        between, within = len(self.counts) - 1, self.rows - len(self.counts)
+        left = 1.0 - self.explained
+        return self.explained / left * within / between if left > 0.0 else float("inf")
 
     @property
     def span(self) -> float:
@@ -58,12 +109,18 @@ def main_effects(results: Results, metric: str, factors: tuple[str, ...] | None 
         raise StudyError(f"metric {metric!r}: {int(rows.sum())} variants have a value, at least 2 are needed")
     y = results.values(metric)
     effects = []
+    runs, deviation = None, 0.0
+    if results.replicated:
+        with suppress(StudyError):
+            deviation = pure_error(results, metric).deviation
+            runs = lambda group, held: np.bincount(group, results.counts[held])  # noqa: E731
     tied = results.ties()
     for factor in [f for f in results.factors if f not in tied] if factors is None else factors:
         held = results.rows_for(metric, [factor])
         group, labels, centers = _groups(results, factor, held)
         if len(labels) > 1:
-            effects.append(_effect(factor, labels, centers, group, y[held]))
+            effect = _effect(factor, labels, centers, group, y[held])
+            effects.append(effect if runs is None else replace(effect, scatter=deviation / np.sqrt(runs(group, held))))
     return sorted(effects, key=lambda effect: -effect.span)
 
 
@@ -94,6 +151,27 @@ def _effect(factor: str, labels: tuple[str, ...], centers: Array, group: NDArray
     total = float(((y - y.mean()) ** 2).sum())
     explained = 1.0 - float(inside.sum()) / total if total > 0.0 else 0.0
     return Effect(factor, labels, centers, means, errors, counts, explained)
+
+
+def _noncentrality(between: int, within: int, ratio: float, share: float) -> float:
+    """The noncentrality at which a share of noncentral F lies below `ratio`; 0 where even the central one has less."""
+    from scipy.optimize import brentq
+    from scipy.special import ncfdtr
+
+    if not np.isfinite(ratio):
+        return float("inf")
+
+    def miss(noncentrality: float) -> float:
+        return float(ncfdtr(between, within, noncentrality, ratio)) - share
+
+    if miss(0.0) <= 0.0:
+        return 0.0
+    top = 1.0
+    while miss(top) > 0.0:
+        top *= 2.0
+        if top > 1e9:
+            return float("inf")
+    return float(brentq(miss, 0.0, top, xtol=1e-9, rtol=1e-10))
 
 
 @dataclass(frozen=True)

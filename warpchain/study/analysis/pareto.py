@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,46 @@ def non_dominated(costs: NDArray[np.float64]) -> NDArray[np.bool_]:
     return front
 
 
+DRAWS = 400
+"""Fronts that chances are taken from."""
+BEYOND = 4.0
+"""A row that loses by this many standard errors in everything has no chance worth drawing."""
+
+
+def front_chances(results: Results, objectives: Mapping[str, str], seed: int = 0) -> NDArray[np.float64]:
+    """How probable it is that each row of the table is on the Pareto front (R,), by what equal runs scatter.
+
+    Metrics are drawn about their means, normally with the pooled scatter of one run over the root of the row's runs;
+    0 for rows that do not compete. A metric without scatter stays as it is.
+
+    Args:
+        results: of a study with replicates.
+        objectives: see `pareto_front`.
+        seed: of the draws.
+
+    Raises:
+        StudyError: see `pareto_front`.
+    """
+    from warpchain.study.analysis.pure_error import pure_error
+
+    rows = np.sort(_competing(results, objectives)[0])
+    costs = _costs(results, objectives)[rows]
+    errors = np.zeros_like(costs)
+    for k, metric in enumerate(objectives):
+        with suppress(StudyError):
+            errors[:, k] = pure_error(results, metric).deviation / np.sqrt(results.counts[rows])
+    best, worst = costs - BEYOND * errors, costs + BEYOND * errors
+    edge = worst[non_dominated(worst)]
+    near = np.array([not ((edge < row).all(axis=1)).any() for row in best])
+    random, hits = np.random.default_rng(seed), np.zeros(len(rows))
+    for _ in range(DRAWS):
+        drawn = costs[near] + errors[near] * random.standard_normal((int(near.sum()), costs.shape[1]))
+        hits[near] += non_dominated(drawn)
+    chances = np.zeros(results.table.num_rows)
+    chances[rows] = hits / DRAWS
+    return chances
+
+
 def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.intp]:
     """Rows of the table on the Pareto front, by the first objective from best to worst (P,).
 
@@ -42,14 +83,26 @@ def pareto_front(results: Results, objectives: Mapping[str, str]) -> NDArray[np.
     Raises:
         StudyError: fewer than two objectives, an unknown sense or column, or no variant that has them all.
     """
+    rows, costs = _competing(results, objectives)
+    front = rows[non_dominated(costs)]
+    order = _costs(results, objectives)[front, 0]
+    return front[np.argsort(order, kind="stable")]
+
+
+def _competing(results: Results, objectives: Mapping[str, str]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Rows that compete, and their costs, all to be small."""
     if len(objectives) < 2:
         raise StudyError(f"objectives: {len(objectives)} given, a front needs at least 2")
     for metric, sense in objectives.items():
         if sense not in SENSES:
             raise StudyError(f'objectives: {metric} = {sense!r}: allowed are "min" and "max"')
-    costs = np.stack([SENSES[sense] * results.values(metric) for metric, sense in objectives.items()], axis=1)
+    costs = _costs(results, objectives)
     rows = np.flatnonzero(results.ok & np.isfinite(costs).all(axis=1))
     if not len(rows):
         raise StudyError(f"objectives: no variant has all of {', '.join(objectives)}")
-    front = rows[non_dominated(costs[rows])]
-    return front[np.argsort(costs[front, 0], kind="stable")]
+    return rows, costs[rows]
+
+
+def _costs(results: Results, objectives: Mapping[str, str]) -> NDArray[np.float64]:
+    """Costs of all rows (R, M)."""
+    return np.stack([SENSES[sense] * results.values(metric) for metric, sense in objectives.items()], axis=1)

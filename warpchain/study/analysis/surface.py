@@ -6,6 +6,14 @@ With factors scaled to -1 .. 1 over the range that was run (x), by least squares
 
 A factor of two values has no square. R2 tells how much of the variance the surface takes up; the predicted R2, from
 what each variant would be if it had been left out (PRESS), tells how much it would take up of new ones.
+
+Rows that are means of n_i runs count n_i times. With m rows, T terms and e the rows' misfit, the covariance of the
+coefficients is s_r^2 (X' W X)^-1, s_r^2 = sum w_i e_i^2 / (m - T), w_i = n_i over its mean. Where equal runs scatter
+with the variance s^2 (`pure_error`), the misfit holds what scatter explains and what the form of the surface lacks:
+
+    F = [sum n_i e_i^2 / (m - T)] / s^2                                                                      (b)
+
+is F-distributed with m - T and nu degrees of freedom if the form is right.
 """
 
 from __future__ import annotations
@@ -17,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
+from warpchain.study.analysis.pure_error import pure_error, student
 from warpchain.study.results import Array, Results
 
 TRUSTED = 0.8
@@ -37,6 +46,8 @@ class Surface:
         r2: part of the variance that the surface takes up [-].
         r2_predicted: the same for variants left out one at a time [-]; can be negative.
         rows: number of variants that it stands on.
+        covariance: (T, T) of the coefficients.
+        freedom: degrees of freedom that it stands on, 0 where nothing is left to tell.
     """
 
     metric: str
@@ -48,6 +59,30 @@ class Surface:
     r2: float
     r2_predicted: float
     rows: int
+    covariance: Array | None = None
+    freedom: int = 0
+
+    @property
+    def errors(self) -> Array:
+        """Standard errors of the coefficients (T,); NaN where nothing is left to tell."""
+        if self.covariance is None or not self.freedom:
+            return np.full(len(self.coefficients), np.nan)
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def intervals(self) -> Array:
+        """Half widths of the coefficients' 95 % intervals (T,), by Student's t."""
+        return np.asarray(student(max(self.freedom, 1)) * self.errors)
+
+    def effects(self) -> list[tuple[str, float, float]]:
+        """What each factor changes from one end of its range to the other, the others midway: 2 b_i, and the half width
+        of its 95 % interval; the largest first."""
+        halves = self.intervals
+        found = []
+        for a, factor in enumerate(self.factors):
+            term = int(np.flatnonzero((self.powers[:, a] == 1) & (self.powers.sum(axis=1) == 1))[0])
+            found.append((factor, 2.0 * float(self.coefficients[term]), 2.0 * float(halves[term])))
+        return sorted(found, key=lambda effect: -abs(effect[1]))
 
     @property
     def trusted(self) -> bool:
@@ -134,13 +169,17 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
             break
     else:
         raise StudyError(f"response surface of {metric!r}: the design does not tell {', '.join(chosen)} apart")
-    q, r = np.linalg.qr(terms)
-    coefficients = np.linalg.solve(r, q.T @ y)
+    weight = np.sqrt(results.counts[rows] / results.counts[rows].mean())
+    q, r = np.linalg.qr(weight[:, None] * terms)
+    coefficients = np.linalg.solve(r, q.T @ (weight * y))
     residual = y - terms @ coefficients
     leverage = np.clip((q * q).sum(axis=1), 0.0, 1.0)
     total = float(((y - y.mean()) ** 2).sum())
     with np.errstate(divide="ignore", invalid="ignore"):
         press = np.where(leverage < 1.0 - 1e-9, residual / (1.0 - leverage), np.inf)
+    freedom = len(y) - len(powers)
+    inverse = np.linalg.inv(r)
+    variance = float((weight * residual) @ (weight * residual)) / freedom
     return Surface(
         metric,
         chosen,
@@ -151,4 +190,44 @@ def fit_surface(results: Results, metric: str, factors: tuple[str, ...] | None =
         1.0 - float(residual @ residual) / total if total > 0.0 else 1.0,
         1.0 - float(press @ press) / total if total > 0.0 else 1.0,
         len(y),
+        variance * inverse @ inverse.T,
+        freedom,
     )
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """Whether a surface misses more than equal runs scatter.
+
+    Attributes:
+        ratio: F of (b).
+        chance: how probable so large a ratio is if the surface has the right form.
+        freedom: degrees of freedom of the misfit and of the scatter.
+    """
+
+    ratio: float
+    chance: float
+    freedom: tuple[int, int]
+
+
+def lack_of_fit(results: Results, surface: Surface) -> LackOfFit:
+    """Holds what a surface misses against the scatter between equal runs (b).
+
+    Raises:
+        StudyError: no replicates, or as many terms as rows.
+    """
+    from scipy.special import fdtrc
+
+    rows = results.rows_for(surface.metric, surface.factors)
+    pure = pure_error(results, surface.metric, rows)
+    if not surface.freedom:
+        raise StudyError(f"response surface of {surface.metric!r}: has as many terms as variants: nothing is left over")
+    values = np.stack([results.values(factor)[rows] for factor in surface.factors], axis=1)
+    missed = results.values(surface.metric)[rows] - surface.predict(values)
+    square, freedom = float(results.counts[rows] @ missed**2), surface.freedom
+    if not results.replicated:  # rows are single runs, and what they miss holds their scatter
+        square, freedom = square - pure.freedom * pure.deviation**2, freedom - pure.freedom
+    if freedom < 1:
+        raise StudyError(f"response surface of {surface.metric!r}: has as many terms as unlike variants")
+    ratio = square / freedom / pure.deviation**2
+    return LackOfFit(ratio, float(fdtrc(freedom, pure.freedom, ratio)), (freedom, pure.freedom))

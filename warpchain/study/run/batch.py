@@ -13,6 +13,7 @@ from typing import Any
 from warpchain.assembly import assemble
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
+from warpchain.drive.copies import copies_of
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import DriveError, SimulationError, StudyError, WarpchainError
 from warpchain.results.run import RunInfo, Trajectory
@@ -31,6 +32,7 @@ class Variant:
     row: dict[str, Any]
     drive: Drive | None = None
     reason: str | None = None
+    copy: int = 0
     adjusted: dict[str, Any] = field(default_factory=dict)
     metrics: dict[str, Any] | None = None
     recorded: bool = False
@@ -73,8 +75,7 @@ def simulate_variants(
         ArchiveError: the archive cannot be written.
         KeyboardInterrupt: the user stopped it.
     """
-    for variant in variants:
-        _build(study, base, variant)
+    _build_all(study, base, variants)
     if _held(study, variants, options.get("memory", MEMORY)):
         _simulate(study, variants, None, options, report)
         _archive(variants, archive)
@@ -100,6 +101,22 @@ def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant]) -> Non
             variant.metrics |= mode_metrics(wanted, variant.drive)
 
 
+def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
+    """Makes the drives of all rows, each once, and the copies that are run of them."""
+    made: Variant | None = None
+    for variant in variants:
+        if made is not None and made.row["variant"] == variant.row["variant"]:
+            variant.drive, variant.reason, variant.adjusted = made.drive, made.reason, made.adjusted
+        else:
+            _build(study, base, variant)
+            made = variant
+    feasible = [(variant, variant.drive) for variant in variants if variant.drive is not None]
+    numbers = [variant.copy for variant, _ in feasible]
+    copies = copies_of([drive for _, drive in feasible], numbers, study.design.replicate_by or "phase")
+    for (variant, _), drive in zip(feasible, copies, strict=True):
+        variant.drive = drive
+
+
 def _build(study: Study, base: Drive, variant: Variant) -> None:
     """Makes a row's drive."""
     if variant.reason is not None:
@@ -112,6 +129,14 @@ def _build(study: Study, base: Drive, variant: Variant) -> None:
         variant.drive = drive
     except (DriveError, StudyError) as error:
         variant.fail(error)
+
+
+def buildable(study: Study, base: Drive, variant: Variant) -> Variant:
+    """A row with its drive, if that can be assembled and stepped; else with the reason why not."""
+    _build(study, base, variant)
+    if variant.drive is not None:
+        _try_alone(study, variant)
+    return variant
 
 
 def _simulate(

@@ -6,6 +6,10 @@
     shards/NNNNN.parquet     inputs and metrics of a shard's rows: it is done when this is there
     shards/NNNNN.mcap        its recorded variants
     results.parquet          the whole table, once all shards are done
+    replicates.parquet       the same with a row for each run, of a study that runs rows several times
+
+A study that is grown adds study.K.toml, design.K.parquet and plan.K.json, K = 1, 2, ..., and shards with the numbers
+that follow; what was there stays as it is.
 
 Every file appears whole, so that a folder can be gone on with after any end of any process. Several processes and
 machines may work in one folder.
@@ -15,13 +19,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.errors import StudyError
+from warpchain.study.run.tasks import Block, Numbers, Part
 from warpchain.study.spec import Study, dumps_study, load_study
 from warpchain.study.store import file_digest, read_table, write_table, write_text
 
@@ -44,9 +49,11 @@ class Folder:
         study: the study.
         drive: its base drive.
         rows: number of rows of the design.
-        shard: number of rows of a shard; the last one may have fewer.
+        shard: number of runs of a shard; the last one may have fewer.
         identity: the plan's digest, which the study's tables bear; "" in folders of earlier versions.
         digests: SHA-256 of the files that the plan stands on.
+        grown: what the plans run, where there is more than one or each row is run several times.
+        plans: number of plans.
     """
 
     path: Path
@@ -56,11 +63,32 @@ class Folder:
     shard: int
     identity: str = ""
     digests: Mapping[str, str] = field(default_factory=dict)
+    grown: tuple[Part, ...] = ()
+    plans: int = 1
 
     @property
-    def shards(self) -> range:
+    def parts(self) -> tuple[Part, ...]:
+        """What the plans run."""
+        return self.grown or (Part((Block((0, self.rows)),), self.shard, 0, self.identity, self.digests),)
+
+    @property
+    def shards(self) -> Sequence[int]:
         """Numbers of all shards."""
-        return range(-(-self.rows // self.shard))
+        return [shard for part in self.parts for shard in part.shards]
+
+    @property
+    def runs(self) -> int:
+        """Number of runs of all shards: rows, or copies of rows."""
+        return sum(part.count for part in self.parts)
+
+    @property
+    def copies(self) -> int:
+        """How often each row is run."""
+        return self.study.design.copies
+
+    def part(self, shard: int) -> Part:
+        """The part that a shard is of."""
+        return next(part for part in self.parts if shard in part.shards)
 
     @property
     def results(self) -> Path:
@@ -75,13 +103,22 @@ class Folder:
         """The archive of a shard's recorded variants."""
         return self.path / "shards" / f"{shard_name(shard)}.mcap"
 
+    @property
+    def worst(self) -> str:
+        """Name of the shard that records the worst variants, of the last plan."""
+        return WORST if self.plans == 1 else f"{WORST}.{self.plans - 1}"
+
     def done(self, shard: int | str) -> bool:
         """Whether a shard is done."""
         return self.table_path(shard).exists()
 
     def size(self, shard: int) -> int:
-        """Number of rows of a shard."""
-        return min(self.shard, self.rows - shard * self.shard)
+        """Number of runs of a shard."""
+        return self.part(shard).size(shard)
+
+    def tasks(self, shard: int) -> tuple[Numbers, Numbers]:
+        """Row and copy of each run of a shard."""
+        return self.part(shard).tasks(shard)
 
     def design(self) -> pa.Table:
         """The whole design.
@@ -89,10 +126,11 @@ class Folder:
         Raises:
             StudyError: it is missing, damaged, or has another number of rows.
         """
-        _check(self.path, self.digests, "design.parquet")
-        table = read_table(self.path / "design.parquet")
+        name = plan_file("design.parquet", self.plans - 1)
+        _check(self.path, self.digests, name)
+        table = read_table(self.path / name)
         if table.num_rows != self.rows:
-            raise StudyError(f"{self.path / 'design.parquet'}: has {table.num_rows} rows, the plan {self.rows}")
+            raise StudyError(f"{self.path / name}: has {table.num_rows} rows, the plan {self.rows}")
         return table
 
     def table(self, shard: int | str, columns: list[str] | None = None) -> pa.Table:
@@ -102,18 +140,19 @@ class Folder:
             StudyError: it is missing, damaged, or another one's.
         """
         path = self.table_path(shard)
-        table = read_table(path, columns, self.identity or None)
+        identity = self.part(shard).identity if isinstance(shard, int) else self.identity
+        table = read_table(path, columns, identity or None)
         if isinstance(shard, int) and table.num_rows != self.size(shard):
             raise StudyError(f"{path}: has {table.num_rows} rows, its shard {self.size(shard)}")
         return table
 
-    def write(self, path: Path, table: pa.Table) -> None:
-        """Writes one of the study's tables.
+    def write(self, path: Path, table: pa.Table, shard: int | None = None) -> None:
+        """Writes one of the study's tables, or a shard's.
 
         Raises:
             StudyError: a folder or disk that refuses.
         """
-        write_table(path, table, study=self.identity)
+        write_table(path, table, study=self.identity if shard is None else self.part(shard).identity)
 
     def recorded(self) -> frozenset[int]:
         """Variants that are recorded when they are first simulated."""
@@ -148,14 +187,10 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
         write_text(path / "study.toml", dumps_study(fixed), keep=True)
         write_text(path / "drive.toml", dumps_drive(drive), keep=True)
         write_table(path / "design.parquet", design, keep=True)
-        digests = {name: file_digest(path / name) for name in FIXED}
-        plan: dict[str, Any] = {"format": FORMAT, "rows": design.num_rows, "shard": shard, "digests": digests}
-        plan["digest"] = _identity(plan)
-        write_text(path / "plan.json", json.dumps(plan) + "\n", keep=True)
+        more = {"blocks": [[0, design.num_rows, 0, study.design.copies]]} if study.design.copies > 1 else {}
+        write_plan(path, 0, {"rows": design.num_rows, "shard": shard, **more})
     folder = open_folder(path)
-    differing = [name for name in Study.model_fields if getattr(folder.study, name) != getattr(fixed, name)]
-    if "run" in differing and folder.study.run.model_copy(update={"shard": study.run.shard}) == study.run:
-        differing.remove("run")  # the size of shards is decided already
+    differing = differences(folder.study, fixed)
     if folder.drive != drive:
         differing.append("its base drive")
     if study.design.kind == "table" and not differing and folder.design() != design:
@@ -165,29 +200,70 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
     return folder
 
 
+def differences(known: Study, other: Study) -> list[str]:
+    """In which of its tables a study differs from one that a folder holds, but for the size of shards."""
+    differing = [name for name in Study.model_fields if getattr(known, name) != getattr(other, name)]
+    if "run" in differing and known.run.model_copy(update={"shard": other.run.shard}) == other.run:
+        differing.remove("run")  # the size of shards is decided already
+    return differing
+
+
+def plan_file(name: str, number: int) -> str:
+    """A file's name in the plan of this number: study.toml, study.1.toml, study.2.toml, ..."""
+    stem, _, ending = name.rpartition(".")
+    return f"{stem}.{number}.{ending}" if number else name
+
+
+def write_plan(path: Path, number: int, facts: Mapping[str, Any]) -> None:
+    """Writes a plan, whose other files are there, if there is none of this number."""
+    names = FIXED if not number else [name if name == "drive.toml" else plan_file(name, number) for name in FIXED]
+    plan: dict[str, Any] = {"format": FORMAT, **facts, "digests": {name: file_digest(path / name) for name in names}}
+    plan["digest"] = _identity(plan)
+    write_text(path / plan_file("plan.json", number), json.dumps(plan) + "\n", keep=True)
+
+
 def open_folder(path: Path) -> Folder:
     """Opens a study's folder.
 
     Raises:
         StudyError: there is none, or it is damaged.
     """
+    parts: list[Part] = []
+    number = 0
+    while not number or (path / plan_file("plan.json", number)).exists():
+        rows, part, restart = _read_plan(path, number, parts)
+        parts = [part] if restart else [*parts, part]
+        number += 1
+    names = {name: plan_file(name, number - 1) for name in ("study.toml", "drive.toml")} | {"drive.toml": "drive.toml"}
+    for name in names.values():
+        _check(path, part.digests, name)
+    study, drive = load_study(path / names["study.toml"]), load_drive(path / "drive.toml")
+    grown = () if number == 1 and study.design.copies == 1 else tuple(parts)
+    return Folder(path, study, drive, rows, part.shard, part.identity, part.digests, grown, number)
+
+
+def _read_plan(path: Path, number: int, before: Sequence[Part]) -> tuple[int, Part, bool]:
+    """Rows of the design, what a plan adds, and whether it begins anew."""
+    file = path / plan_file("plan.json", number)
     try:
-        plan = json.loads((path / "plan.json").read_text())
+        plan = json.loads(file.read_text())
         known = plan["format"] == FORMAT
         rows, shard, digests = int(plan["rows"]), int(plan["shard"]), dict(plan.get("digests", {}))
         identity = plan.get("digest", "")
         if identity != (_identity(plan) if digests else "") or rows < 0 or shard < 1:
             raise ValueError("its digest is wrong")
+        if number and plan["after"] != before[-1].identity:
+            raise ValueError("it follows another plan")
+        blocks = [Block((a, b), (c, d)) for a, b, c, d in plan.get("blocks", [(0, rows, 0, 1)])]
+        restart = bool(plan.get("restart", False))
     except OSError:
         raise StudyError(f"{path}: not a study's folder; make one with: warpchain study run") from None
     except (ValueError, KeyError, TypeError):
-        raise StudyError(f"{path / 'plan.json'}: damaged") from None
+        raise StudyError(f"{file}: damaged") from None
     if not known:
-        raise StudyError(f"{path / 'plan.json'}: format {plan['format']!r} is not known to this version ({FORMAT})")
-    for name in ("study.toml", "drive.toml"):
-        _check(path, digests, name)
-    study, drive = load_study(path / "study.toml"), load_drive(path / "drive.toml")
-    return Folder(path, study, drive, rows, shard, identity, digests)
+        raise StudyError(f"{file}: format {plan['format']!r} is not known to this version ({FORMAT})")
+    first = before[-1].shards.stop if before else 0
+    return rows, Part(tuple(blocks), shard, first, identity, digests), restart
 
 
 def _identity(plan: Mapping[str, Any]) -> str:

@@ -10,14 +10,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
 from warpchain.results.fatigue import Woehler
 from warpchain.results.judgement import common_reasons
+from warpchain.results.replicates import COPY, summary
 from warpchain.study.columns import ARCHIVED, OUTCOME
 from warpchain.study.results import STATUSES, read_results
-from warpchain.study.run.folder import WORST, Folder, open_folder
+from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.recordings import with_recorded_objectives
 from warpchain.study.run.shards import run_worst
 from warpchain.study.spec import Study
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
 
 LATEST = 20
 """Shards that the rate of a study is taken from."""
+REPLICATES = "replicates.parquet"
+"""The table of all runs, of a study that runs rows several times."""
 REASONS = 3
 """Most reasons that an outcome tells."""
 
@@ -71,7 +76,7 @@ def study_status(out: str | os.PathLike[str]) -> Outcome:
                 ended.append((row["status"], row["reason"]))
     table = folder.results if folder.results.exists() else None
     often = tuple((reason, number) for _, reason, number in common_reasons(ended)[:REASONS])
-    left = folder.rows - sum(folder.size(shard) for shard in done)
+    left = folder.runs - sum(folder.size(shard) for shard in done)
     return Outcome(folder.path, counts, often, (len(done), len(folder.shards)), left, _rate(folder, done), table)
 
 
@@ -105,13 +110,16 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
     table = _joined(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
-        if not folder.done(WORST):
+        if not folder.done(folder.worst):
             if executor is None:
                 run_worst(folder.path, chosen, options)
             else:
                 with workers_named(folder):
                     executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
-        table = _with_archives(table, folder.table(WORST))
+        table = _with_archives(table, folder.table(folder.worst))
+    if folder.copies > 1:
+        folder.write(folder.path / REPLICATES, table)
+        table = summarized(table)
     fatigue = folder.study.fatigue
     if fatigue is not None:
         curve = Woehler(fatigue.exponent, fatigue.range, fatigue.cycles)
@@ -121,35 +129,69 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
     return study_status(folder.path)
 
 
-def _joined(folder: Folder) -> pa.Table:
-    """The tables of all shards, one after the other."""
+def _joined(folder: Folder, shards: Sequence[int] | None = None) -> pa.Table:
+    """The tables of all shards, or of some, by variants and their copies."""
     import pyarrow as pa
+    import pyarrow.compute as pc
 
-    tables = [folder.table(shard) for shard in folder.shards]
-    return pa.concat_tables(tables, promote_options="default").combine_chunks()
+    tables = [folder.table(shard) for shard in (folder.shards if shards is None else shards)]
+    table = pa.concat_tables(tables, promote_options="default").combine_chunks()
+    if folder.copies > 1 and COPY not in table.column_names:
+        table = table.add_column(1, COPY, pa.array(np.zeros(table.num_rows, dtype=np.int64)))
+    if folder.copies > 1:
+        copies = pc.fill_null(table[COPY], 0)  # of shards from before there were several
+        place = table.column_names.index(COPY)
+        table = table.set_column(place, COPY, copies)
+        table = table.select(["variant", COPY, *(name for name in table.column_names if name not in ("variant", COPY))])
+    if len(folder.parts) > 1:
+        keys = [("variant", "ascending"), *([(COPY, "ascending")] if folder.copies > 1 else [])]
+        table = table.take(pc.sort_indices(table, sort_keys=keys)).combine_chunks()
+    return table
 
 
-def worst_variants(study: Study, table: pa.Table) -> list[int]:
-    """The variants that are recorded in a second pass: the most extreme ones, without those recorded already."""
+def summarized(table: pa.Table) -> pa.Table:
+    """A row for each variant of a table with a row for each of its copies."""
+    first = [field.name for field in table.schema if (field.metadata or {}).get(b"role") != b"metric"]
+    return summary(table, "variant", first)
+
+
+def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
+    """The variants (row, copy) that are recorded in a second pass, without those recorded already.
+
+    They are the most extreme ones; of a row that was run several times, in the mean, and of its copies the most extreme
+    one.
+    """
     worst = study.record.worst
     assert worst is not None  # asked for
     if worst.metric not in table.column_names:
         return []
     sign = -1.0 if worst.side == "largest" else 1.0
+    values: dict[int, list[tuple[float, int]]] = {}
+    recorded: set[int] = set()
+    judged: dict[int, bool] = {}
     names = ("variant", "status", worst.metric, "archive")
-    rows = zip(*(table[name].to_pylist() for name in names), strict=True)
-    found = sorted((sign * v, n, archive) for n, status, v, archive in rows if status == "ok" and v is not None)
-    return sorted(n for _, n, archive in found[: worst.count] if archive is None)
+    copies = table[COPY].to_pylist() if COPY in table.column_names else [0] * table.num_rows
+    for n, status, v, archive, copy in zip(*(table[name].to_pylist() for name in names), copies, strict=True):
+        judged[n] = judged.get(n, True) and status == "ok"
+        if v is not None:
+            values.setdefault(n, []).append((sign * v, copy))
+        if archive is not None:
+            recorded.add(n)
+    means = {n: sum(v for v, _ in each) / len(each) for n, each in values.items() if judged[n]}
+    chosen = sorted(means, key=lambda n: (means[n], n))[: worst.count]
+    return sorted((n, min(values[n])[1]) for n in chosen if n not in recorded)
 
 
 def _with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
     """The table with the places of the variants that the second pass recorded."""
     import pyarrow as pa
 
+    keys = ["variant", COPY] if COPY in table.column_names else ["variant"]
+    place_of = {key: i for i, key in enumerate(zip(*(table[key].to_pylist() for key in keys), strict=True))}
     for name in ARCHIVED:
         values = table[name].to_pylist()
-        for row in second.select(["variant", name]).to_pylist():
-            values[row["variant"]] = row[name]
+        for row in second.select(["variant", *keys[1:], name]).to_pylist():
+            values[place_of[tuple(row[key] for key in keys)]] = row[name]
         place = table.column_names.index(name)
         table = table.set_column(place, table.schema.field(name), pa.array(values, table.schema.field(name).type))
     return table

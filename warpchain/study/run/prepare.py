@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, load_drive
@@ -18,6 +19,9 @@ from warpchain.study.design import make_design
 from warpchain.study.results import some_of
 from warpchain.study.run.folder import Folder, make_folder
 from warpchain.study.spec import Study, check_drive, load_study
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 SHARD_SECONDS = 30.0
 """Work that a shard should hold, so that little is lost when a run is killed."""
@@ -33,18 +37,17 @@ def prepare(
     source: str | os.PathLike[str], out: str | os.PathLike[str], parts: int, workers: int | None, memory: int
 ) -> Folder:
     """Reads and checks a study, and makes or opens its folder; see `run_study`."""
-    study, drive = read_study(source)
-    design = make_design(study, Path(source))
-    check_names(study, drive, design.num_rows, source)
-    size = study.run.shard or shard_size(study, drive, design.num_rows, parts, workers or available_cores(), memory)
+    study, drive, design = read_study(source)
+    runs = design.num_rows * study.design.copies
+    size = study.run.shard or shard_size(study, drive, runs, parts, workers or available_cores(), memory)
     return make_folder(Path(out), study, drive, design, size)
 
 
-def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive]:
-    """Reads a study and its base drive, and holds one against the other.
+def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
+    """A study, its base drive and its rows, checked.
 
     Raises:
-        StudyError: an error of either file; one line each.
+        StudyError: one line for each error.
     """
     study = load_study(source)
     word = study.study.drive
@@ -56,7 +59,9 @@ def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive]:
     check_drive(study, drive, str(source))
     if study.fatigue is not None:
         rainflow_counter()  # refused now, not when all variants have run
-    return study, drive
+    design = make_design(study, Path(source))
+    check_names(study, drive, design.num_rows, source)
+    return study, drive, design
 
 
 def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
@@ -73,14 +78,14 @@ def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, me
         step = resolve_step(drive, study.run.step)
     except DriveError:
         step = 1e-5
-    gpus = _gpus(study.run.device)
+    gpus = gpus_of(study.run.device)
     rate, fewest = (GPU_RATE * gpus, GPU_FEWEST * gpus) if gpus else (CORE_RATE * cores, FEWEST * cores)
     work = links * (study.run.duration or drive.run.duration) / step
     wanted = max(int(SHARD_SECONDS * rate / work), fewest)
     return max(1, min(wanted, fits, -(-rows // parts)))
 
 
-def _gpus(device: str | None) -> int:
+def gpus_of(device: str | None) -> int:
     """Number of GPUs that a device stands for: all there are for None and "cuda"."""
     if device in (None, "cuda"):
         import warp as wp

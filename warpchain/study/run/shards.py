@@ -13,10 +13,14 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from warpchain.results.metrics import table_of
+from warpchain.results.replicates import COPY
 from warpchain.study.columns import ADJUSTED, ARCHIVED, OUTCOME, RUN_COLUMNS
 from warpchain.study.run.batch import Report, Variant, simulate_variants
-from warpchain.study.run.folder import WORST, Folder, open_folder
+from warpchain.study.run.folder import Folder, open_folder
+from warpchain.study.run.tasks import Numbers
 from warpchain.study.spec import Study
 
 if TYPE_CHECKING:
@@ -43,23 +47,33 @@ def run_shard(
     """
     opened = open_folder(Path(folder))
     if not opened.done(shard):
-        first = shard * opened.shard
-        rows = opened.design().slice(first, opened.size(shard))
+        numbers, copies = opened.tasks(shard)
         recorded = opened.recorded()
-        chosen = {i for i in range(rows.num_rows) if first + i in recorded}
-        _write(opened, shard, rows, chosen, options or {}, report or (lambda part: None))
+        tasks = zip(numbers.tolist(), copies.tolist(), strict=True)
+        chosen = {i for i, (row, copy) in enumerate(tasks) if copy == 0 and row in recorded}
+        _write(opened, shard, _rows(opened, numbers, copies), chosen, options or {}, report or (lambda part: None))
     return opened.size(shard)
 
 
 def run_worst(
-    folder: Path, variants: Sequence[int], options: Mapping[str, Any] | None = None, report: Report | None = None
+    folder: Path,
+    variants: Sequence[tuple[int, int]],
+    options: Mapping[str, Any] | None = None,
+    report: Report | None = None,
 ) -> None:
-    """Simulates variants a second time to record them; see `run_shard`."""
+    """Simulates variants (row, copy) a second time to record them; see `run_shard`."""
+    opened = open_folder(folder)
+    numbers, copies = (np.array([task[k] for task in variants], dtype=np.int64) for k in (0, 1))
+    rows = _rows(opened, numbers, copies)
+    _write(opened, opened.worst, rows, set(range(len(variants))), options or {}, report or (lambda part: None))
+
+
+def _rows(folder: Folder, numbers: Numbers, copies: Numbers) -> pa.Table:
+    """Rows of the design, with the number of the copy where rows are run several times."""
     import pyarrow as pa
 
-    opened = open_folder(folder)
-    rows = opened.design().take(pa.array(variants, pa.int64()))
-    _write(opened, WORST, rows, set(range(len(variants))), options or {}, report or (lambda part: None))
+    rows = folder.design().take(pa.array(numbers, pa.int64()))
+    return rows.add_column(1, COPY, pa.array(copies, pa.int64())) if folder.copies > 1 else rows
 
 
 def _write(
@@ -68,11 +82,12 @@ def _write(
     """Simulates rows; the archive lands first, then the table, which says that the shard is done."""
     study = folder.study
     found = enumerate(rows.to_pylist())
-    variants = [Variant(row, reason=row["reason"], recorded=i in recorded) for i, row in found]
+    variants = [Variant(row, reason=row["reason"], recorded=i in recorded, copy=row.pop(COPY, 0)) for i, row in found]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands of offset links need no line each
         simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
-    folder.write(folder.table_path(shard), results_table(study, rows, variants))
+    table = results_table(study, rows, variants)
+    folder.write(folder.table_path(shard), table, shard if isinstance(shard, int) else None)
 
 
 def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> pa.Table:

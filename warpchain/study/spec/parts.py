@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from warpchain.drive.copies import WAYS
 from warpchain.drive.part import BARE, Direction, Part, Positive, Problem, Text, Value, allowed, elements, get, numbers
 from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.study.spec.factor import Texts, _plain
@@ -19,6 +20,7 @@ MOST = 100_000_000
 Count = Annotated[
     int, Field(strict=True, ge=1, le=MOST), Value(f"must be an integer of at least 1, and at most {MOST}")
 ]
+Copies = Annotated[int, Field(strict=True, ge=1, le=10_000), Value("must be an integer from 1 to 10000")]
 Whole = Annotated[int, Field(strict=True, ge=0), Value("must be an integer of at least 0")]
 Wholes = Annotated[
     tuple[Annotated[int, Field(strict=True, ge=0)], ...],
@@ -48,6 +50,8 @@ class Design(Part):
         axial: where a central composite design has its axial points: "face" on the ends of the ranges, "inscribed"
             with the corners drawn in, "circumscribed" beyond the ends.
         center: number of center rows of a central composite or Plackett-Burman design.
+        replicates: how often each row is run, begun in different ways; None is once.
+        replicate_by: "phase" or "nudge" (`warpchain.drive.copies`); None is by phase.
     """
 
     kind: Annotated[Literal[*KINDS], Value(_KINDS_TEXT)]  # type: ignore[valid-type]
@@ -61,9 +65,18 @@ class Design(Part):
         | None
     ) = None
     center: Whole | None = None
+    replicates: Copies | None = None
+    replicate_by: Annotated[Literal[*WAYS], Value('must be "phase" or "nudge"')] | None = None  # type: ignore[valid-type]
+
+    @property
+    def copies(self) -> int:
+        """How often each row is run."""
+        return self.replicates or 1
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
+        if get(node, "replicate_by") is not None and get(node, "replicates") is None:
+            yield Problem(("replicate_by",), get(node, "replicate_by"), "only together with replicates")
         kind = get(node, "kind")
         if kind not in KINDS:
             return

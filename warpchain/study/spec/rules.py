@@ -11,6 +11,7 @@ from typing import Any
 
 from warpchain.drive.part import BARE, Problem, elements, get
 from warpchain.errors import StudyError
+from warpchain.results.replicates import COPY, COUNT
 from warpchain.study.spec.expression import Expression, parse
 from warpchain.study.spec.factor import NEEDS, kind_of
 
@@ -47,6 +48,8 @@ def name_rules(node: Any) -> Iterator[Problem]:
             continue  # its own rule says so
         if name in names:
             yield Problem(("factors", i, "name"), name, "must be unique among factors")
+        if name in (COPY, COUNT) and get(get(node, "design"), "replicates") is not None:
+            yield Problem(("factors", i, "name"), name, "is a column of studies with design.replicates")
         names.add(name)
         for path in _targets(factor):
             if path in taken:

@@ -1,0 +1,180 @@
+"""Pure error: how much of a metric is scatter between equal runs, and what that leaves to say.
+
+Row i of R is the mean of n_i runs with the standard error e_i; N = sum n_i runs in all. One run of a row scatters with
+
+    s^2 = sum (n_i - 1) n_i e_i^2 / nu,    nu = sum (n_i - 1) = N - R degrees of freedom,                       (a)
+
+which is taken to be the same for all rows. Of the metric's variance over the design, as of single runs, scatter is the
+part s^2 / (s^2 + b^2), with b^2 that between rows, from an analysis of variance in one way (Searle 1971, chapter 9):
+
+    b^2 = (B - s^2) / n_0,   B = sum n_i (y_i - y)^2 / (R - 1),   n_0 = (N - sum n_i^2 / N) / (R - 1).          (b)
+
+B / s^2 is F-distributed with R - 1 and nu degrees of freedom times 1 + n_0 b^2 / s^2, which gives the part's interval,
+exactly where rows have equally many runs. The mean of n runs is known to t s / sqrt(n), t Student's for 95 % with nu
+degrees of freedom; that of a window of another length to as much as the root of the ratio of lengths changes it, for
+means: largest and smallest values grow with the window.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.errors import StudyError
+from warpchain.study.results import Array, Results
+
+CONFIDENCE = 0.95
+"""Of every interval here."""
+
+
+@dataclass(frozen=True)
+class PureError:
+    """Scatter of one metric between equal runs.
+
+    Attributes:
+        metric: its name.
+        rows: number of rows R.
+        runs: number of runs N.
+        deviation: standard deviation s of one run, in the metric's unit (a).
+        freedom: degrees of freedom nu that it stands on.
+        share: part of the metric's variance that is scatter [-] (b).
+        share_low, share_high: its 95 % interval.
+    """
+
+    metric: str
+    rows: int
+    runs: int
+    deviation: float
+    freedom: int
+    share: float
+    share_low: float
+    share_high: float
+
+    @property
+    def low(self) -> float:
+        """Lower end of the deviation's 95 % interval."""
+        return self.deviation * math.sqrt(self.freedom / _chi_square(0.5 + 0.5 * CONFIDENCE, self.freedom))
+
+    @property
+    def high(self) -> float:
+        """Upper end of the deviation's 95 % interval."""
+        return self.deviation * math.sqrt(self.freedom / _chi_square(0.5 - 0.5 * CONFIDENCE, self.freedom))
+
+    def interval(self, count: int = 1) -> float:
+        """Half width of the 95 % interval of a mean of `count` runs, in the metric's unit."""
+        return student(self.freedom) * self.deviation / math.sqrt(count)
+
+    def replicates_for(self, precision: float) -> int:
+        """Least number of runs whose mean is known to plus or minus `precision`, with 95 % confidence.
+
+        Raises:
+            StudyError: a precision that is not positive.
+        """
+        _check_precision(precision)
+        return max(1, math.ceil((self.interval() / precision) ** 2 * (1.0 - 1e-12)))
+
+    def window_for(self, precision: float, window: float, count: int = 1) -> float:
+        """Length of the window [s] at which the mean of `count` runs is known to plus or minus `precision`.
+
+        It holds for means over the window, which must be longer than what they fluctuate with.
+
+        Args:
+            window: length of the window that the runs had [s].
+
+        Raises:
+            StudyError: a precision that is not positive.
+        """
+        _check_precision(precision)
+        return window * (self.interval(count) / precision) ** 2
+
+    def __str__(self) -> str:
+        return (
+            f"{self.metric}: {100.0 * self.share:.0f} % of its variance is scatter between equal runs "
+            f"({100.0 * self.share_low:.0f} to {100.0 * self.share_high:.0f} %)"
+        )
+
+
+def _check_precision(precision: float) -> None:
+    if not (math.isfinite(precision) and precision > 0.0):
+        raise StudyError(f"precision = {precision!r}: must be a positive number")
+
+
+def student(freedom: float) -> float:
+    """Student's t of a 95 % interval."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, 0.5 + 0.5 * CONFIDENCE))
+
+
+def _chi_square(share: float, freedom: int) -> float:
+    from scipy.special import chdtri
+
+    return float(chdtri(freedom, 1.0 - share))
+
+
+def pure_error(results: Results, metric: str, rows: NDArray[np.bool_] | None = None) -> PureError:
+    """Scatter of a metric between equal runs.
+
+    Args:
+        results: of a study with replicates; or a table in which rows of equal factors stand several times.
+        rows: which (R,); None takes those that are ok and have a value.
+
+    Raises:
+        StudyError: no row stands on several runs, or all runs of a row are the same.
+    """
+    from scipy.special import fdtri
+
+    chosen = results.rows_for(metric) if rows is None else rows
+    means, counts, freedom, variance = _rows(results, metric, chosen)
+    if not freedom:
+        raise StudyError(f"metric {metric!r}: no row was run several times; give design.replicates to the study")
+    if not variance > 0.0:
+        raise StudyError(f"metric {metric!r}: equal runs give equal values; there is no scatter")
+    total, rows_held = int(counts.sum()), len(means)
+    share, low, high = 1.0, 0.0, 1.0
+    if rows_held > 1:
+        weight = (total - float((counts**2).sum()) / total) / (rows_held - 1)
+        center = float(counts @ means) / total
+        ratio = float(counts @ (means - center) ** 2) / (rows_held - 1) / variance
+        ends = [fdtri(rows_held - 1, freedom, 0.5 + sign * 0.5 * CONFIDENCE) for sign in (1.0, -1.0)]
+        share, high, low = (_scatter_share(f, weight) for f in (ratio, *(ratio / end for end in ends)))
+    return PureError(metric, rows_held, total, math.sqrt(variance), freedom, share, low, high)
+
+
+def _scatter_share(ratio: float, weight: float) -> float:
+    """s^2 / (s^2 + b^2) from B / s^2 (b)."""
+    return 1.0 / (1.0 + max(ratio - 1.0, 0.0) / weight)
+
+
+def _rows(results: Results, metric: str, chosen: NDArray[np.bool_]) -> tuple[Array, Array, int, float]:
+    """Means of rows, runs of each, degrees of freedom, and variance of one run."""
+    values = results.values(metric)[chosen]
+    if results.replicated:
+        counts, errors = results.counts[chosen].astype(float), results.errors(metric)[chosen]
+        several = np.isfinite(errors) & (counts > 1)
+        counts = np.where(several, counts, 1.0)
+        freedom = float((counts - 1.0).sum())
+        square = float(((counts - 1.0) * counts * np.where(several, errors, 0.0) ** 2).sum())
+        return values, counts, round(freedom), square / freedom if freedom else 0.0
+    labels = list(zip(*(results.labels(factor) for factor in results.factors), strict=True))
+    known: dict[tuple[str, ...], int] = {}
+    group = np.array([known.setdefault(label, len(known)) for label, row in zip(labels, chosen, strict=True) if row])
+    counts = np.bincount(group).astype(float)
+    means = np.bincount(group, values) / counts
+    freedom = len(values) - len(counts)
+    square = float(((values - means[group]) ** 2).sum())
+    return means, counts, freedom, square / freedom if freedom else 0.0
+
+
+def pure_errors(results: Results, metrics: tuple[str, ...] | None = None) -> list[PureError]:
+    """Scatter of every metric that scatters, the noisiest first."""
+    found = []
+    for metric in metrics or results.metrics:
+        try:
+            found.append(pure_error(results, metric))
+        except StudyError:
+            continue
+    return sorted(found, key=lambda error: -error.share)

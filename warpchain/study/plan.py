@@ -1,0 +1,324 @@
+"""What a study will come to, without running it: rows and runs, how many are infeasible, cost, expected precision.
+
+Rows that constraints rule out are counted; of the others some are built and assembled, evenly spread over the design.
+The cost comes from two short runs of some of them, of which one is longer: what it takes longer is the rate, and what
+the shorter one takes beyond that is each variant's own (packing, settling). How far runs scatter only runs can tell: an
+earlier study of the same metrics gives the expected precision, else it is told in units of one run's scatter.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from warpchain.assembly.timestep import resolve_step
+from warpchain.drive import Drive
+from warpchain.engine.simulation import MEMORY, available_cores
+from warpchain.errors import StudyError, WarpchainError
+from warpchain.results.judgement import common_reasons
+from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
+from warpchain.study.results import Results, read_results
+from warpchain.study.run.batch import Variant, buildable
+from warpchain.study.run.prepare import CORE_RATE, GPU_RATE, gpus_of, read_study, shard_size
+from warpchain.study.spec import Study
+
+LOOKED = 200
+"""Rows that are built."""
+PROBES = 4
+"""Variants a core in a calibration, and in all on a GPU a thousand times as many."""
+PROBE_SECONDS = 0.7
+"""Time that the longer run of a calibration should take."""
+REASONS = 3
+"""Most reasons that are told."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What the runs take.
+
+    Attributes:
+        work: roller-steps of all runs.
+        rate: roller-steps a second.
+        each: what a run takes besides [s]: its part of packing and settling.
+        seconds: of all runs.
+        measured: whether the rate was measured here; else it is a stored one.
+    """
+
+    work: float
+    rate: float
+    each: float
+    seconds: float
+    measured: bool
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study will come to.
+
+    Attributes:
+        rows: of the design.
+        copies: how often each is run.
+        ruled_out: rows that constraints rule out, or that have no value.
+        looked: how many of the others were built, and
+        refused: how many of these cannot be assembled or stepped.
+        reasons: the most frequent (reason, how many).
+        cost: of the runs that are expected to be feasible.
+        shards: number of shards.
+        recorded: rows that are recorded, apart from the worst.
+        precision: what is known of the metrics' scatter, from an earlier study; the noisiest first.
+        window: length of the window of that study [s], None where it does not tell.
+    """
+
+    rows: int
+    copies: int
+    ruled_out: int
+    looked: int
+    refused: int
+    reasons: tuple[tuple[str, int], ...]
+    cost: Cost
+    shards: int
+    recorded: int
+    precision: tuple[PureError, ...] = ()
+    window: float | None = None
+
+    @property
+    def runs(self) -> int:
+        """Number of runs, also of rows that turn out to be infeasible."""
+        return self.rows * self.copies
+
+    @property
+    def infeasible(self) -> float:
+        """Expected share of rows that are infeasible."""
+        part = self.refused / self.looked if self.looked else 0.0
+        return (self.ruled_out + part * (self.rows - self.ruled_out)) / max(self.rows, 1)
+
+    @property
+    def infeasible_interval(self) -> tuple[float, float]:
+        """95 % interval of that share (Clopper and Pearson 1934)."""
+        from scipy.special import betaincinv
+
+        others, n, k = self.rows - self.ruled_out, self.looked, self.refused
+        if n >= others:
+            return self.infeasible, self.infeasible
+        low = betaincinv(k, n - k + 1, 0.025) if k else 0.0
+        high = betaincinv(k + 1, n - k, 0.975) if k < n else 1.0
+        return tuple((self.ruled_out + part * others) / self.rows for part in (low, high))  # type: ignore[return-value]
+
+    @property
+    def relative_precision(self) -> float | None:
+        """Half width of the 95 % interval of a row's mean, over the standard deviation of one run; None of one run."""
+        if self.copies < 2:
+            return None
+        rows = max(1.0, (1.0 - self.infeasible) * self.rows)
+        return student(rows * (self.copies - 1)) / math.sqrt(self.copies)
+
+
+def plan_study(
+    source: str | os.PathLike[str],
+    *,
+    like: str | os.PathLike[str] | None = None,
+    metrics: Sequence[str] = (),
+    calibrate: bool = True,
+    workers: int | None = None,
+    memory: int = MEMORY,
+) -> Plan:
+    """What a study will come to.
+
+    Args:
+        source: the study file.
+        like: table of an earlier study with replicates, whose metrics scatter as those of this one will.
+        metrics: those whose precision is told; none takes all, the noisiest first.
+        calibrate: measure the rate by short runs; else stored rates do.
+        workers: CPU threads; None takes all cores.
+        memory: budget of a shard [bytes].
+
+    Raises:
+        StudyError: an error of the file, or a table without replicates.
+    """
+    study, drive, design = read_study(source)
+    cores = workers or available_cores()
+    rows = design.to_pylist()
+    open_rows = [row for row in rows if row["reason"] is None]
+    drives, reasons = _built(study, drive, open_rows)
+    looked = len(drives) + len(reasons)
+    told = [("infeasible", row["reason"]) for row in rows if row["reason"] is not None]
+    often = common_reasons([*told, *(("infeasible", reason) for reason in reasons)])[:REASONS]
+    share = len(drives) / looked if looked else 0.0
+    count = share * len(open_rows) * study.design.copies
+    record = study.record
+    every = set(range(0, len(rows), record.every)) if record.every else set()
+    size = study.run.shard or shard_size(study, drive, len(rows) * study.design.copies, 1, cores, memory)
+    earlier, window = _earlier(like, metrics)
+    return Plan(
+        rows=len(rows),
+        copies=study.design.copies,
+        ruled_out=len(rows) - len(open_rows),
+        looked=looked,
+        refused=len(reasons),
+        reasons=tuple((reason, number) for _, reason, number in often),
+        cost=_cost(study, drives, count, cores, calibrate),
+        shards=-(-len(rows) * study.design.copies // size),
+        recorded=len(every | set(record.variants)),
+        precision=earlier,
+        window=window,
+    )
+
+
+def _built(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
+    """Drives of some rows, evenly spread, and why others of these give none."""
+    chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), LOOKED)).tolist()})
+    drives: list[Drive] = []
+    reasons: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for i in chosen:
+            variant = buildable(study, base, Variant(rows[i]))
+            if variant.drive is None:
+                reasons.append(variant.reason or "no reason given")
+            else:
+                drives.append(variant.drive)
+    return drives, reasons
+
+
+def _cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calibrate: bool) -> Cost:
+    """What `count` runs like these drives take."""
+    gpus = gpus_of(study.run.device)
+    if not drives:
+        return Cost(0.0, 0.0, 0.0, 0.0, False)
+    steps = [_length(study, drive) / resolve_step(drive, study.run.step) for drive in drives]
+    work = count * float(np.mean([n * drive.chain.links for n, drive in zip(steps, drives, strict=True)]))
+    rate, each = (GPU_RATE * gpus if gpus else CORE_RATE * cores), 0.0
+    if calibrate:
+        rate, each = _measured(study, drives, 1000 * PROBES * gpus if gpus else PROBES * cores, min(steps), cores)
+    return Cost(work, rate, each, count * each + work / rate, calibrate)
+
+
+def _length(study: Study, drive: Drive) -> float:
+    return study.run.duration or drive.run.duration
+
+
+def _measured(study: Study, drives: Sequence[Drive], count: int, most: float, cores: int) -> tuple[float, float]:
+    """Roller-steps a second, and what a variant takes besides [s], from runs of `count` variants of few steps.
+
+    Args:
+        most: steps that the shortest run of the study has.
+    """
+    from warpchain.engine.simulation import simulate
+    from warpchain.results.run import Record
+
+    chosen = [drives[k * len(drives) // count % len(drives)] for k in range(count)]
+    finest = min(resolve_step(drive, study.run.step) for drive in chosen)
+    rollers = sum(drive.chain.links * finest / resolve_step(drive, study.run.step) for drive in chosen)
+
+    def seconds(steps: int) -> float:
+        begin = time.perf_counter()
+        simulate(
+            chosen,
+            device=study.run.device,
+            precision=study.run.precision,
+            duration=steps * finest,
+            step=study.run.step,
+            record=Record("none"),
+            limits=study.limits,
+            workers=cores,
+        )
+        return time.perf_counter() - begin
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        short = max(2, min(200, int(most) // 4))
+        seconds(short)  # loads the kernels
+        first = seconds(short)
+        long = min(max(1000, 4 * short), max(int(most), 2 * short))
+        second = seconds(long)
+        if 4 * long <= most and second < 0.5 * PROBE_SECONDS:
+            long = int(min(most, long * PROBE_SECONDS / max(second - first, 1e-3)))
+            second = seconds(long)
+    rate = rollers * (long - short) / max(second - first, 1e-6)
+    return rate, max(0.0, first - rollers * short / rate) / count
+
+
+def _earlier(like: str | os.PathLike[str] | None, metrics: Sequence[str]) -> tuple[tuple[PureError, ...], float | None]:
+    """Scatter of the metrics in an earlier study, and the length of its window [s]."""
+    if like is None:
+        return (), None
+    path = Path(like)
+    results = read_results(path / "results.parquet" if path.is_dir() else path)
+    chosen = tuple(pure_error(results, metric) for metric in metrics) or tuple(pure_errors(results))
+    if not chosen:
+        raise StudyError(f"{like}: no row was run several times; only studies with design.replicates tell the scatter")
+    return chosen, _window(results)
+
+
+def _window(results: Results) -> float | None:
+    try:
+        lengths = results.values("window_end") - results.values("window_start")
+    except WarpchainError:
+        return None
+    return float(np.nanmedian(lengths)) if np.isfinite(lengths).any() else None
+
+
+def plan_lines(plan: Plan, wanted: Mapping[str, float] | None = None) -> list[str]:
+    """What a plan says, in words.
+
+    Args:
+        wanted: half width of the 95 % interval that is wanted of a metric, by its name.
+    """
+    lines = [f"rows: {plan.rows}, each run {plan.copies} times: {plan.runs} runs in {plan.shards} shards"
+             if plan.copies > 1 else f"rows: {plan.rows} in {plan.shards} shards"]  # fmt: skip
+    low, high = (f"{100.0 * part:.3g}" for part in plan.infeasible_interval)
+    sure = "" if low == high else f" ({low} to {high} %)"
+    lines.append(
+        f"infeasible: {100.0 * plan.infeasible:.3g} %{sure}: {plan.ruled_out} rows by constraints, and {plan.refused} "
+        f"of {plan.looked} rows that were built"
+    )
+    lines += [f"  {number} like this: {reason}" for reason, number in plan.reasons]
+    cost = plan.cost
+    how = "measured here" if cost.measured else "assumed"
+    besides = f", and {1e3 * cost.each:.2g} ms a run besides" if cost.each > 0.0 else ""
+    lines.append(
+        f"cost: {cost.work:.3g} roller-steps at {cost.rate:.3g} a second ({how}){besides}: {_clock(cost.seconds)}"
+    )
+    if plan.recorded:
+        lines.append(f"recorded: {plan.recorded} rows")
+    if plan.relative_precision is None:
+        lines.append("precision: one run a row does not tell it; give design.replicates")
+    else:
+        lines.append(f"precision: means of {plan.copies} runs are known to +-{plan.relative_precision:.2g} of the "
+                     "standard deviation of one run (95 %)")  # fmt: skip
+    lines += [_precision_line(plan, error) for error in plan.precision[:12]]
+    return lines + [_wanted_line(plan, metric, half) for metric, half in (wanted or {}).items()]
+
+
+def _precision_line(plan: Plan, error: PureError) -> str:
+    return (
+        f"  {error.metric}: one run scatters by {error.deviation:.3g} ({error.low:.3g} to {error.high:.3g}); "
+        f"+-{error.interval(plan.copies):.3g} with {plan.copies}"
+    )
+
+
+def _wanted_line(plan: Plan, metric: str, half: float) -> str:
+    """How a wanted precision of a metric is come by."""
+    found = next((error for error in plan.precision if error.metric == metric), None)
+    if found is None:
+        raise StudyError(f"--precision {metric}: the earlier study (--like) tells no scatter of it")
+    line = f"  {metric} to +-{half:g}: {found.replicates_for(half)} replicates"
+    if plan.window is None or not metric.rpartition(".")[2].endswith("_mean"):
+        return line
+    length = found.window_for(half, plan.window, plan.copies)
+    return f"{line}, or {plan.copies} and a window of {length:.3g} s (the earlier one had {plan.window:.3g} s)"
+
+
+def _clock(seconds: float) -> str:
+    if seconds < 10.0:
+        return f"{seconds:.2g} s"
+    whole = round(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
