@@ -22,7 +22,7 @@ from warpchain.study.report.rows import rows_data
 from warpchain.study.results import STATUSES, Results, read_results
 from warpchain.study.store import write_text
 from warpchain.study.surrogate import Surrogate, fit_surrogate
-from warpchain.study.surrogate.noise import scatter_share
+from warpchain.study.surrogate.noise import repeats, scatter_share
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -198,6 +198,7 @@ def _spread(results: Results, metrics: tuple[str, ...]) -> str:
 def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Section:
     told = {metric: found for metric, found in effects.items() if found}
     shares = [min(1.0, sum(_beyond_chance(effect) for effect in found)) for found in told.values()]
+    several = repeats(results)
     chances = [scatter_share(results, metric) for metric in told]
     parts = [
         page.text(
@@ -211,7 +212,7 @@ def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Sect
             panels.scatter_shares(list(told), shares, chances),
             "parts of the variance",
         ),
-        page.bullets(_error_line(results, metric) for metric in told),
+        page.bullets(_error_line(results, metric) for metric in told) if several else page.text(ALONE),
     ]
     for metric, found in told.items():
         parts.append(page.heading(metric))
@@ -219,6 +220,9 @@ def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Sect
         parts.append(page.chart(means, f"main effects on {metric}"))
         parts.append(page.chart(panels.interactions(results, metric, found), f"interactions in {metric}"))
     return page.section("effects", "Effects and interactions", *parts)
+
+
+ALONE = "No two variants are equal runs, so the table does not tell how far they scatter: give the study replicates."
 
 
 def _beyond_chance(effect: Effect) -> float:

@@ -20,11 +20,27 @@ def standard_errors(results: Results, metric: str) -> Array | None:
     return results.values(name) if name in results.table.column_names and results.numeric(name) else None
 
 
+def repeats(results: Results) -> bool:
+    """Whether rows are means of several runs, or some rows have equal factors."""
+    if results.replicated:
+        return True
+    group = np.zeros(len(results.status), dtype=np.intp)
+    for name in results.factors:
+        column = results.values(name) if results.numeric(name) else np.array(results.labels(name))
+        values, place = np.unique(column, return_inverse=True)
+        held, group = np.unique(group * len(values) + place, return_inverse=True)
+        if len(held) == len(group):
+            return False
+    return True
+
+
 def scatter_share(results: Results, metric: str) -> float | None:
     """Part of the variance of the rows' values that is scatter between equal runs; None where nothing tells.
 
     Of a mean of n runs this is the n-th part of the variance of one run.
     """
+    if not repeats(results):
+        return None
     try:
         error = pure_error(results, metric)
     except StudyError:
