@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections.abc import Callable
 from typing import Any
@@ -147,9 +147,16 @@ JOBS: dict[str, tuple[Any, float, Callable[[Array, Array], float]]] = {
 }
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command line's."""
+    found = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    found.add_argument("seeds", metavar="SEEDS", nargs="?", type=int, default=3, help="runs of each (default 3)")
+    return found
+
+
 def main() -> None:
     """Prints a line for each job and engine."""
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 3
+    seeds = parser().parse_args().seeds
     print(f"{'job':22}{'engine':10}{'median':>9}{'worst':>9}{'s':>8}")
     for job, ((names, ends, metrics, function), noise, score) in JOBS.items():
         for engine, run in ENGINES.items():

@@ -43,9 +43,9 @@ STUDY_LEVELS = (
     ("design",),
     ("run",),
     ("analysis",),
-    ("plan",),
     ("surrogate",),
     ("optimize",),
+    ("plan",),
     ("report",),
 )
 WITHOUT_WARP = ("drive", "assembly", "results", "archive", "view")

@@ -1,5 +1,6 @@
 """Searches: known fronts and minima, noise, limits, restarts, the cache, what is recommended."""
 
+import re
 import subprocess
 import sys
 import time
@@ -211,6 +212,9 @@ batch = 3
 duration = 0.0003
 step = 1e-5
 shard = 2
+
+[record]
+rate = 1e5
 """
 
 
@@ -371,3 +375,58 @@ def test_the_command_tells_what_to_build_and_how_to_play_it(whole, capsys):
     assert f"play it: warpchain view {found.archives[0][0]} --variant 0" in out
     assert "±" in out and "torque = " in out
     assert Path(found.drives[0]).is_file()
+
+
+def test_any_variant_can_be_played(whole, tmp_path, capsys):
+    folder, found = whole["bayes"]
+    saved = tmp_path / "v.rrd"
+    assert main(["study", "play", str(folder), "3", "--save", str(saved), "--quiet"]) == 0
+    archive = folder / "played" / "variant-000003.mcap"
+    assert str(archive) in capsys.readouterr().out and saved.stat().st_size > 1000
+    row = found.results.table.slice(3, 1).to_pylist()[0]
+    assert warpchain.read_archive(archive).metrics["tension_max"][0].as_py() == row["tension_max"]
+    when = archive.stat().st_mtime_ns
+    assert main(["study", "play", str(folder), "3", "--save", str(saved), "--quiet"]) == 0
+    assert archive.stat().st_mtime_ns == when  # not run again
+    assert main(["study", "play", str(folder), "99", "--save", str(saved)]) == 2
+    assert "variant 99: not in" in capsys.readouterr().err
+    archive.unlink()
+    archive.parent.rmdir()
+
+
+def test_a_search_has_a_report(whole, tmp_path):
+    folder, found = whole["bayes"]
+    assert main(["study", "report", str(folder), "-o", str(tmp_path / "r.html")]) == 0
+    page = (tmp_path / "r.html").read_text()
+    assert f"A: variant {found.recommended[0].variant}" in page
+    assert f"warpchain study play {folder} {found.recommended[0].variant}" in page
+    assert "Limits: tension_std at most 900 N" in page
+
+
+def test_python_of_the_documents_runs(tmp_path, monkeypatch):
+    text = (Path(__file__).resolve().parents[2] / "docs" / "optimization.md").read_text()
+    written(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.S)
+    held = {}
+    exec(compile(code, "optimization.md", "exec"), held)
+    assert len(held["further"]) == 4 == len(held["mean"]) and len(held["found"].recommended) >= 1
+
+
+def test_replicates_are_rows_with_their_standard_errors(tmp_path):
+    path = written(tmp_path)
+    path.write_text(
+        path.read_text().replace("count = 4\n", "count = 4\nreplicates = 3\n").replace("count = 10", "count = 6")
+    )
+    found = optimize(path, tmp_path / "out")
+    table = found.results.table
+    assert table.num_rows == 7 and set(table["n"].to_pylist()) == {3}
+    errors = np.array(table["tension_max_se"].to_pylist())
+    assert (errors > 0.0).all()  # copies begin at other phases
+    single = open_study(written(tmp_path / "single")).evaluate(table.select(["torque", "links"]).to_pylist()[:1])
+    # the mean of three is not the first of them, which is as without replicates
+    assert single["tension_max"][0].as_py() != table["tension_max"][0].as_py()
+    one = found.recommended[0]
+    assert np.isfinite(one.believed["tension_max"][1])
+    assert main(["study", "report", str(tmp_path / "out"), "-o", str(tmp_path / "r.html")]) == 0
+    assert "scatter between equal runs" in (tmp_path / "r.html").read_text()

@@ -12,7 +12,7 @@ from warpchain.assembly.path import chain_path
 from warpchain.drive.examples import drive_path
 
 FOLDER = Path(warpchain.study.__file__).parent / "examples"
-NAMES = ("guide-indentation", "pitch-elongation", "speed-sweep")
+NAMES = ("engine-tensioner", "guide-indentation", "pitch-elongation", "speed-sweep")
 
 
 def study(name):

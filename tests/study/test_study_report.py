@@ -1,6 +1,5 @@
 """The report of a study: one page that a browser shows without a network, and the command that writes it."""
 
-import os
 import re
 import time
 from html.parser import HTMLParser
@@ -209,8 +208,10 @@ def test_ten_thousand_rows_make_a_small_page_soon():
     results = large(10_000)
     objectives = {"s0.force_max": "min", "s1.force_max": "min"}
     report_html(large(100), objectives=objectives)  # imports are not the page's
-    begin = time.process_time()
-    page = report_html(results, objectives=objectives)
-    # 2 s of one core; threads of linear algebra that wait count here, too, and the machine may be busy
-    assert time.process_time() - begin < 5.0 * (os.cpu_count() or 1)
+    limits = pytest.importorskip("threadpoolctl").threadpool_limits
+    with limits(limits=1):  # threads that wait for one another would count
+        begin = time.process_time()
+        page = report_html(results, objectives=objectives)
+        # 3 s where it has a core alone; on a busy machine caches are others', too
+        assert time.process_time() - begin < 8.0
     assert len(page.encode()) < 3e6  # 10 MB are allowed

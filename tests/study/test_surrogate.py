@@ -9,7 +9,7 @@ from warpchain.errors import StudyError
 from warpchain.study.analysis.robust import median_effects, median_interval, transformed
 from warpchain.study.results import read_results
 from warpchain.study.surrogate import fit_surrogate
-from warpchain.study.surrogate.noise import pure_error
+from warpchain.study.surrogate.noise import scatter_share
 
 KINDS = ("gaussian", "quadratic")
 
@@ -117,15 +117,11 @@ def test_rows_that_are_not_ok_take_no_part():
     assert (first.predict(GRID)[0] == second.predict(GRID)[0]).all()
 
 
-def test_pure_error_by_repeated_rows_is_the_pooled_variance():
+def test_share_of_scatter_is_that_of_the_rows():
+    """Repeated rows: s^2 = (2 + 2) / 3 on 3 degrees of freedom, over the variance of all six values."""
     results = read_results(pa.table({"a": [1, 1, 2, 2, 2, 3], "y": [1.0, 3.0, 4.0, 5.0, 6.0, 9.0]}), ["a"])
-    found = pure_error(results, "y")
-    assert found.freedom == 3
-    assert found.deviation**2 == pytest.approx((2.0 + 2.0) / 3.0)  # eq. (a): 1 + 1 and 1 + 0 + 1
-    assert found.share == pytest.approx(4.0 / 3.0 / np.var([1, 3, 4, 5, 6, 9], ddof=1))
-    assert pure_error(made(10), "y") is None
-    told = pure_error(made(10, errors=True), "y")
-    assert (told.deviation, told.freedom) == (pytest.approx(0.1), 10)
+    assert scatter_share(results, "y") == pytest.approx(4.0 / 3.0 / np.var([1, 3, 4, 5, 6, 9], ddof=1))
+    assert scatter_share(made(10), "y") is None
 
 
 def test_ranks_are_of_the_rows_that_are_ok():

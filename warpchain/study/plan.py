@@ -27,7 +27,7 @@ from warpchain.results.judgement import common_reasons
 from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
 from warpchain.study.results import Results, read_results
 from warpchain.study.run.batch import Variant, buildable
-from warpchain.study.run.prepare import CORE_RATE, GPU_RATE, designed, gpus_of, shard_size
+from warpchain.study.run.prepare import CORE_RATE, GPU_RATE, gpus_of, read_study, shard_size
 from warpchain.study.spec import Study
 
 LOOKED = 200
@@ -143,7 +143,7 @@ def plan_study(
     Raises:
         StudyError: an error of the file, or a table without replicates.
     """
-    study, drive, design = designed(source)
+    study, drive, design = read_study(source)
     cores = workers or available_cores()
     rows = design.to_pylist()
     open_rows = [row for row in rows if row["reason"] is None]

@@ -20,11 +20,12 @@ from warpchain.errors import StudyError
 from warpchain.study.columns import ARCHIVED
 from warpchain.study.design import make_design
 from warpchain.study.design.rows import table_of_rows
+from warpchain.study.optimize.rounds import round_file, round_name, rounds_done, together
 from warpchain.study.optimize.search import Optimizer
 from warpchain.study.results import Results, read_results
 from warpchain.study.run.batch import Variant, _build
 from warpchain.study.run.folder import make_folder
-from warpchain.study.run.prepare import check_names, read_study, shard_size
+from warpchain.study.run.prepare import read_study, shard_size
 from warpchain.study.run.runner import run_folder
 from warpchain.study.spec import Study
 from warpchain.study.store import read_table, write_table
@@ -62,13 +63,11 @@ class Bench:
         memory: int = MEMORY,
     ) -> None:
         self.source = Path(source)
-        self.study, self.drive = read_study(source)
+        self.study, self.drive, _ = read_study(source)
         self.folder = None if folder is None else Path(folder)
         self._workers, self._memory = workers, memory
         self._known: dict[str, tuple[pa.Table, int]] = {}
         self._optimizer: Optimizer | None = None
-        self._results: Results | None = None
-        check_names(self.study, self.drive, 1 << 62, source)
 
     # ------------------------------------------------------------------------------------------------ rows
 
@@ -99,7 +98,7 @@ class Bench:
         study = self.study
         settings = study.model_dump(mode="json", include={"limits", "metrics", "fatigue"})
         settings["run"] = study.run.model_dump(mode="json", exclude={"shard"})
-        settings["copies"] = [getattr(study.design, name, None) for name in ("replicates", "replicate_by")]
+        settings["copies"] = [study.design.copies, study.design.replicate_by]
         settings["warpchain"] = installed()
         common = json.dumps(settings, sort_keys=True)
         texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._variants(design)]
@@ -122,8 +121,7 @@ class Bench:
             KeyboardInterrupt: the user stopped it; what is done stays, if there is a folder.
         """
         if self.folder is not None:
-            number = len(list(self.folder.glob("rounds/*/rows.parquet")))
-            return self.round(number, rows, progress)
+            return self.round(rounds_done(self.folder), rows, progress)
         with tempfile.TemporaryDirectory(prefix="warpchain-") as place:
             return self._run(Path(place), "", table_of_rows(self.study, rows), progress)
 
@@ -134,9 +132,8 @@ class Bench:
             StudyError: the folder has other rows in that round, or is damaged.
         """
         assert self.folder is not None  # who asks for rounds has one
-        name = f"rounds/{number:04d}"
+        name, done = round_name(number), round_file(self.folder, number)
         place, design = self.folder / name, table_of_rows(self.study, rows)
-        done = place / "rows.parquet"
         if done.exists():
             table = read_table(done)
             factors = [factor.name for factor in self.study.factors]
@@ -173,7 +170,8 @@ class Bench:
 
         design = design.set_column(0, design.schema.field(0), pa.array(range(design.num_rows), pa.int64()))
         study, cores = self.study, self._workers or available_cores()
-        size = study.run.shard or shard_size(study, self.drive, design.num_rows, 1, cores, self._memory)
+        runs = design.num_rows * study.design.copies
+        size = study.run.shard or shard_size(study, self.drive, runs, 1, cores, self._memory)
         folder = make_folder(place, study, self.drive, design, size)
         if folder.design() != design:
             raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
@@ -217,7 +215,8 @@ class Bench:
         """
         if self.folder is None:
             raise StudyError("results: this study was opened without a folder")
-        return read_results(self.folder / "results.parquet", self._factors)
+        rounds = rounds_done(self.folder)
+        return read_results(together(self.folder, rounds) if rounds else self.folder / "results.parquet", self._factors)
 
     def surrogate(self, metric: str, kind: str = "gaussian", logarithm: bool = False) -> Surrogate:
         """What stands for a metric between the rows that were run: `predict(rows) -> mean, sd`; see `fit_surrogate`."""
@@ -269,7 +268,8 @@ def open_study(
 
 def make_run(study: Study, drive: Drive, place: Path, design: pa.Table, workers: int | None, memory: int) -> Path:
     """Runs a design in a folder; returns its table's file."""
-    size = study.run.shard or shard_size(study, drive, design.num_rows, 1, workers or available_cores(), memory)
+    runs = design.num_rows * study.design.copies
+    size = study.run.shard or shard_size(study, drive, runs, 1, workers or available_cores(), memory)
     folder = make_folder(place, study, drive, design, size)
     outcome = run_folder(folder, workers=workers, memory=memory)
     assert outcome.table is not None  # all shards are done

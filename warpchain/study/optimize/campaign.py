@@ -16,7 +16,6 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from warpchain.drive import dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY
@@ -26,17 +25,12 @@ from warpchain.study.design.rows import table_of_rows
 from warpchain.study.optimize.bench import Bench, Report, make_run
 from warpchain.study.optimize.goals import Goals, goals_of
 from warpchain.study.optimize.recommend import Recommended, recommend
+from warpchain.study.optimize.rounds import round_file, together
 from warpchain.study.results import Results, read_results
 from warpchain.study.spec import Study, dumps_study, load_study
 from warpchain.study.spec.objectives import Search
 from warpchain.study.spec.parts import Recording
 from warpchain.study.store import read_table, write_table, write_text
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-
-ROUND = "round"
-"""Column of the number of a row's round."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +85,7 @@ def optimize(
     folder = _made(Path(out), bench)
     rounds = 0
     while optimizer.told < search.count:
-        done = folder / f"rounds/{rounds:04d}/rows.parquet"
+        done = round_file(folder, rounds)
         if rounds and search.engine == "bayes" and done.exists():
             table = read_table(done)  # what was asked for follows from the rows before: it need not be found again
             bench._remember(table)
@@ -102,7 +96,9 @@ def optimize(
             table = bench.round(rounds, rows, progress)
         optimizer.tell(table)
         rounds += 1
-        results = _gathered(folder, rounds, bench)
+        gathered = together(folder, rounds)
+        write_table(folder / "results.parquet", gathered)
+        results = read_results(gathered, bench._factors)
         if tell is not None:
             tell(f"round {rounds}: {_line(results, optimizer.goals)}")
     results = read_results(folder / "results.parquet", bench._factors)
@@ -139,34 +135,6 @@ def _fixed(study: Study, name: str) -> object:
     if name == "optimize":
         return (study.optimize or Search()).model_copy(update={"count": 1, "recommend": 1})
     return study.run.model_copy(update={"shard": None}) if name == "run" else getattr(study, name)
-
-
-def _gathered(folder: Path, rounds: int, bench: Bench) -> Results:
-    """The rows of all rounds, numbered through, as the folder's table."""
-    import pyarrow as pa
-
-    tables = []
-    for number in range(rounds):
-        table = read_table(folder / f"rounds/{number:04d}/rows.parquet")
-        tables.append(table.append_column(ROUND, pa.array([number] * table.num_rows, pa.int64())))
-    table = pa.concat_tables(tables, promote_options="permissive").combine_chunks()
-    table = _marked(table, tables)
-    at = table.column_names.index("variant")
-    table = table.set_column(at, table.schema.field(at), pa.array(range(table.num_rows), pa.int64()))
-    write_table(folder / "results.parquet", table)
-    return read_results(table, bench._factors)
-
-
-def _marked(table: pa.Table, parts: list[pa.Table]) -> pa.Table:
-    """The table with what its parts' fields say of role and unit."""
-    import pyarrow as pa
-
-    facts: dict[str, dict[bytes, bytes]] = {}
-    for part in parts:
-        for field in part.schema:
-            facts[field.name] = facts.get(field.name) or dict(field.metadata or {})
-    fields = [field.with_metadata(facts[field.name] or None) for field in table.schema]
-    return pa.Table.from_arrays(table.columns, schema=pa.schema(fields))
 
 
 def _line(results: Results, goals: Goals) -> str:

@@ -96,6 +96,7 @@ class Judged:
         believed: by metric.
         costs: (R, M) means of the objectives, all to be small.
         spread: (R, M) their deviations.
+        measured: (R, M) the objectives as they were run, all to be small.
         chance: (R,) probability of keeping all limits; 0 where a row was not ok.
     """
 
@@ -103,6 +104,7 @@ class Judged:
     believed: dict[str, Believed]
     costs: Array
     spread: Array
+    measured: Array
     chance: Array
 
     @property
@@ -129,13 +131,18 @@ def judge(results: Results, goals: Goals) -> Judged:
         chance = chance * np.where(
             chance > 0.0, keeping(bound, np.nan_to_num(of.mean), np.nan_to_num(of.deviation)), 0.0
         )
-    return Judged(goals, found, costs, spread, chance)
+    return Judged(goals, found, costs, spread, measured.costs, chance)
 
 
 def front_of(judged: Judged) -> NDArray[np.intp]:
-    """Rows on the front of means among those that keep the limits, by the first objective (P,)."""
+    """Rows on the front of means among those that keep the limits, by the first objective (P,).
+
+    Of these only the ones that are on the front as measured, too, if there are any.
+    """
     rows = np.flatnonzero(judged.sure & (judged.chance > 0.0))
-    front = rows[non_dominated(judged.costs[rows])]
+    front = rows[non_dominated(judged.costs[rows])] if len(rows) else rows
+    both = np.intersect1d(front, rows[non_dominated(judged.measured[rows])]) if len(rows) else rows
+    front = both if len(both) else front
     return front[np.argsort(judged.costs[front, 0], kind="stable")]
 
 

@@ -62,7 +62,9 @@ def wanted_of(results: Results, objectives: Mapping[str, str] | None, wanted: Wa
         for metric, sense in objectives.items():
             if sense not in SENSES:
                 raise StudyError(f'objectives: {metric} = {sense!r}: allowed are "min" and "max"')
-        given = tuple(Objective.model_validate({"metric": m, "sense": sense}) for m, sense in objectives.items())
+        given = tuple(
+            Objective.model_validate({"metric": metric, "sense": sense}) for metric, sense in objectives.items()
+        )
         found = replace(found, objectives=given)
     held = results.table.column_names
     if objectives is None:  # of a study of which nothing ran, metrics have no columns

@@ -54,7 +54,7 @@
   };
   const frame = (panel, box) => {
     const width = panel.width || 340, height = panel.height || 250;
-    const left = panel.y.words ? Math.min(190, 12 + 6.2 * Math.max(...panel.y.words.map((w) => w.length))) : 62;
+    const left = panel.y.words ? Math.min(320, 14 + 6.4 * Math.max(...panel.y.words.map((w) => w.length))) : 62;
     const bottom = panel.x.turned ? 96 : 46, top = panel.title ? 24 : 10;
     const svg = make("svg", { width, height, viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": panel.title || panel.y.label || "" }, box);
     const inner = { left, top, right: width - 12, bottom: height - bottom };

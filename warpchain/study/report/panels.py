@@ -21,7 +21,6 @@ from warpchain.study.analysis.robust import MedianEffect
 from warpchain.study.analysis.sensitivity import Indices
 from warpchain.study.results import Array, Results
 from warpchain.study.surrogate import CrossValidation, Surrogate
-from warpchain.study.surrogate.noise import PureError
 
 Panel = dict[str, Any]
 INK, ACCENT, MARK, PALE, OTHER = "#33475b", "#1f77b4", "#d1495b", "#b4bcc4", "#6a4c93"
@@ -150,11 +149,11 @@ def interactions(results: Results, metric: str, found: Sequence[Effect], most: i
     return panels
 
 
-def scatter_shares(metrics: Sequence[str], shares: Sequence[float], errors: Sequence[PureError | None]) -> list[Panel]:
+def scatter_shares(metrics: Sequence[str], shares: Sequence[float], chances: Sequence[float | None]) -> list[Panel]:
     """What part of each metric's variance main effects, chance and the rest have."""
     at = np.arange(len(metrics))[::-1]
     by_factors = np.clip(shares, 0.0, 1.0)
-    chance = np.array([0.0 if error is None else error.share for error in errors])
+    chance = np.array([chance or 0.0 for chance in chances])
     chance = np.minimum(chance, 1.0 - by_factors)
     parts = (
         ("main effects of factors", by_factors, np.zeros(len(at)), ACCENT),
@@ -193,7 +192,7 @@ def correlations(both: Correlation) -> list[Panel]:
         }
     ]
     x, y = {"words": list(both.factors), "turned": True}, {"words": list(both.metrics)[::-1]}
-    size = {"width": max(420, 230 + 62 * len(both.factors)), "height": 110 + 22 * len(both.metrics)}
+    size = {"width": max(520, 350 + 62 * len(both.factors)), "height": 110 + 22 * len(both.metrics)}
     return [{"x": x, "y": y, "series": series, "cells": True, **size}]
 
 

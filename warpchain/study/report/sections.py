@@ -12,6 +12,7 @@ import numpy as np
 from warpchain.errors import StudyError
 from warpchain.results.quantities import quantity
 from warpchain.study.analysis import Effect, correlation, main_effects
+from warpchain.study.analysis.pure_error import pure_error
 from warpchain.study.analysis.robust import median_effects
 from warpchain.study.analysis.sensitivity import Indices, best_indices
 from warpchain.study.analysis.surface import TRUSTED
@@ -21,7 +22,7 @@ from warpchain.study.report.rows import rows_data
 from warpchain.study.results import STATUSES, Results, read_results
 from warpchain.study.store import write_text
 from warpchain.study.surrogate import Surrogate, fit_surrogate
-from warpchain.study.surrogate.noise import PureError, pure_error
+from warpchain.study.surrogate.noise import repeats, scatter_share
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -196,8 +197,9 @@ def _spread(results: Results, metrics: tuple[str, ...]) -> str:
 
 def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Section:
     told = {metric: found for metric, found in effects.items() if found}
-    errors = {metric: pure_error(results, metric) for metric in told}
     shares = [min(1.0, sum(_beyond_chance(effect) for effect in found)) for found in told.values()]
+    several = repeats(results)
+    chances = [scatter_share(results, metric) for metric in told]
     parts = [
         page.text(
             "Mean of the metric in each group of a factor's values, with two standard errors, and its median, which a "
@@ -206,8 +208,11 @@ def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Sect
             muted=True,
         ),
         page.heading("Scatter against effect"),
-        page.chart(panels.scatter_shares(list(told), shares, list(errors.values())), "parts of the variance"),
-        page.bullets(_error_line(results, metric, error) for metric, error in errors.items()),
+        page.chart(
+            panels.scatter_shares(list(told), shares, chances),
+            "parts of the variance",
+        ),
+        page.bullets(_error_line(results, metric) for metric in told) if several else page.text(ALONE),
     ]
     for metric, found in told.items():
         parts.append(page.heading(metric))
@@ -217,20 +222,22 @@ def _effects(results: Results, effects: Mapping[str, list[Effect]]) -> page.Sect
     return page.section("effects", "Effects and interactions", *parts)
 
 
+ALONE = "No two variants are equal runs, so the table does not tell how far they scatter: give the study replicates."
+
+
 def _beyond_chance(effect: Effect) -> float:
     """Part of the variance between an effect's groups, less what as many groups have by chance (Ezekiel 1930)."""
     rows, groups = int(effect.counts.sum()), len(effect.counts)
     return max(0.0, 1.0 - (1.0 - effect.explained) * (rows - 1) / (rows - groups)) if rows > groups else 0.0
 
 
-def _error_line(results: Results, metric: str, error: PureError | None) -> str:
-    if error is None:
-        return f"{metric}: no two variants are equal runs, so the table does not tell how far they scatter."
-    return (
-        f"{metric}: {100.0 * error.share:.2g} % of its variance is scatter between equal runs "
-        f"(standard deviation {quantity(error.deviation, results.unit(metric))}, by {error.source}, "
-        f"{error.freedom} degrees of freedom)."
-    )
+def _error_line(results: Results, metric: str) -> str:
+    try:
+        error = pure_error(results, metric)
+    except StudyError as refused:
+        return str(refused)
+    scatter = quantity(error.deviation, results.unit(metric))
+    return f"{error}; one run has a standard deviation of {scatter} ({error.freedom} degrees of freedom)."
 
 
 def _correlation(results: Results, first: tuple[str, ...], most: int = 40) -> page.Section | None:

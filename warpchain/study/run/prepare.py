@@ -37,29 +37,17 @@ def prepare(
     source: str | os.PathLike[str], out: str | os.PathLike[str], parts: int, workers: int | None, memory: int
 ) -> Folder:
     """Reads and checks a study, and makes or opens its folder; see `run_study`."""
-    study, drive, design = designed(source)
+    study, drive, design = read_study(source)
     runs = design.num_rows * study.design.copies
     size = study.run.shard or shard_size(study, drive, runs, parts, workers or available_cores(), memory)
     return make_folder(Path(out), study, drive, design, size)
 
 
-def designed(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
+def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
     """A study, its base drive and its rows, checked.
 
     Raises:
         StudyError: one line for each error.
-    """
-    study, drive = read_study(source)
-    design = make_design(study, Path(source))
-    check_names(study, drive, design.num_rows, source)
-    return study, drive, design
-
-
-def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive]:
-    """Reads a study and its base drive, and holds one against the other.
-
-    Raises:
-        StudyError: an error of either file; one line each.
     """
     study = load_study(source)
     word = study.study.drive
@@ -71,7 +59,9 @@ def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive]:
     check_drive(study, drive, str(source))
     if study.fatigue is not None:
         rainflow_counter()  # refused now, not when all variants have run
-    return study, drive
+    design = make_design(study, Path(source))
+    check_names(study, drive, design.num_rows, source)
+    return study, drive, design
 
 
 def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:

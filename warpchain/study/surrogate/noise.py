@@ -1,75 +1,51 @@
-"""Scatter between runs that are equal but for chance, as far as a study's table tells it.
+"""How far a row's metric scatters by chance, as far as a study's table tells it.
 
-Either a metric has a column of its standard error, `METRIC_se`, of each row; or rows of the design repeat, and the
-variance within them, pooled, is that of a single run (the pure error of Box and Draper 1987, 3.4):
-
-    s^2 = sum_g sum_i (y_gi - mean_g)^2 / sum_g (n_g - 1).                                                  (a)
+Either a metric has a column of its standard error, `METRIC_se`, of each row, between equal runs or from the batches of
+one run's window; or rows of equal factors stand several times (`study.analysis.pure_error`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
+from warpchain.errors import StudyError
+from warpchain.results.replicates import ERROR
+from warpchain.study.analysis.pure_error import pure_error
 from warpchain.study.results import Array, Results
-
-ERROR = "{}_se"
-"""Name of the column of a metric's standard error."""
-
-
-@dataclass(frozen=True)
-class PureError:
-    """How much a row's metric scatters by chance.
-
-    Attributes:
-        deviation: standard deviation of a row's value, in the metric's unit.
-        share: part of the variance of all rows that this is [-].
-        freedom: degrees of freedom that it stands on.
-        source: where it comes from, in words.
-    """
-
-    deviation: float
-    share: float
-    freedom: int
-    source: str
 
 
 def standard_errors(results: Results, metric: str) -> Array | None:
     """Standard error of each row's value of a metric (R,), NaN where none is told; None without such a column."""
-    name = ERROR.format(metric)
+    name = metric + ERROR
     return results.values(name) if name in results.table.column_names and results.numeric(name) else None
 
 
-def _groups(results: Results, rows: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Number of the combination of factors that each chosen row has."""
-    group = np.zeros(int(rows.sum()), dtype=np.intp)
+def repeats(results: Results) -> bool:
+    """Whether rows are means of several runs, or some rows have equal factors."""
+    if results.replicated:
+        return True
+    group = np.zeros(len(results.status), dtype=np.intp)
     for name in results.factors:
         column = results.values(name) if results.numeric(name) else np.array(results.labels(name))
-        values, place = np.unique(column[rows], return_inverse=True)
-        _, group = np.unique(group * len(values) + place, return_inverse=True)
-    return group
+        values, place = np.unique(column, return_inverse=True)
+        held, group = np.unique(group * len(values) + place, return_inverse=True)
+        if len(held) == len(group):
+            return False
+    return True
 
 
-def pure_error(results: Results, metric: str) -> PureError | None:
-    """Scatter of a metric between equal runs; None where the table tells nothing of it."""
-    rows = results.rows_for(metric)
-    y = results.values(metric)[rows]
-    if len(y) < 2:
+def scatter_share(results: Results, metric: str) -> float | None:
+    """Part of the variance of the rows' values that is scatter between equal runs; None where nothing tells.
+
+    Of a mean of n runs this is the n-th part of the variance of one run.
+    """
+    if not repeats(results):
         return None
-    spread = float(y.var(ddof=1))
-    errors = standard_errors(results, metric)
-    if errors is not None and np.isfinite(errors[rows]).any():
-        known = errors[rows][np.isfinite(errors[rows])]
-        variance, freedom, source = float(np.mean(known**2)), len(known), "standard errors of the rows"
-    else:
-        group = _groups(results, rows)
-        counts = np.bincount(group)
-        freedom = int((counts - 1).sum())
-        if not freedom:
-            return None
-        means = np.bincount(group, y) / counts
-        variance, source = float(((y - means[group]) ** 2).sum()) / freedom, "rows that repeat"
-    share = min(1.0, variance / spread) if spread > 0.0 else 0.0
-    return PureError(float(np.sqrt(variance)), share, freedom, source)
+    try:
+        error = pure_error(results, metric)
+    except StudyError:
+        return None
+    rows = results.rows_for(metric)
+    spread = float(results.values(metric)[rows].var(ddof=1))
+    chance = error.deviation**2 * float(np.mean(1.0 / results.counts[rows]))
+    return min(1.0, chance / spread) if spread > 0.0 else 0.0
