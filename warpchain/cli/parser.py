@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.cli import commands as do
-from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number, whole_number
+from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number, number_or_auto, whole_number
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.study import add_commands
 from warpchain.cli.study_report import add_report_commands
@@ -121,7 +121,9 @@ def _run(commands: Any) -> None:
     )
     parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
     parser.add_argument("--duration", type=number, metavar="SECONDS", help="simulated time; default the drive's own")
-    parser.add_argument("--step", type=number, metavar="SECONDS", help="time step; default the drive's own")
+    parser.add_argument(
+        "--step", type=number_or_auto, metavar="SECONDS", help='time step, or "auto"; default the drive\'s own'
+    )
     parser.add_argument("--rate", type=number, metavar="HZ", help="samples a second; default the drive's own")
     parser.add_argument(
         "--channels",

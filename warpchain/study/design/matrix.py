@@ -10,6 +10,7 @@ Hadamard matrix.
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import warnings
 from collections.abc import Iterable
@@ -21,7 +22,9 @@ import numpy as np
 from warpchain.errors import StudyError
 from warpchain.study.design import values as values_of
 from warpchain.study.design.values import Array, Dimension, dimensions, tied
+from warpchain.study.results import DISTRIBUTION
 from warpchain.study.spec import Study
+from warpchain.study.spec.factor import Factor
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -191,19 +194,29 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
     return columns
 
 
+def distribution(factor: Factor) -> dict[str, str]:
+    """What a column's metadata says of a factor's distribution; nothing of ranges and levels, which are as they ran."""
+    if factor.distribution in (None, "uniform"):
+        return {}
+    keys = ("distribution", "range", "mean", "std", "integer")
+    given = factor.model_dump(include=set(keys), exclude_none=True, exclude_defaults=True)
+    return {DISTRIBUTION: json.dumps(given, sort_keys=True)}
+
+
 def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
     import pyarrow as pa
 
     fields: list[pa.Field] = [pa.field("variant", pa.int64())]
     arrays: list[pa.Array] = [pa.array(range(len(reasons)), pa.int64())]
     for factor in study.factors:
-        column = columns[factor.name]
+        column = factor.column(columns[factor.name])
         try:
             arrays.append(pa.array(column, _kind(column)))
         except (TypeError, OverflowError, pa.ArrowException) as error:
             line = str(error).splitlines()[0]
             raise StudyError(f"factors.{factor.name}: its values make no column ({line})") from None
-        fields.append(pa.field(factor.name, arrays[-1].type, metadata={"role": "factor", "unit": factor.unit or ""}))
+        facts = {"role": "hidden" if factor.hidden else "factor", "unit": factor.unit or "", **distribution(factor)}
+        fields.append(pa.field(factor.name, arrays[-1].type, metadata=facts))
     statuses = ["planned" if reason is None else "infeasible" for reason in reasons]
     arrays += [pa.array(statuses, pa.string()), pa.array(reasons, pa.string())]
     fields += [pa.field("status", pa.string()), pa.field("reason", pa.string())]
