@@ -115,13 +115,17 @@ def table_path(source: Path) -> Path:
     """The table that a study's folder holds, or the file itself.
 
     Raises:
-        StudyError: a folder without a table.
+        StudyError: a folder without a table. An unfinished study's is made of what is done (`partial.parquet`).
     """
     if not source.is_dir():
         return source
     for name in TABLES:
         if (source / name).is_file():
             return source / name
+    if (source / "plan.json").is_file():
+        from warpchain.study.run.merge import partial_table
+
+        return partial_table(source)
     raise StudyError(f"{source}: holds no {TABLES[0]} yet; make it with: warpchain study merge {source}")
 
 

@@ -24,12 +24,15 @@ from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.recordings import with_recorded_objectives
 from warpchain.study.run.shards import run_worst
 from warpchain.study.spec import Study
+from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 LATEST = 20
 """Shards that the rate of a study is taken from."""
+PARTIAL = "partial.parquet"
+"""The table of an unfinished study, as far as it is."""
 REPLICATES = "replicates.parquet"
 """The table of all runs, of a study that runs rows several times."""
 REASONS = 3
@@ -108,6 +111,9 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
 def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]) -> Outcome:
     """The second pass, and the whole table; what processes have left behind that have ended is swept away."""
     table = _joined(folder)
+    for name, identity in folder.worst_before:
+        if folder.done(name):
+            table = _with_archives(table, read_table(folder.table_path(name), study=identity))
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
         if not folder.done(folder.worst):
@@ -149,6 +155,24 @@ def _joined(folder: Folder, shards: Sequence[int] | None = None) -> pa.Table:
     return table
 
 
+def partial_table(out: str | os.PathLike[str]) -> Path:
+    """Writes `partial.parquet`, the table of the shards that are done; returns its path.
+
+    Of a row that is run several times, it has the mean of the copies that are done.
+
+    Raises:
+        StudyError: no such folder, or none of its shards is done.
+    """
+    folder = open_folder(Path(out))
+    done = [shard for shard in folder.shards if folder.done(shard)]
+    if not done:
+        raise StudyError(f"{folder.path}: no shard is done yet; run it with: warpchain study run")
+    table = _joined(folder, done)
+    path = folder.path / PARTIAL
+    folder.write(path, summarized(table) if folder.copies > 1 else table)
+    return path
+
+
 def summarized(table: pa.Table) -> pa.Table:
     """A row for each variant of a table with a row for each of its copies."""
     first = [field.name for field in table.schema if (field.metadata or {}).get(b"role") != b"metric"]
@@ -187,6 +211,8 @@ def _with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
     import pyarrow as pa
 
     keys = ["variant", COPY] if COPY in table.column_names else ["variant"]
+    if keys[1:] and COPY not in second.column_names:
+        second = second.append_column(COPY, pa.array(np.zeros(second.num_rows, dtype=np.int64)))
     place_of = {key: i for i, key in enumerate(zip(*(table[key].to_pylist() for key in keys), strict=True))}
     for name in ARCHIVED:
         values = table[name].to_pylist()

@@ -15,7 +15,8 @@ from warpchain.errors import DriveError, StudyError
 from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
 from warpchain.study.results import some_of
-from warpchain.study.run.folder import Folder, make_folder
+from warpchain.study.run.folder import Folder, differences, make_folder, open_folder
+from warpchain.study.run.grow import growable, grown
 from warpchain.study.spec import Study, check_drive, load_study
 
 if TYPE_CHECKING:
@@ -32,12 +33,23 @@ ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
 
 
 def prepare(
-    source: str | os.PathLike[str], out: str | os.PathLike[str], parts: int, workers: int | None, memory: int
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    parts: int,
+    workers: int | None,
+    memory: int,
+    grow: bool = False,
 ) -> Folder:
     """Reads and checks a study, and makes or opens its folder; see `run_study`."""
     study, drive, design = read_study(source)
     runs = design.num_rows * study.design.copies
     size = study.run.shard or shard_size(study, drive, runs, parts, workers or available_cores(), memory)
+    if not grow or not (Path(out) / "plan.json").exists():
+        return make_folder(Path(out), study, drive, design, size)
+    folder = open_folder(Path(out))
+    fixed = study.model_copy(update={"study": folder.study.study.model_copy(update={"name": study.study.name})})
+    if folder.drive == drive and differences(folder.study, fixed) and growable(folder.study, fixed):
+        return grown(folder, study, Path(source), size)
     return make_folder(Path(out), study, drive, design, size)
 
 

@@ -37,6 +37,7 @@ def run_study(
     workers: int | None = None,
     memory: int = MEMORY,
     progress: bool | Report = False,
+    grow: bool = False,
 ) -> Outcome:
     """Runs a study, or what is left of it.
 
@@ -50,6 +51,8 @@ def run_study(
             rows / parts rows, rounded up (10 rows in 6 parts make 5 shards of 2).
         workers: CPU threads of a shard; None takes all cores.
         memory: budget of a shard [bytes].
+        grow: let a folder grow that holds the same study with fewer points of its design, fewer replicates, or another
+            duration or window (`study.run.grow`).
         progress: True shows a bar; a function is called with (variants done, all variants).
 
     Returns:
@@ -62,7 +65,7 @@ def run_study(
     """
     if part is not None and not 0 <= part[0] < part[1]:
         raise StudyError(f"--shard {part[0]}/{part[1]}: must be i/n with 0 <= i < n")
-    folder = prepare(source, out, max(parts, part[1] if part else 1), workers, memory)
+    folder = prepare(source, out, max(parts, part[1] if part else 1), workers, memory, grow)
     options = {"workers": workers, "memory": memory}
     mine = [shard for shard in folder.shards if part is None or shard % part[1] == part[0]]
     with _bar(progress, folder, mine) as report:
