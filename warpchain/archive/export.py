@@ -1,4 +1,4 @@
-"""A recorded variant as a compressed numpy file."""
+"""A recorded variant as a compressed numpy file, and an archive's metrics as a table."""
 
 from __future__ import annotations
 
@@ -9,6 +9,30 @@ import numpy as np
 
 from warpchain.errors import ArchiveError
 from warpchain.files import refusals, whole_file
+
+
+def export_metrics(archive: str | Path, output: str | Path) -> Path:
+    """Writes an archive's table of metrics, a row a variant, as CSV or Parquet by the file's ending.
+
+    Raises:
+        ArchiveError: an archive that cannot be read, another ending, or a file that cannot be written.
+    """
+    from warpchain.archive.write import read_archive
+
+    path = Path(output)
+    if path.suffix not in (".csv", ".parquet"):
+        raise ArchiveError(f"{path}: metrics are written as .csv or .parquet")
+    table = read_archive(archive).metrics
+    with refusals(path, ArchiveError), whole_file(path) as file:
+        if path.suffix == ".csv":
+            from pyarrow import csv
+
+            csv.write_csv(table, file)
+        else:
+            from pyarrow import parquet
+
+            parquet.write_table(table, file)
+    return path
 
 
 def export_npz(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:
@@ -28,6 +52,8 @@ def export_npz(archive: str | Path, output: str | Path, variant: int | None = No
     """
     from warpchain.archive.write import read_archive
 
+    if Path(output).suffix != ".npz":
+        raise ArchiveError(f"{output}: trajectories are written as .npz; metrics as .csv or .parquet, with --metrics")
     run = read_archive(archive)
     recorded = list(run)
     if not recorded:

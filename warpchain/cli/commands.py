@@ -210,8 +210,11 @@ def plot(arguments: argparse.Namespace) -> int:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    from warpchain.archive.export import export_npz
+    from warpchain.archive.export import export_metrics, export_npz
 
+    if arguments.metrics:
+        print(export_metrics(arguments.archive, arguments.output))
+        return DONE
     print(export_npz(arguments.archive, arguments.output, variant=arguments.variant))
     return DONE
 

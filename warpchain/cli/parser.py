@@ -194,11 +194,19 @@ def _export(commands: Any) -> None:
         commands,
         "export",
         do.export,
-        "write an archive's trajectories as numpy arrays",
+        "write an archive's trajectories as numpy arrays, or its metrics as a table",
         "warpchain export marine.mcap -o marine.npz",
     )
     parser.add_argument("archive", metavar="OUT.mcap", type=Path)
-    parser.add_argument("-o", "--output", metavar="OUT.npz", type=Path, required=True, help="file to write")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        type=Path,
+        required=True,
+        help="file to write: .npz, or .csv or .parquet with --metrics",
+    )
+    parser.add_argument("--metrics", action="store_true", help="the table of metrics instead, a row a variant")
     parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
 
 

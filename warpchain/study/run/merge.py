@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.engine.progress import bar as bar_of
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
@@ -108,8 +109,8 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
     return finish(folder, None, {"workers": workers, "memory": memory})
 
 
-def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]) -> Outcome:
-    """The second pass, and the whole table; what processes have left behind that have ended is swept away."""
+def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any], progress: bool = False) -> Outcome:
+    """The second pass, with a bar of its own, and the whole table; what ended processes have left is swept away."""
     table = _joined(folder)
     for name, identity in folder.worst_before:
         if folder.done(name):
@@ -118,7 +119,7 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
         chosen = worst_variants(folder.study, table)
         if not folder.done(folder.worst):
             if executor is None:
-                run_worst(folder.path, chosen, options)
+                _run_worst_here(folder, chosen, options, progress)
             else:
                 with workers_named(folder):
                     executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
@@ -133,6 +134,18 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
     folder.write(folder.results, table)
     sweep(leftovers(folder.path))
     return study_status(folder.path)
+
+
+def _run_worst_here(
+    folder: Folder, chosen: Sequence[tuple[int, int]], options: Mapping[str, Any], progress: bool
+) -> None:
+    """The second pass in this process."""
+    if not (progress and chosen):
+        run_worst(folder.path, chosen, options)
+        return
+    text = "{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.0f} [{elapsed}<{remaining}]"
+    with bar_of(float(len(chosen)), "recording the worst", " variants", bar_format=text) as bar:
+        run_worst(folder.path, chosen, options, lambda part: bar.update(max(0.0, part * len(chosen) - bar.n)))
 
 
 def _joined(folder: Folder, shards: Sequence[int] | None = None) -> pa.Table:

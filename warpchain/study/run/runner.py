@@ -12,6 +12,7 @@ from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
 from typing import Any
 
+from warpchain.engine.progress import bar as bar_of
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.study.run.folder import Folder
@@ -76,7 +77,7 @@ def run_study(
             _run_there(folder, left, executor, options, report)
     if part is not None:
         return study_status(out)
-    return finish(folder, executor, options)
+    return finish(folder, executor, options, progress is True)
 
 
 def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: Advance) -> None:
@@ -130,9 +131,7 @@ def _bar(progress: bool | Report, folder: Folder, shards: Sequence[int]) -> Iter
     elif not progress:
         yield lambda more: None
     else:
-        from tqdm import tqdm
-
         text = "{desc}: {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} [{elapsed}<{remaining}, {rate_fmt}]"
         name = folder.study.study.name or "study"
-        with tqdm(total=total, initial=done, desc=name, unit=" variants", bar_format=text, dynamic_ncols=True) as bar:
+        with bar_of(total, name, " variants", done, bar_format=text) as bar:
             yield bar.update
