@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, load_drive
@@ -66,9 +66,10 @@ def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
     try:
         study, wrong = load_study(source), ""
     except StudyError as error:
-        study, wrong = _what_stands(source), str(error)
-        if study is None:
+        standing, wrong = _what_stands(source), str(error)
+        if standing is None:
             raise
+        study = standing
     word = study.study.drive
     beside = Path(source).parent / word
     try:
@@ -116,7 +117,7 @@ def _what_stands(source: str | os.PathLike[str]) -> Study | None:
     if subject is None:
         return None
     factors = [valid(Factor, factor) for factor in elements(values, "factors")]
-    held = {
+    held: dict[str, Any] = {
         "run": valid(RunOptions, values.get("run")) or RunOptions(),
         "metrics": valid(Keep, values.get("metrics")) or Keep(),
         "record": valid(Recording, values.get("record")) or Recording(),
