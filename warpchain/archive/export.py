@@ -52,7 +52,7 @@ def export_npz(archive: str | Path, output: str | Path, variant: int | None = No
     """
     from warpchain.archive.write import read_archive
 
-    if Path(output).suffix != ".npz":
+    if Path(output).suffix not in ("", ".npz"):
         raise ArchiveError(f"{output}: trajectories are written as .npz; metrics as .csv or .parquet, with --metrics")
     run = read_archive(archive)
     recorded = list(run)
