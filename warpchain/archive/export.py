@@ -1,4 +1,4 @@
-"""A recorded variant as a file for other programs: numpy, CSV, Parquet, HDF5, MATLAB."""
+"""A recorded variant as a file for other programs: numpy, CSV, Parquet, HDF5, MATLAB; its metrics as a table."""
 
 from __future__ import annotations
 
@@ -18,6 +18,30 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from warpchain.results.run import Trajectory
+
+
+def export_metrics(archive: str | Path, output: str | Path) -> Path:
+    """Writes an archive's table of metrics, a row a variant, as CSV or Parquet by the file's ending.
+
+    Raises:
+        ArchiveError: an archive that cannot be read, another ending, or a file that cannot be written.
+    """
+    from warpchain.archive.write import read_archive
+
+    path = Path(output)
+    if path.suffix not in (".csv", ".parquet"):
+        raise ArchiveError(f"{path}: metrics are written as .csv or .parquet")
+    table = read_archive(archive).metrics
+    with refusals(path, ArchiveError), whole_file(path) as file:
+        if path.suffix == ".csv":
+            from pyarrow import csv
+
+            csv.write_csv(table, file)
+        else:
+            from pyarrow import parquet
+
+            parquet.write_table(table, file)
+    return path
 
 
 def export(archive: str | Path, output: str | Path, variant: int | None = None) -> Path:

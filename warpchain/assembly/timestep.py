@@ -144,14 +144,16 @@ def automatic_step(drive: Drive) -> float:
     return min(0.5 * AUTOMATIC * step_limit(drive, damped_links=False), DAMPED * step_limit(drive))
 
 
-def resolve_step(drive: Drive, step: float | None = None) -> float:
-    """The step to take [s]: `step`, or else the drive's own.
+def resolve_step(drive: Drive, step: float | str | None = None) -> float:
+    """The step to take [s]: `step`, or else the drive's own; "auto" is the automatic one.
 
     Raises:
         DriveError: a step that is not positive or not below the limit; the message states the limit.
     """
     asked = drive.run.step if step is None else step
     if isinstance(asked, str):
+        if asked != "auto":
+            raise DriveError(f'run.step = "{asked}": must be a positive number or "auto"')
         found = automatic_step(drive)
         if not found > 0.0:
             raise DriveError(f'run.step = "{asked}": no step is so small; look at stiffness, damping and mass')

@@ -35,6 +35,11 @@ def number(word: str) -> float:
         raise argparse.ArgumentTypeError(f"{word!r} is not a number") from None
 
 
+def number_or_auto(word: str) -> float | str:
+    """Any number, or the word "auto"."""
+    return word if word == "auto" else number(word)
+
+
 def gibibytes(word: str) -> int:
     """A memory budget in GiB as a number of bytes."""
     gib = number(word)

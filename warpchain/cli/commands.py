@@ -247,8 +247,11 @@ def report(arguments: argparse.Namespace) -> int:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    from warpchain.archive.export import export
+    from warpchain.archive.export import export, export_metrics
 
+    if arguments.metrics:
+        print(export_metrics(arguments.archive, arguments.output))
+        return DONE
     print(export(arguments.archive, arguments.output, variant=arguments.variant))
     return DONE
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,12 +43,12 @@ def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
 def _campbell(drive: Drive, speeds: list[float], points: int, count: int) -> Campbell:
     """A Campbell diagram, with a bar while it is made."""
     import numpy as np
-    from tqdm import tqdm
 
+    from warpchain.engine.progress import bar as bar_of
     from warpchain.modal.campbell import campbell
 
     between = np.linspace(speeds[0], speeds[1], max(points, 2)).tolist()
-    with tqdm(total=len(between), desc="modes", unit="speed", file=sys.stderr, dynamic_ncols=True) as bar:
+    with bar_of(len(between), "modes", "speed") as bar:
         return campbell(drive, between, count, lambda done, _: bar.update(done - bar.n))
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from warpchain.cli import commands as do
-from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number, whole_number
+from warpchain.cli.arguments import add_command, gibibytes, mebibytes, number, number_or_auto, whole_number
 from warpchain.cli.commands import DONE, UNFINISHED, WRONG
 from warpchain.cli.optimize import add_optimize
 from warpchain.cli.study import add_commands
@@ -163,7 +163,9 @@ def _run(commands: Any) -> None:
     )
     parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
     parser.add_argument("--duration", type=number, metavar="SECONDS", help="simulated time; default the drive's own")
-    parser.add_argument("--step", type=number, metavar="SECONDS", help="time step; default the drive's own")
+    parser.add_argument(
+        "--step", type=number_or_auto, metavar="SECONDS", help='time step, or "auto"; default the drive\'s own'
+    )
     parser.add_argument("--rate", type=number, metavar="HZ", help="samples a second; default the drive's own")
     parser.add_argument(
         "--channels",
@@ -265,13 +267,14 @@ def _export(commands: Any) -> None:
         commands,
         "export",
         do.export,
-        "write an archive's trajectory for other programs: .npz, .csv, .parquet, .h5, .mat",
+        "write an archive's trajectory for other programs (.npz, .csv, .parquet, .h5, .mat), or its metrics",
         "warpchain export marine.mcap -o marine.csv",
     )
     parser.add_argument("archive", metavar="OUT.mcap", type=Path)
     parser.add_argument(
         "-o", "--output", metavar="OUT.csv", type=Path, required=True, help="file to write; its ending says how"
     )
+    parser.add_argument("--metrics", action="store_true", help="the metrics instead, a row a variant (.csv, .parquet)")
     parser.add_argument("--variant", type=int, metavar="I", help="which variant; default the first recorded")
 
 

@@ -24,6 +24,11 @@ def add_commands(commands: Any) -> None:
     run.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="the study's folder")
     run.add_argument("--shard", metavar="I/N", type=part, help="only every N-th shard from the I-th, I from 0")
     run.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786")
+    run.add_argument(
+        "--grow",
+        action="store_true",
+        help="add to a folder of the same study more points, replicates or another window",
+    )
     run.add_argument("--quiet", action="store_true", help="no progress bar")
     run.set_defaults(study_run=_run)
 
@@ -87,6 +92,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 workers=arguments.workers,
                 memory=arguments.memory,
                 progress=not arguments.quiet,
+                grow=arguments.grow,
             )
     except KeyboardInterrupt:
         print("warpchain: interrupted; the shards that are done are kept: run again to go on", file=sys.stderr)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.cli.arguments import add_command, woehler_curve
-from warpchain.errors import StudyError
+from warpchain.errors import StudyError, WarpchainError
 from warpchain.files import read_text
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def view(arguments: argparse.Namespace) -> int:
     path, results = _read(arguments)
     asked = arguments.variant is not None
     recorded = (
-        recorded_variants(results, path.parent, arguments.variant)
+        recorded_variants(results, path.parent, arguments.variant, worst_of(path.parent))
         if asked or "archive" in results.table.column_names
         else None
     )
@@ -133,14 +133,28 @@ def table_path(source: Path) -> Path:
     """The table that a study's folder holds, or the file itself.
 
     Raises:
-        StudyError: a folder without a table.
+        StudyError: a folder without a table. An unfinished study's is made of what is done (`partial.parquet`).
     """
     if not source.is_dir():
         return source
     for name in TABLES:
         if (source / name).is_file():
             return source / name
+    if (source / "plan.json").is_file():
+        from warpchain.study.run.merge import partial_table
+
+        return partial_table(source)
     raise StudyError(f"{source}: holds no {TABLES[0]} yet; make it with: warpchain study merge {source}")
+
+
+def worst_of(folder: Path) -> Any:
+    """What a study's folder calls the worst variants; None where it does not say."""
+    from warpchain.study.run.folder import open_folder
+
+    try:
+        return open_folder(folder).study.record.worst
+    except WarpchainError:
+        return None
 
 
 def about(folder: Path) -> dict[str, str]:

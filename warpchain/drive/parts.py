@@ -277,8 +277,10 @@ class Chain(Part):
     @classmethod
     def _completed(cls, values: Any) -> Any:
         size = get(values, "size")
-        if not isinstance(values, Mapping) or not isinstance(size, str) or size not in CHAINS:
+        if not isinstance(values, Mapping) or not isinstance(size, str):
             return values
+        if size not in CHAINS:  # which its own rule says; the stiffness that asks for its estimate is right
+            return dict(values) | {"stiffness": 1.0} if values.get("stiffness") == ESTIMATE else values
         chain = CHAINS[size]
         filled = {"pitch": chain.pitch, "roller_radius": chain.roller_radius}
         if values.get("roller_mass") is None:

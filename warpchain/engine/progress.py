@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +13,57 @@ from typing import Any
 
 Report = Callable[[str, float, float], None]
 """Called with (phase, done, total)."""
+
+
+class Lines:
+    """A bar for what is no terminal, such as a job's log: a line every `EVERY` seconds, and none of quick work.
+
+    Attributes:
+        n: how much is done.
+    """
+
+    def __init__(self, total: float, name: str, unit: str, initial: float = 0.0) -> None:
+        self.total, self.name, self.unit, self.n, self.initial = total, name, unit.strip(), initial, initial
+        self.begun = self.told = time.monotonic()
+
+    def update(self, more: float) -> None:
+        """Notes that more is done."""
+        self.n += more
+        now = time.monotonic()
+        if now - self.told >= EVERY:
+            self.told = now
+            gone, done = now - self.begun, self.n - self.initial
+            left = f"{_clock(gone * (self.total - self.n) / done)} left" if done > 0.0 else "time left unknown"
+            share = 100.0 * self.n / self.total if self.total else 100.0
+            line = f"{self.name}: {share:.0f} % of {self.total:.4g} {self.unit}, {_clock(gone)} gone, {left}"
+            print(line, file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Ends it."""
+
+    def __enter__(self) -> Lines:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+EVERY = 10.0
+"""Seconds between lines of progress."""
+
+
+def _clock(seconds: float) -> str:
+    whole = max(0, round(seconds))
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def bar(total: float, name: str, unit: str, initial: float = 0.0, **settings: Any) -> Any:
+    """A bar on standard error, with `update`, `n` and `close`; lines where that is no terminal."""
+    if not sys.stderr.isatty():
+        return Lines(total, name, unit, initial)
+    from tqdm import tqdm
+
+    return tqdm(total=total, initial=initial, desc=name, unit=unit, dynamic_ncols=True, **settings)
 
 
 @contextmanager
@@ -22,15 +75,13 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
     if not progress:
         yield lambda phase, done, total: None
         return
-    from tqdm import tqdm
-
     bars: dict[str, Any] = {}
 
     def report(phase: str, done: float, total: float) -> None:
         if phase not in bars:
             for bar in bars.values():
                 bar.close()
-            bars[phase] = tqdm(total=total, desc=phase, unit="roller-step", unit_scale=True, dynamic_ncols=True)
+            bars[phase] = bar(total, phase, "roller-step", unit_scale=True)
         bars[phase].update(done - bars[phase].n)
 
     try:

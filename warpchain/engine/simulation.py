@@ -48,7 +48,7 @@ def simulate(
     device: str | None = None,
     precision: str = "float64",
     duration: float | None = None,
-    step: float | None = None,
+    step: float | str | None = None,
     record: Record | None = None,
     window: tuple[float, float] | None = None,
     progress: bool | Report = False,
@@ -71,7 +71,7 @@ def simulate(
         device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for the best there is.
         precision: "float64" or "float32".
         duration: simulated time [s]; None takes each drive's own.
-        step: time step [s]; None takes each drive's own.
+        step: time step [s], or "auto"; None takes each drive's own.
         record: which trajectories to keep; None keeps all, at each drive's own sample rate.
         window: (start, end) of the time over which metrics are taken [s]; None is the second half of the run.
         progress: True shows a bar; a function is called with (phase, done, total) in roller-steps.
@@ -157,7 +157,7 @@ def available_cores() -> int:
 def schedules_of(
     drives: Sequence[Drive],
     duration: float | None,
-    step: float | None,
+    step: float | str | None,
     record: Record,
     window: tuple[float, float] | None,
 ) -> list[Schedule]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 Array = NDArray[np.float64]
+DISTRIBUTION = "distribution"
+"""Key of a factor's distribution in its field's metadata: the keys of the study file, as JSON."""
 STATUSES = (*JUDGED, "infeasible")
 """What a row can be: a variant as it is judged, or a row that gives none."""
 SHOWN = 6
@@ -140,6 +143,11 @@ class Results:
         noted = (self.table.schema.field(name).metadata or {}).get(b"unit")
         unit = noted.decode() if noted else unit_of(name) if name in self.metrics else ""
         return "" if unit == "1" else unit
+
+    def distribution(self, factor: str) -> dict[str, Any] | None:
+        """The keys of a study file that say how a factor is distributed; None where the table does not tell."""
+        noted = (self.table.schema.field(factor).metadata or {}).get(DISTRIBUTION.encode())
+        return None if noted is None else dict(json.loads(noted))
 
     def rows_for(self, metric: str, factors: Iterable[str] = ()) -> NDArray[np.bool_]:
         """Rows that are ok and have a finite value of a metric, and of numeric factors (R,)."""

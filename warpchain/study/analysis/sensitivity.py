@@ -2,33 +2,45 @@
 
 Two ways lead to them. A Saltelli design (`saltelli_table`, run as a study whose design is a table) gives them without a
 model, by SALib's estimators (Saltelli et al. 2010). Any other design gives those of its response surface, exactly: with
-uniform factors on -1 .. 1, var x = 1/3, var x^2 = 4/45, var x_i x_j = 1/9, and all terms are uncorrelated, so that
+independent factors of any distribution, m_i the mean of x_i and v_i its variance, each factor alone does
 
-    V = sum_i (b_i^2 / 3 + 4 b_ii^2 / 45) + sum_{i<j} b_ij^2 / 9,
-    S_i = (b_i^2 / 3 + 4 b_ii^2 / 45) / V,        T_i = S_i + sum_j b_ij^2 / (9 V).                          (a)
+    V_i = var[c_i x_i + b_ii x_i^2],   c_i = b_i + sum_j b_ij m_j,   and two together   V_ij = b_ij^2 v_i v_j,     (a)
+
+which add up to V: S_i = V_i / V, T_i = S_i + sum_j V_ij / V. Uniform on -1 .. 1, V_i = b_i^2 / 3 + 4 b_ii^2 / 45 and
+V_ij = b_ij^2 / 9. Distributions are the study's own where its table tells them, else uniform over what was run. Errors
+follow from those of the surface's coefficients, by draws.
 
 SALib's problem dictionary is made from a study's factors or results and taken to make factors and designs.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.study.analysis.surface import TRUSTED, Surface, fit_surface
+from warpchain.study.design.nodes import nodes
+from warpchain.study.design.values import log_moments
 from warpchain.study.results import Array, Results
+from warpchain.study.spec.factor import Factor
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 Problem = dict[str, Any]
 
-DISTRIBUTIONS = {"uniform": "unif", "log-uniform": "logunif", "normal": "norm", "truncated-normal": "truncnorm"}
+DISTRIBUTIONS = {
+    "uniform": "unif",
+    "log-uniform": "logunif",
+    "normal": "norm",
+    "truncated-normal": "truncnorm",
+    "lognormal": "lognorm",
+}
 """SALib's name of each distribution of a study."""
 
 
@@ -41,7 +53,7 @@ class Indices:
         factors: (A,) names.
         first: (A,) part of the variance by each factor alone.
         total: (A,) the same with all interactions.
-        first_error: (A,) half width of the 95 % confidence interval; zero from a surface.
+        first_error: (A,) half width of the 95 % confidence interval.
         total_error: (A,)
         rows: number of variants that they stand on.
         dropped: variants left out because one of their block did not end well; zero from a surface.
@@ -88,7 +100,10 @@ def problem_of_factors(factors: Iterable[Any]) -> Problem:
         names.append(factor.name)
         dists.append(DISTRIBUTIONS[kind])
         ends = list(factor.range or ())
-        bounds.append(ends if kind in ("uniform", "log-uniform") else [*ends, factor.mean, factor.std])
+        if kind == "lognormal":
+            bounds.append(list(log_moments(factor)))  # SALib's are those of the logarithm
+        else:
+            bounds.append(ends if kind in ("uniform", "log-uniform") else [*ends, factor.mean, factor.std])
     return {"num_vars": len(names), "names": names, "bounds": bounds, "dists": dists}
 
 
@@ -109,7 +124,11 @@ def factors_of_problem(problem: Mapping[str, Any], paths: Mapping[str, str] | No
         if dist not in words:
             raise StudyError(f"problem: dists: {dist!r} of {name!r}: allowed are {', '.join(words)}")
         table: dict[str, Any] = {"name": name, "path": (paths or {}).get(name, name), "distribution": words[dist]}
-        if dist != "norm":
+        if dist == "lognorm":
+            center, width = (float(value) for value in bounds)
+            table["mean"] = math.exp(center + 0.5 * width**2)
+            table["std"] = table["mean"] * math.sqrt(math.expm1(width**2))
+        elif dist != "norm":
             table["range"] = [float(value) for value in bounds[:2]]
         if dist in ("norm", "truncnorm"):
             table["mean"], table["std"] = (float(value) for value in bounds[-2:])
@@ -200,10 +219,15 @@ def best_indices(results: Results, metric: str) -> tuple[Indices, str]:
             f"Sobol' indices of {metric!r}: the response surface predicts too badly "
             f"(predicted R\u00b2 = {surface.r2_predicted:.2f}, {TRUSTED} needed); run a Saltelli design"
         )
-    words = (
-        f"of the response surface (predicted R\u00b2 = {surface.r2_predicted:.3f}), factors uniform over their range"
+    told = [factor for factor in surface.factors if results.distribution(factor) is not None]
+    how = f"{', '.join(told)} distributed as in the study, the others" if told else "factors"
+    how = (
+        "factors distributed as in the study"
+        if len(told) == len(surface.factors)
+        else f"{how} uniform over their range"
     )
-    return surface_indices(surface), words
+    words = f"of the response surface (predicted R\u00b2 = {surface.r2_predicted:.3f}), {how}; bars are 95 % intervals"
+    return surface_indices(surface, results), words
 
 
 def sobol_indices(
@@ -250,15 +274,59 @@ def sobol_indices(
     return Indices(metric, names, first, total, first_error, total_error, len(y), dropped)
 
 
-def surface_indices(surface: Surface) -> Indices:
-    """Sobol' indices of a response surface for factors that are uniform and independent over its range, eq. (a)."""
-    powers, squares = surface.powers, surface.coefficients**2
-    order, touched = powers.sum(axis=1), powers > 0
-    alone: NDArray[np.bool_] = touched.sum(axis=1) == 1
-    part = np.where(~alone, squares / 9.0, np.where(order == 1, squares / 3.0, 4.0 * squares / 45.0))
-    part[order == 0] = 0.0
-    variance = float(part.sum()) or 1.0
-    first = (touched & alone[:, None]).T @ part / variance
-    total = touched.T @ part / variance
-    zero = np.zeros(len(first))
-    return Indices(surface.metric, surface.factors, first, total, zero, zero, surface.rows)
+RESAMPLES = 400
+"""Surfaces that the errors of indices are drawn from."""
+
+
+def surface_indices(surface: Surface, results: Results | None = None, seed: int = 0) -> Indices:
+    """Sobol' indices of a response surface for independent factors, eq. (a).
+
+    Args:
+        surface: the surface.
+        results: whose table tells the factors' distributions; None, and factors that it does not tell of, are uniform
+            over the surface's range.
+        seed: of the draws for the errors.
+    """
+    moments = np.array([_moments(surface, a, results) for a in range(len(surface.factors))])
+    first, total = _shares(surface, surface.coefficients[None], moments)
+    errors = np.zeros((2, len(surface.factors)))
+    if surface.covariance is not None and surface.freedom and np.isfinite(surface.covariance).all():
+        random = np.random.default_rng(seed)
+        size, axes = np.linalg.eigh(surface.covariance)
+        drawn = random.standard_normal((RESAMPLES, len(size))) * np.sqrt(np.maximum(size, 0.0)) @ axes.T
+        drawn += surface.coefficients
+        errors = 1.96 * np.std(_shares(surface, drawn, moments), axis=1)
+    return Indices(surface.metric, surface.factors, first[0], total[0], errors[0], errors[1], surface.rows)
+
+
+def _moments(surface: Surface, a: int, results: Results | None) -> tuple[float, float, float, float]:
+    """Mean and variance of x, covariance of x with x^2, variance of x^2, of a scaled factor."""
+    told = results.distribution(surface.factors[a]) if results is not None else None
+    found = nodes(Factor(name="x", **told)) if told is not None else None
+    if found is None:
+        return 0.0, 1.0 / 3.0, 0.0, 4.0 / 45.0
+    values, weight = found
+    x = (2.0 * values - surface.low[a] - surface.high[a]) / (surface.high[a] - surface.low[a])
+    mean, square = float(weight @ x), float(weight @ (x * x))
+    off, wide = x - mean, x * x - square
+    return mean, float(weight @ (off * off)), float(weight @ (off * wide)), float(weight @ (wide * wide))
+
+
+def _shares(surface: Surface, coefficients: Array, moments: Array) -> tuple[Array, Array]:
+    """First and total indices (D, A) of D surfaces that differ in their coefficients (D, T)."""
+    powers, count = surface.powers, len(surface.factors)
+    linear, square = (np.zeros((len(coefficients), count)) for _ in range(2))
+    both = np.zeros((len(coefficients), count, count))
+    for term, power in enumerate(powers):
+        held = np.flatnonzero(power)
+        if len(held) == 2:
+            both[:, held[0], held[1]] = both[:, held[1], held[0]] = coefficients[:, term]
+        elif len(held) == 1:
+            (linear if power[held[0]] == 1 else square)[:, held[0]] = coefficients[:, term]
+    mean, variance, skew, wide = moments.T
+    linear = linear + both @ mean
+    alone = linear**2 * variance + 2.0 * linear * square * skew + square**2 * wide
+    shared = both**2 * (variance[:, None] * variance)
+    whole = alone.sum(axis=1) + 0.5 * shared.sum(axis=(1, 2))
+    whole = np.where(whole > 0.0, whole, 1.0)[:, None]
+    return alone / whole, (alone + shared.sum(axis=2)) / whole

@@ -10,9 +10,10 @@ Hadamard matrix.
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,9 @@ import numpy as np
 from warpchain.errors import StudyError
 from warpchain.study.design import values as values_of
 from warpchain.study.design.values import Array, Dimension, dimensions, tied
+from warpchain.study.results import DISTRIBUTION
 from warpchain.study.spec import Study
+from warpchain.study.spec.factor import Factor
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -30,12 +33,13 @@ MOST_ROWS = 10_000_000
 """More rows than this are surely a mistake."""
 
 
-def make_design(study: Study, source: str | Path) -> pa.Table:
+def make_design(study: Study, source: str | Path, before: Sequence[int] = ()) -> pa.Table:
     """The rows of a study.
 
     Args:
         study: what to vary.
         source: the study file: tables are relative to it, and errors name it.
+        before: of a Latin hypercube that has grown, the numbers of points that it had.
 
     Returns:
         A row a variant: "variant", a column for each factor (its field says role = "factor" and its unit), "status"
@@ -44,7 +48,7 @@ def make_design(study: Study, source: str | Path) -> pa.Table:
     Raises:
         StudyError: too many rows or dimensions, or a table that cannot be used.
     """
-    columns = _columns(study, source)
+    columns = _columns(study, source, before)
     order = tied(study)
     count = len(next(iter(columns.values()), ()))
     reasons: list[str | None] = []
@@ -57,7 +61,7 @@ def make_design(study: Study, source: str | Path) -> pa.Table:
     return _table(study, found, reasons)
 
 
-def _columns(study: Study, source: str | Path) -> dict[str, list[Any]]:
+def _columns(study: Study, source: str | Path, before: Sequence[int] = ()) -> dict[str, list[Any]]:
     """Values of the factors that have no expression."""
     design, axes = study.design, dimensions(study)
     if design.kind == "table":
@@ -67,7 +71,7 @@ def _columns(study: Study, source: str | Path) -> dict[str, list[Any]]:
     if design.kind == "factorial":
         return _factorial(axes, source)
     if design.count is not None:
-        points = _sampled(study, len(axes), source)
+        points = _sampled(study, len(axes), source, before)
         return {f.name: values_of.from_unit(f, points[:, k]) for k, axis in enumerate(axes) for f in axis.factors}
     _check_count(design.center or 0, source)
     if design.kind == "central-composite":
@@ -96,13 +100,18 @@ def _factorial(axes: Iterable[Dimension], source: str | Path) -> dict[str, list[
     }
 
 
-def _sampled(study: Study, count: int, source: str | Path) -> Array:
+def _sampled(study: Study, count: int, source: str | Path, before: Sequence[int] = ()) -> Array:
     """Points in the unit cube (rows, dimensions)."""
     from scipy.stats import qmc
 
     design = study.design
     assert design.count is not None  # the design's own rule
     _check_count(design.count, source)
+    if before and before[0] != design.count:
+        points = _sampled(_counted(study, before[0]), count, source)
+        for size in (*before[1:], design.count):
+            points = extended(points, size, design.seed or 0, source) if size != len(points) else points
+        return points
     samplers = {"latin-hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol, "halton": qmc.Halton}
     try:
         sampler = samplers[design.kind](count, rng=design.seed or 0)
@@ -114,6 +123,28 @@ def _sampled(study: Study, count: int, source: str | Path) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return np.asarray(sampler.random(design.count), dtype=float)
+
+
+def _counted(study: Study, count: int) -> Study:
+    return study.model_copy(update={"design": study.design.model_copy(update={"count": count})})
+
+
+def extended(points: Array, count: int, seed: int, source: str | Path) -> Array:
+    """A Latin hypercube (n, dimensions) with further points, to a multiple of n: again one of `count` strata.
+
+    Raises:
+        StudyError: another number of points.
+    """
+    if count % len(points):
+        raise StudyError(
+            f"{source}: design.count = {count}: a Latin hypercube of {len(points)} points grows to multiples of that"
+        )
+    random = np.random.default_rng([seed, count])
+    more = np.empty((count - len(points), points.shape[1]))
+    for k, column in enumerate(points.T):
+        free = np.setdiff1d(np.arange(count), np.minimum((column * count).astype(int), count - 1))
+        more[:, k] = (random.permutation(free) + random.random(len(free))) / count
+    return np.vstack([points, more])
 
 
 def central_composite(count: int, axial: str, center: int) -> Array:
@@ -191,19 +222,29 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
     return columns
 
 
+def distribution(factor: Factor) -> dict[str, str]:
+    """What a column's metadata says of a factor's distribution; nothing of ranges and levels, which are as they ran."""
+    if factor.distribution in (None, "uniform"):
+        return {}
+    keys = ("distribution", "range", "mean", "std", "integer")
+    given = factor.model_dump(include=set(keys), exclude_none=True, exclude_defaults=True)
+    return {DISTRIBUTION: json.dumps(given, sort_keys=True)}
+
+
 def _table(study: Study, columns: dict[str, list[Any]], reasons: list[str | None]) -> pa.Table:
     import pyarrow as pa
 
     fields: list[pa.Field] = [pa.field("variant", pa.int64())]
     arrays: list[pa.Array] = [pa.array(range(len(reasons)), pa.int64())]
     for factor in study.factors:
-        column = columns[factor.name]
+        column = factor.column(columns[factor.name])
         try:
             arrays.append(pa.array(column, _kind(column)))
         except (TypeError, OverflowError, pa.ArrowException) as error:
             line = str(error).splitlines()[0]
             raise StudyError(f"factors.{factor.name}: its values make no column ({line})") from None
-        fields.append(pa.field(factor.name, arrays[-1].type, metadata={"role": "factor", "unit": factor.unit or ""}))
+        facts = {"role": "hidden" if factor.hidden else "factor", "unit": factor.unit or "", **distribution(factor)}
+        fields.append(pa.field(factor.name, arrays[-1].type, metadata=facts))
     statuses = ["planned" if reason is None else "infeasible" for reason in reasons]
     arrays += [pa.array(statuses, pa.string()), pa.array(reasons, pa.string())]
     fields += [pa.field("status", pa.string()), pa.field("reason", pa.string())]

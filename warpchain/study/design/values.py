@@ -1,7 +1,8 @@
 """Values of factors: from a place in the unit interval, from coded units, from a grid, or from other factors.
 
 A dimension of a design is a factor, or a group of factors that vary together. Coded units are -1 at the low end and +1
-at the high end, in the logarithm for a log-uniform factor; a normal factor has mean - std and mean + std there.
+at the high end, in the logarithm for a log-uniform factor; a normal factor has mean - std and mean + std there, a
+lognormal one likewise in the logarithm.
 """
 
 from __future__ import annotations
@@ -63,6 +64,11 @@ def from_unit(factor: Factor, u: Array) -> list[Any]:
             return _whole(factor, norm.ppf(inner, factor.mean, factor.std))
         low, high = ((end - factor.mean) / factor.std for end in factor.range)
         return _whole(factor, truncnorm.ppf(inner, low, high, factor.mean, factor.std))
+    if factor.kind == "lognormal":
+        from scipy.stats import norm
+
+        center, width = log_moments(factor)
+        return _whole(factor, np.exp(norm.ppf(np.clip(u, 1e-12, 1.0 - 1e-12), center, width)))
     assert factor.range is not None  # the factor's own rule
     if factor.integer and factor.kind == "uniform":
         first, last = math.ceil(factor.range[0]), math.floor(factor.range[1])
@@ -77,6 +83,9 @@ def from_coded(factor: Factor, x: Array) -> list[Any]:
     if factor.kind == "normal":
         assert factor.mean is not None and factor.std is not None  # the factor's own rule
         return _whole(factor, factor.mean + factor.std * x)
+    if factor.kind == "lognormal":
+        center, width = log_moments(factor)
+        return _whole(factor, np.exp(center + width * x))
     assert factor.range is not None  # the factor's own rule
     low, high = factor.range
     share = 0.5 * (1.0 + x)
@@ -90,6 +99,13 @@ def on_grid(factor: Factor, i: NDArray[np.int64], size: int) -> list[Any]:
     if factor.values is not None:
         return [factor.values[k] for k in i]
     return from_coded(factor, 2.0 * i / (size - 1) - 1.0)
+
+
+def log_moments(factor: Factor) -> tuple[float, float]:
+    """Mean and standard deviation of the logarithm of a lognormal factor."""
+    assert factor.mean is not None and factor.std is not None  # the factor's own rule
+    square = math.log1p((factor.std / factor.mean) ** 2)
+    return math.log(factor.mean) - 0.5 * square, math.sqrt(square)
 
 
 def _whole(factor: Factor, values: Array) -> list[Any]:

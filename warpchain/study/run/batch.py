@@ -19,6 +19,7 @@ from warpchain.errors import DriveError, SimulationError, StudyError, WarpchainE
 from warpchain.results.run import RunInfo, Trajectory
 from warpchain.study.reasons import reason_of
 from warpchain.study.run.adjust import adjusted
+from warpchain.study.run.places import placed
 from warpchain.study.spec import Study
 
 if TYPE_CHECKING:
@@ -124,9 +125,8 @@ def _build(study: Study, base: Drive, variant: Variant) -> None:
     """Makes a row's drive."""
     if variant.reason is not None:
         return
-    values = {path: variant.row[factor.name] for factor in study.factors for _, path in factor.targets()}
     try:
-        drive = base.with_values(values)
+        drive = placed(study, base, variant.row)
         if study.adjust is not None:
             drive, variant.adjusted = adjusted(drive, study.adjust, variant.row)
         variant.drive = drive

@@ -110,6 +110,14 @@ class Folder:
         """Name of the shard that records the worst variants, of the last plan."""
         return WORST if self.plans == 1 else f"{WORST}.{self.plans - 1}"
 
+    @property
+    def worst_before(self) -> list[tuple[str, str]]:
+        """Names and identities of such shards of the plans before, since it last began anew."""
+        first = self.plans - len(self.parts)
+        numbers = range(first, self.plans - 1)
+        names = [f"{WORST}.{number}" if number else WORST for number in numbers]
+        return [(name, part.identity) for name, part in zip(names, self.parts, strict=False)]
+
     def done(self, shard: int | str) -> bool:
         """Whether a shard is done."""
         return self.table_path(shard).exists()
@@ -221,7 +229,8 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
     if study.design.kind == "table" and not differing and folder.design() != design:
         differing.append("its design table")
     if differing:
-        raise StudyError(f"{path}: holds another study, which differs in {', '.join(differing)}; give another folder")
+        raise StudyError(f"{path}: holds another study, which differs in {', '.join(differing)}; give another folder, "
+                         "or --grow where it is the same with more points, replicates or another window")  # fmt: skip
     return folder
 
 

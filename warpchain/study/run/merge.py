@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.engine.progress import bar as bar_of
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
@@ -24,12 +25,15 @@ from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.recordings import with_recorded_objectives
 from warpchain.study.run.shards import run_worst
 from warpchain.study.spec import Study
+from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 LATEST = 20
 """Shards that the rate of a study is taken from."""
+PARTIAL = "partial.parquet"
+"""The table of an unfinished study, as far as it is."""
 REPLICATES = "replicates.parquet"
 """The table of all runs, of a study that runs rows several times."""
 REASONS = 3
@@ -105,14 +109,17 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
     return finish(folder, None, {"workers": workers, "memory": memory})
 
 
-def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]) -> Outcome:
-    """The second pass, and the whole table; what processes have left behind that have ended is swept away."""
+def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any], progress: bool = False) -> Outcome:
+    """The second pass, with a bar of its own, and the whole table; what ended processes have left is swept away."""
     table = _joined(folder)
+    for name, identity in folder.worst_before:
+        if folder.done(name):
+            table = _with_archives(table, read_table(folder.table_path(name), study=identity))
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
         if not folder.done(folder.worst):
             if executor is None:
-                run_worst(folder.path, chosen, options)
+                _run_worst_here(folder, chosen, options, progress)
             else:
                 with workers_named(folder):
                     executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
@@ -137,6 +144,18 @@ def _archives(table: pa.Table) -> list[str]:
     return sorted(set(table[name].to_pylist()) - {None}) if name in table.column_names else []
 
 
+def _run_worst_here(
+    folder: Folder, chosen: Sequence[tuple[int, int]], options: Mapping[str, Any], progress: bool
+) -> None:
+    """The second pass in this process."""
+    if not (progress and chosen):
+        run_worst(folder.path, chosen, options)
+        return
+    text = "{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.0f} [{elapsed}<{remaining}]"
+    with bar_of(float(len(chosen)), "recording the worst", " variants", bar_format=text) as bar:
+        run_worst(folder.path, chosen, options, lambda part: bar.update(max(0.0, part * len(chosen) - bar.n)))
+
+
 def _joined(folder: Folder, shards: Sequence[int] | None = None) -> pa.Table:
     """The tables of all shards, or of some, by variants and their copies."""
     import pyarrow as pa
@@ -155,6 +174,24 @@ def _joined(folder: Folder, shards: Sequence[int] | None = None) -> pa.Table:
         keys = [("variant", "ascending"), *([(COPY, "ascending")] if folder.copies > 1 else [])]
         table = table.take(pc.sort_indices(table, sort_keys=keys)).combine_chunks()
     return table
+
+
+def partial_table(out: str | os.PathLike[str]) -> Path:
+    """Writes `partial.parquet`, the table of the shards that are done; returns its path.
+
+    Of a row that is run several times, it has the mean of the copies that are done.
+
+    Raises:
+        StudyError: no such folder, or none of its shards is done.
+    """
+    folder = open_folder(Path(out))
+    done = [shard for shard in folder.shards if folder.done(shard)]
+    if not done:
+        raise StudyError(f"{folder.path}: no shard is done yet; run it with: warpchain study run")
+    table = _joined(folder, done)
+    path = folder.path / PARTIAL
+    folder.write(path, summarized(table) if folder.copies > 1 else table)
+    return path
 
 
 def summarized(table: pa.Table) -> pa.Table:
@@ -195,6 +232,8 @@ def _with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
     import pyarrow as pa
 
     keys = ["variant", COPY] if COPY in table.column_names else ["variant"]
+    if keys[1:] and COPY not in second.column_names:
+        second = second.append_column(COPY, pa.array(np.zeros(second.num_rows, dtype=np.int64)))
     place_of = {key: i for i, key in enumerate(zip(*(table[key].to_pylist() for key in keys), strict=True))}
     for name in ARCHIVED:
         values = table[name].to_pylist()

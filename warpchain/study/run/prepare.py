@@ -7,18 +7,23 @@ import os
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive, load_drive
 from warpchain.drive.examples import drive_path
+from warpchain.drive.part import elements, valid
 from warpchain.engine.simulation import available_cores
 from warpchain.errors import DriveError, StudyError
 from warpchain.results.fatigue import rainflow_counter
 from warpchain.study.design import make_design
 from warpchain.study.results import some_of
-from warpchain.study.run.folder import Folder, make_folder
+from warpchain.study.run.folder import Folder, differences, make_folder, open_folder
+from warpchain.study.run.grow import growable, grown
 from warpchain.study.spec import Study, check_drive, load_study
+from warpchain.study.spec.factor import Factor
+from warpchain.study.spec.parts import Adjust, Keep, Recording, RunOptions
+from warpchain.study.spec.study import Subject
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -34,12 +39,23 @@ ROLLER_BYTES, VARIANT_BYTES = 500, 100_000
 
 
 def prepare(
-    source: str | os.PathLike[str], out: str | os.PathLike[str], parts: int, workers: int | None, memory: int
+    source: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    parts: int,
+    workers: int | None,
+    memory: int,
+    grow: bool = False,
 ) -> Folder:
     """Reads and checks a study, and makes or opens its folder; see `run_study`."""
     study, drive, design = read_study(source)
     runs = design.num_rows * study.design.copies
     size = study.run.shard or shard_size(study, drive, runs, parts, workers or available_cores(), memory)
+    if not grow or not (Path(out) / "plan.json").exists():
+        return make_folder(Path(out), study, drive, design, size)
+    folder = open_folder(Path(out))
+    fixed = study.model_copy(update={"study": folder.study.study.model_copy(update={"name": study.study.name})})
+    if folder.drive == drive and differences(folder.study, fixed) and growable(folder.study, fixed):
+        return grown(folder, study, Path(source), size)
     return make_folder(Path(out), study, drive, design, size)
 
 
@@ -49,19 +65,67 @@ def read_study(source: str | os.PathLike[str]) -> tuple[Study, Drive, pa.Table]:
     Raises:
         StudyError: one line for each error.
     """
-    study = load_study(source)
+    try:
+        study, wrong = load_study(source), ""
+    except StudyError as error:
+        standing, wrong = _what_stands(source), str(error)
+        if standing is None:
+            raise
+        study = standing
     word = study.study.drive
     beside = Path(source).parent / word
     try:
         drive = load_drive(beside if beside.exists() or beside.suffix == ".toml" else drive_path(word))
     except DriveError as error:
-        raise StudyError("\n".join(f'{source}: study.drive = "{word}": {line}' for line in error.errors)) from None
-    check_drive(study, drive, str(source))
+        lines = [f'{source}: study.drive = "{word}": {line}' for line in error.errors]
+        raise StudyError("\n".join([*wrong.splitlines(), *lines])) from None
+    lines = [*wrong.splitlines(), *_mistakes(study, drive, source)]
+    if lines:
+        raise StudyError("\n".join(dict.fromkeys(lines)))
     if study.fatigue is not None:
         rainflow_counter()  # refused now, not when all variants have run
     design = make_design(study, Path(source))
-    check_names(study, drive, design.num_rows, source)
+    for variant in study.record.variants:
+        if variant >= design.num_rows:
+            lines.append(f"{source}: record.variants = {variant}: must be below the number of rows, {design.num_rows}")
+    if lines:
+        raise StudyError("\n".join(lines))
     return study, drive, design
+
+
+def _mistakes(study: Study, drive: Drive, source: str | os.PathLike[str]) -> list[str]:
+    """What a study says that its drive does not have, a line each."""
+    lines: list[str] = []
+    for check in (check_drive, check_names):
+        try:
+            check(study, drive, str(source))
+        except StudyError as error:
+            lines += str(error).splitlines()
+    return lines
+
+
+def _what_stands(source: str | os.PathLike[str]) -> Study | None:
+    """Of a study file with mistakes, what can be held against its drive all the same; None where nothing can.
+
+    So all mistakes of a file are told at once.
+    """
+    import tomllib
+
+    try:
+        values = tomllib.loads(Path(source).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+    subject = valid(Subject, values.get("study"))
+    if subject is None:
+        return None
+    factors = [valid(Factor, factor) for factor in elements(values, "factors")]
+    held: dict[str, Any] = {
+        "run": valid(RunOptions, values.get("run")) or RunOptions(),
+        "metrics": valid(Keep, values.get("metrics")) or Keep(),
+        "record": valid(Recording, values.get("record")) or Recording(),
+        "adjust": valid(Adjust, values.get("adjust")),
+    }
+    return Study.model_construct(study=subject, factors=tuple(f for f in factors if f is not None), **held)
 
 
 def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:
@@ -94,8 +158,8 @@ def gpus_of(device: str | None) -> int:
     return int(str(device).startswith("cuda:"))
 
 
-def check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLike[str]) -> None:
-    """Checks what a study says of metrics and variants.
+def check_names(study: Study, drive: Drive, source: str | os.PathLike[str]) -> None:
+    """Checks what a study says of metrics.
 
     Raises:
         StudyError: one line for each error.
@@ -118,9 +182,6 @@ def check_names(study: Study, drive: Drive, rows: int, source: str | os.PathLike
     for factor in study.factors:
         if factor.name in names:
             lines.append(f'factors.{factor.name}.name = "{factor.name}": must not be the name of a metric')
-    for variant in study.record.variants:
-        if variant >= rows:
-            lines.append(f"record.variants = {variant}: must be below the number of rows, {rows}")
     if lines:
         raise StudyError("\n".join(f"{source}: {line}" for line in lines))
 

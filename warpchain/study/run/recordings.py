@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from warpchain.errors import StudyError
 from warpchain.results.fatigue import Woehler
 from warpchain.results.run import Trajectory
 from warpchain.study.columns import ARCHIVED
 from warpchain.study.results import Results
 from warpchain.study.run.folder import open_folder
+from warpchain.study.spec.parts import Worst
 
 SHOWN = 4
 """Most recorded variants that are taken where none are named."""
@@ -32,14 +35,15 @@ def places(results: Results) -> dict[int, tuple[str, int]]:
 
 
 def recorded_variants(
-    results: Results, folder: str | Path, variants: Sequence[int] | None = None
+    results: Results, folder: str | Path, variants: Sequence[int] | None = None, worst: Worst | None = None
 ) -> dict[int, Trajectory]:
     """Trajectories by variant of a study.
 
     Args:
         results: the study's results.
         folder: the study's.
-        variants: which; None takes the first `SHOWN` that were recorded.
+        variants: which; None takes the first `SHOWN` that were recorded, or the worst ones first.
+        worst: what the study calls worst; None if it does not say.
 
     Raises:
         StudyError: a variant that was not recorded, an archive that is not this study's or not this shard's.
@@ -48,7 +52,7 @@ def recorded_variants(
     from warpchain.archive import read_archive
 
     held = places(results)
-    chosen = list(held)[:SHOWN] if variants is None else list(variants)
+    chosen = by_rank(results, list(held), worst)[:SHOWN] if variants is None else list(variants)
     for variant in chosen:
         if variant not in held:
             known = ", ".join(map(str, list(held)[:20])) or "none"
@@ -60,6 +64,16 @@ def recorded_variants(
             opened.check_archive(name)
     archives = {name: read_archive(Path(folder) / name) for name in names}
     return {variant: archives[held[variant][0]][held[variant][1]] for variant in chosen}
+
+
+def by_rank(results: Results, variants: Sequence[int], worst: Worst | None) -> list[int]:
+    """Variants with the worst first, if the study says what that is."""
+    if worst is None or worst.metric not in results.table.column_names:
+        return list(variants)
+    sign = -1.0 if worst.side == "largest" else 1.0
+    values = sign * np.where(results.ok, results.values(worst.metric), np.nan)
+    value = dict(zip(results.variants.tolist(), values.tolist(), strict=True))
+    return sorted(variants, key=lambda variant: (np.isnan(value[variant]), value[variant]))
 
 
 def with_recorded_objectives(results: Results, folder: str | Path, woehler: Woehler | None = None) -> Results:

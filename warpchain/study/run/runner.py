@@ -12,6 +12,7 @@ from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
 from typing import Any
 
+from warpchain.engine.progress import bar as bar_of
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.study.run.folder import Folder
@@ -37,6 +38,7 @@ def run_study(
     workers: int | None = None,
     memory: int = MEMORY,
     progress: bool | Report = False,
+    grow: bool = False,
 ) -> Outcome:
     """Runs a study, or what is left of it.
 
@@ -50,6 +52,8 @@ def run_study(
             rows / parts rows, rounded up (10 rows in 6 parts make 5 shards of 2).
         workers: CPU threads of a shard; None takes all cores.
         memory: budget of a shard [bytes].
+        grow: let a folder grow that holds the same study with fewer points of its design, fewer replicates, or another
+            duration or window (`study.run.grow`).
         progress: True shows a bar; a function is called with (variants done, all variants).
 
     Returns:
@@ -62,7 +66,7 @@ def run_study(
     """
     if part is not None and not 0 <= part[0] < part[1]:
         raise StudyError(f"--shard {part[0]}/{part[1]}: must be i/n with 0 <= i < n")
-    folder = prepare(source, out, max(parts, part[1] if part else 1), workers, memory)
+    folder = prepare(source, out, max(parts, part[1] if part else 1), workers, memory, grow)
     return run_folder(folder, executor=executor, part=part, workers=workers, memory=memory, progress=progress)
 
 
@@ -86,7 +90,7 @@ def run_folder(
             _run_there(folder, left, executor, options, report)
     if part is not None:
         return study_status(folder.path)
-    return finish(folder, executor, options)
+    return finish(folder, executor, options, progress is True)
 
 
 def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: Advance) -> None:
@@ -140,9 +144,7 @@ def _bar(progress: bool | Report, folder: Folder, shards: Sequence[int]) -> Iter
     elif not progress:
         yield lambda more: None
     else:
-        from tqdm import tqdm
-
         text = "{desc}: {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} [{elapsed}<{remaining}, {rate_fmt}]"
         name = folder.study.study.name or "study"
-        with tqdm(total=total, initial=done, desc=name, unit=" variants", bar_format=text, dynamic_ncols=True) as bar:
+        with bar_of(total, name, " variants", done, bar_format=text) as bar:
             yield bar.update

@@ -8,13 +8,29 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from warpchain.drive.part import BARE, Finite, Part, Positive, Problem, Switch, Text, Value, allowed, get, numbers
+from warpchain.drive.part import (
+    BARE,
+    Direction,
+    Finite,
+    Part,
+    Positive,
+    Problem,
+    Switch,
+    Text,
+    Value,
+    allowed,
+    elements,
+    get,
+    numbers,
+)
 from warpchain.study.columns import BOOKKEEPING
 from warpchain.study.spec.expression import RESERVED
 
 TAKEN = frozenset(RESERVED) | frozenset(BOOKKEEPING) | {"shard", "and", "or", "not"}
 """Words that no factor can be called."""
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+AUTO = "auto"
+"""The text that may stand among numbers of a choice: an automatic step."""
 NAME_TEXT = "must be a word of letters, digits and underscores that is no function, constant or column of the results"
 
 
@@ -36,7 +52,9 @@ def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def _one_kind(values: tuple[Any, ...]) -> tuple[Any, ...]:
     kinds = {
-        float if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value) for value in values
+        float if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value)
+        for value in values
+        if value != AUTO
     }
     if len(kinds) > 1:
         raise ValueError("of several kinds")
@@ -57,7 +75,7 @@ Scalars = Annotated[
     tuple[_Scalar, ...],
     AfterValidator(_one_kind),
     BeforeValidator(_plain),
-    Value("must be a list of at least 2 different values of one kind: numbers, texts or true and false"),
+    Value('must be a list of at least 2 different values of one kind: numbers (with "auto"), texts or true and false'),
 ]
 Texts = Annotated[
     tuple[Annotated[str, Field(strict=True, min_length=1)], ...],
@@ -68,9 +86,10 @@ Range = Annotated[
     tuple[_Number, _Number], BeforeValidator(_plain), Value("must be two finite numbers [low, high], low below high")
 ]
 Distribution = Annotated[
-    Literal["uniform", "log-uniform", "normal", "truncated-normal"],
-    Value('must be "uniform", "log-uniform", "normal" or "truncated-normal"'),
+    Literal["uniform", "log-uniform", "normal", "truncated-normal", "lognormal"],
+    Value('must be "uniform", "log-uniform", "normal", "truncated-normal" or "lognormal"'),
 ]
+Along = Annotated[Literal["normal"] | Direction, Value('must be "normal", or two finite numbers [x, y], not both 0')]
 Points = Annotated[int, Field(strict=True, ge=2, le=100_000), Value("must be an integer of at least 2")]
 
 NEEDS = {
@@ -78,6 +97,7 @@ NEEDS = {
     "log-uniform": ("range",),
     "normal": ("mean", "std"),
     "truncated-normal": ("mean", "std", "range"),
+    "lognormal": ("mean", "std"),
 }
 """The keys that each distribution takes."""
 
@@ -93,9 +113,14 @@ class Factor(Part):
         path: key path into the drive, such as "sprockets.camshaft.load.torque".
         paths: key paths that all take the same value, instead of `path`; neither for a quantity that only expressions
             use.
-        distribution: "uniform", "log-uniform", "normal" or "truncated-normal".
+        shift: key path of a guide-bar or a sprocket that the factor moves by its value [m], such as "guides.upper".
+        along: in which direction; "normal" is a guide-bar's, towards the chain (default).
+        relative: the value multiplies the drive's own.
+        offset: the value is added to the drive's own.
+        hidden: varied, but no factor of the results: what it does is scatter.
+        distribution: "uniform", "log-uniform", "normal", "truncated-normal" or "lognormal".
         range: (low, high): the ends of a distribution, or of a grid.
-        mean, std: of a normal distribution.
+        mean, std: of a normal distribution, or of a lognormal one (of the value, not of its logarithm).
         levels: numbers in the order of a grid.
         choice: numbers, texts or switches without an order.
         expression: arithmetic of other factors.
@@ -108,6 +133,11 @@ class Factor(Part):
     name: Word
     path: Text | None = None
     paths: Texts = ()
+    shift: Text | None = None
+    along: Along | None = None
+    relative: Switch = False
+    offset: Switch = False
+    hidden: Switch = False
     distribution: Distribution | None = None
     range: Range | None = None
     mean: Finite | None = None
@@ -130,6 +160,18 @@ class Factor(Part):
         """The values of levels or a choice."""
         return self.levels if self.levels is not None else self.choice
 
+    def column(self, values: Iterable[Any]) -> list[Any]:
+        """Values as a column of a table holds them: of a choice of numbers and "auto", as texts."""
+        return [str(value) for value in values] if self._mixed else list(values)
+
+    def value_of(self, cell: Any) -> Any:
+        """The value that a cell of that column stands for."""
+        return {str(value): value for value in self.choice or ()}.get(cell, cell) if self._mixed else cell
+
+    @property
+    def _mixed(self) -> bool:
+        return self.choice is not None and AUTO in self.choice and not all(isinstance(v, str) for v in self.choice)
+
     def targets(self) -> Iterator[tuple[str, str]]:
         """(key, path) of each place in the drive that the factor sets."""
         if self.path is not None:
@@ -140,6 +182,7 @@ class Factor(Part):
     def _rules(cls, node: Any) -> Iterable[Problem]:
         if get(node, "path") is not None and get(node, "paths"):
             yield Problem(("paths",), get(node, "paths"), "not together with path; give one of the two")
+        yield from _place_rules(node)
         yield from _kind_rules(cls, node)
         ends = get(node, "range")
         if isinstance(ends, (list, tuple)) and len(ends) == 2 and numbers(*ends):
@@ -160,6 +203,26 @@ def kind_of(node: Any) -> str | None:
     return "uniform" if get(node, "range") is not None else None
 
 
+def _place_rules(node: Any) -> Iterator[Problem]:
+    """What a factor does with its value."""
+    shift, placed = get(node, "shift"), get(node, "path") is not None or bool(get(node, "paths"))
+    if shift is not None and placed:
+        yield Problem(("shift",), shift, "not together with path; give one of the two")
+    if isinstance(shift, str) and not (shift.count(".") == 1 and shift.startswith(("guides.", "sprockets."))):
+        yield Problem(("shift",), shift, 'must be a guide-bar or a sprocket, such as "guides.upper"')
+    if get(node, "along") is not None and shift is None:
+        yield Problem(("along",), get(node, "along"), "only together with shift")
+    if isinstance(shift, str) and shift.startswith("sprockets.") and get(node, "along") in (None, "normal"):
+        yield Problem(("along",), get(node, "along"), "must be two numbers [x, y]: a sprocket has no normal", BARE)
+    if get(node, "relative") is True and get(node, "offset") is True:
+        yield Problem(("offset",), True, "not together with relative; give one of the two")
+    for key in ("relative", "offset"):
+        if get(node, key) is True and not placed:
+            yield Problem((key,), True, "only together with path or paths")
+        if get(node, key) is True and any(isinstance(v, (str, bool)) for v in elements(node, "choice")):
+            yield Problem((key,), True, "needs numbers as choice")
+
+
 def _kind_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
     """Each kind of factor takes its own keys."""
     kind = kind_of(node)
@@ -177,6 +240,8 @@ def _kind_rules(cls: type[Part], node: Any) -> Iterator[Problem]:
         given = get(node, key)
         if kind in NEEDS and key in needed and given is None:
             yield Problem((key,), None, f'missing; {allowed(cls, key)}; needed with distribution "{kind}"', BARE)
+        elif key == "mean" and kind == "lognormal" and numbers(given) and given <= 0:
+            yield Problem((key,), given, "must be a positive number with a lognormal distribution")
         elif key not in needed and given is not None:
             text = f'not with distribution "{kind}"' if kind else 'needs distribution "normal" or "truncated-normal"'
             yield Problem((key,), given, text)

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from warpchain.drive.copies import WAYS
 from warpchain.drive.part import BARE, Direction, Part, Positive, Problem, Text, Value, allowed, elements, get, numbers
+from warpchain.drive.parts import Step
 from warpchain.results.channels import DEFAULT, NAMES
 from warpchain.study.spec.factor import Texts, _plain
 
@@ -148,7 +149,7 @@ class RunOptions(Part):
 
     Attributes:
         duration: simulated time [s].
-        step: time step [s].
+        step: time step [s], or "auto".
         precision: "float64" or "float32".
         device: as in `simulate`; None is the best there is.
         window: (start, end) over which metrics are taken [s].
@@ -156,7 +157,7 @@ class RunOptions(Part):
     """
 
     duration: Positive | None = None
-    step: Positive | None = None
+    step: Step | None = None
     precision: Annotated[Literal["float64", "float32"], Value('must be "float64" or "float32"')] = "float64"
     device: Text | None = None
     window: Window | None = None

@@ -55,7 +55,7 @@ def name_rules(node: Any) -> Iterator[Problem]:
             if path in taken:
                 yield Problem(("factors", i, "path"), path, f'is set by factor "{taken[path]}" already')
             taken[path] = name
-        if not _targets(factor) and name not in used:
+        if not _targets(factor) and get(factor, "shift") is None and name not in used:
             text = (
                 "missing; must be a key path into the drive; needed unless an expression or constraint uses the factor"
             )

@@ -150,15 +150,24 @@ def check_drive(study: Study, drive: Drive, source: str) -> None:
     """
     lines = []
     for factor in study.factors:
-        for key, path in factor.targets():
+        for key, path in [*factor.targets(), *([("shift", factor.shift)] if factor.shift else [])]:
             try:
-                drive.get_value(path)
+                own = drive.get_value(path)
             except DriveError as error:
                 reason = str(error).partition(": ")[2]
                 lines.append(f"factors.{factor.name}.{key} = {drive_toml.value_text(path)}: {reason}")
+                continue
+            if (factor.relative or factor.offset) and (isinstance(own, bool) or not isinstance(own, (int, float))):
+                word = "relative" if factor.relative else "offset"
+                shown = "nothing" if own is None else drive_toml.value_text(own)
+                lines.append(
+                    f"factors.{factor.name}.{word} = true: needs a number at {path}, which is {shown} in the drive"
+                )
             given = getattr(study.run, path.removeprefix("run.")) if path in ("run.step", "run.duration") else None
             if given is not None:
-                lines.append(f'{path} = {given:g}: not together with factor "{factor.name}", which sets it')
+                lines.append(
+                    f'{path} = {drive_toml.value_text(given)}: not together with factor "{factor.name}", which sets it'
+                )
     names = [sprocket.name for sprocket in drive.sprockets]
     if study.adjust is not None and study.adjust.sprocket is not None and study.adjust.sprocket not in names:
         lines.append(

@@ -1,0 +1,151 @@
+"""Studies that grow in their folder end in the table that a new one of that size has, and lose nothing on the way."""
+
+import os
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from command import run
+from pyarrow import parquet
+from study_helpers import STUDY, write_study
+
+from warpchain.errors import StudyError
+from warpchain.study.design.matrix import extended
+from warpchain.study.run import run_study, study_status
+from warpchain.study.run.merge import partial_table
+from warpchain.study.spec import loads_study
+
+SAMPLED = STUDY.replace('kind = "factorial"', 'kind = "KIND"\ncount = 4\nreplicates = 1').replace(
+    "points = {points}\n", ""
+)
+RECORD = '[record]\nworst = { metric = "tension_max", count = 1 }\n'
+
+
+class Killed(BaseException):
+    """Stands for the end of the process."""
+
+
+def table_of(folder):
+    return parquet.read_table(folder / "results.parquet").to_pylist()
+
+
+def without_archives(rows):
+    return [{name: value for name, value in row.items() if not name.startswith("archive")} for row in rows]
+
+
+def edit(source, *changes):
+    text = source.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    source.write_text(text)
+
+
+MORE, TWICE = ("count = 4", "count = 8"), ("replicates = 1", "replicates = 2")
+
+
+@pytest.mark.parametrize("kind", ["sobol", "halton"])
+def test_more_points_and_more_replicates_give_the_table_of_a_new_study(tmp_path, kind):
+    text = SAMPLED.replace("KIND", kind)
+    source = write_study(tmp_path, RECORD, shard=3, text=text)
+    out = tmp_path / "out"
+    run_study(source, out)
+    before = {path: path.stat().st_mtime_ns for path in (out / "shards").glob("0*")}
+    for changes in ([MORE], [TWICE]):
+        edit(source, *changes)
+        with pytest.raises(StudyError, match="or --grow where it is the same with more points"):
+            run_study(source, out)
+        run_study(source, out, grow=True)
+        assert all(path.stat().st_mtime_ns == time for path, time in before.items())
+    run_study(source, out)  # it is done, and known again
+    run_study(source, tmp_path / "new")
+    assert without_archives(table_of(out)) == without_archives(table_of(tmp_path / "new"))
+    assert study_status(out).left == 0
+
+
+def test_another_window_runs_all_again_and_the_old_table_stays_until_then(tmp_path):
+    source = write_study(tmp_path, points=2)
+    out = tmp_path / "out"
+    run_study(source, out)
+    old = table_of(out)
+    edit(source, ("duration = 0.0005", "duration = 0.0008"))
+    run_study(source, out, grow=True, part=(0, 2))
+    assert table_of(out) == old
+    run_study(source, out)
+    run_study(source, tmp_path / "new")
+    assert table_of(out) == table_of(tmp_path / "new") != old
+
+
+def test_killed_at_any_file_operation_it_grows_on_to_the_same_table(tmp_path, monkeypatch):
+    source = write_study(tmp_path, shard=4, text=SAMPLED.replace("KIND", "sobol"))
+    real = {name: getattr(os, name) for name in ("fsync", "link", "replace")}
+    left = [0]
+
+    def deadly(name):
+        def call(*arguments, **settings):
+            left[0] -= 1
+            if left[0] == 0:
+                raise Killed(name)
+            return real[name](*arguments, **settings)
+
+        return call
+
+    for operation in (1, 3, 5, 6, 8, 10):
+        edit(source, *((new, old) for old, new in (MORE, TWICE) if new in source.read_text()))
+        out = tmp_path / str(operation)
+        run_study(source, out)
+        edit(source, MORE, TWICE)
+        with monkeypatch.context() as patch:
+            for name in real:
+                patch.setattr(os, name, deadly(name))
+            left[0] = operation
+            with suppress(Killed):
+                run_study(source, out, grow=True)
+            assert left[0] <= 0
+        run_study(source, out, grow=True)
+        assert len(table_of(out)) == 8
+    run_study(source, tmp_path / "new")
+    for operation in (1, 3, 5, 6, 8, 10):
+        assert table_of(tmp_path / str(operation)) == table_of(tmp_path / "new")
+
+
+def test_a_latin_hypercube_grows_to_one(tmp_path):
+    source = write_study(tmp_path, shard=4, text=SAMPLED.replace("KIND", "latin-hypercube"))
+    out = tmp_path / "out"
+    run_study(source, out)
+    before = without_archives(table_of(out))
+    edit(source, ("count = 4", "count = 6"))
+    with pytest.raises(StudyError, match="a Latin hypercube of 4 points grows to multiples of that"):
+        run_study(source, out, grow=True)
+    edit(source, ("count = 6", "count = 8"))
+    run_study(source, out, grow=True)
+    rows = table_of(out)
+    assert without_archives(rows[:4]) == before
+    assert sorted(int(8 * row["torque"]) for row in rows) == list(range(8))  # uniform from 0 to 1: one a stratum
+    points = extended(extended(np.array([[0.1, 0.9], [0.6, 0.3]]), 6, 0, "s"), 18, 0, "s")
+    assert [sorted((18 * column).astype(int)) for column in points.T] == [list(range(18))] * 2
+
+
+def test_what_is_no_growth_is_refused(tmp_path):
+    source = write_study(tmp_path, text=SAMPLED.replace("KIND", "sobol"))
+    run_study(source, tmp_path / "out")
+    for change in (
+        ("count = 4", "count = 2"),
+        ("step = 1e-5", "step = 5e-6"),
+        ("range = [0.0, 1.0]", "range = [0.0, 2.0]"),
+    ):
+        edit(source, change)
+        with pytest.raises(StudyError, match="holds another study"):
+            run_study(source, tmp_path / "out", grow=True)
+        edit(source, change[::-1])
+    loads_study(source.read_text())
+
+
+def test_an_unfinished_study_has_a_table_and_a_report(tmp_path, capsys):
+    source = write_study(tmp_path, shard=3)
+    out = tmp_path / "out"
+    run_study(source, out, part=(0, 2))
+    assert parquet.read_table(partial_table(out))["variant"].to_pylist() == [0, 1, 2, 6, 7, 8]
+    status, _, err = run(capsys, "study", "report", out, "-o", tmp_path / "r.html")
+    assert (status, err) == (0, [])
+    assert not (out / "results.parquet").exists()
