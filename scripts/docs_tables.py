@@ -17,7 +17,14 @@ from warpchain.results.columns import BALANCE, DESIGN, ENGAGED, JOINTS, MEASURED
 from warpchain.results.judgement import RULES, Limits
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-OF = {"chain": "", "strand": "STRAND.", "sprocket": "SPROCKET.", "partner": "PART."}
+OF = {
+    "chain": "",
+    "strand": "STRAND.",
+    "sprocket": "SPROCKET.",
+    "partner": "PART.",
+    "arm": "ARM.",
+    "tensioner": "TENSIONER.",
+}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -29,7 +36,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def place(channel: Channel) -> str:
     """Where an archive has a channel."""
     if channel in OF_BODIES:
-        count = "2 S" if channel.components else "S"
+        count = {"sprocket": "S", "arm": "A", "tensioner": "T"}[channel.per]
+        count = f"2 {count}" if channel.components else count
         return f"`State.{channel.name}` ({OF_BODIES.index(channel) + 2}), {count} doubles"
     return ", ".join(f"`{field}`" for field in channel.fields) + " of a packed roller"
 

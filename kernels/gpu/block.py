@@ -79,7 +79,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        since: int,
     ):
         """The thread's body a step on, or a stage, while the other threads move their rollers; what is seen of it.
 
@@ -95,16 +94,16 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
                 if wp.static(kind.tensioners > 0):
                     arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
-            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, since, body, wrench)
+            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench)
             if wp.static(kind.tensioners > 0):
-                sampling.write_push_frames(ensemble, state, frames, mine, now, since, mine.sprocket)
+                sampling.write_push_frames(ensemble, state, frames, mine, now, mine.sprocket)
                 arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, wrench)
                 b = wp.static(sprockets) + mine.arm
-                sampling.write_arm_frame(ensemble, state, frames, mine, now, since, arm, wrench)
-                sampling.write_push_frames(ensemble, state, frames, mine, now, since, b)
+                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, wrench)
+                sampling.write_push_frames(ensemble, state, frames, mine, now, b)
 
     @wp.func
     def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
@@ -187,6 +186,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.event = now.step
         now.diverged = state.progress[mine.variant].diverged
         now.going = 1
+        now.since = since
         if mine.sprocket >= 0:
             bodies.start_body(ensemble, state, sums, shared, mine, now.step)
         if wp.static(kind.arms > 0):
@@ -209,10 +209,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
             barrier()
             if now.flags != 0:
-                sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now, since)
+                sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
             if wp.static(kind.bending and measuring) and now.measured != 0:
                 joints.add_friction(shared, mine, now)
-            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now, since)
+            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
             advance_rollers(state, shared, mine, now)
             now = next_stage(now)
             barrier()

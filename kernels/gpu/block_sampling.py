@@ -190,7 +190,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        since: int,
     ):
         """Writes the thread's rollers to the frame, and their energy to the tallies, where that is due."""
         if wp.static(kind.bending and frame.holds("joint_friction_power")):
@@ -209,7 +208,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             if now.flags & EXTRA != 0:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
-                    at = frame_at(ensemble, state, mine.variant, since, now.step)
+                    at = frame_at(ensemble, state, mine.variant, now.since, now.step)
                     write.write_roller(frames, at, mine.rollers, j, position(shared, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
                     energy = observe.energy_of_roller(ensemble, shared, mine.variant, j, v, extra)
@@ -224,13 +223,12 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        since: int,
         body: BodyState,
         wrench: Wrench,
     ):
         """Writes the thread's sprocket to the frame, where that is due."""
         if now.flags & FRAME != 0:
-            at = frame_at(ensemble, state, mine.variant, since, now.step)
+            at = frame_at(ensemble, state, mine.variant, now.since, now.step)
             write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, wrench.moment)
 
     @wp.func
@@ -240,13 +238,12 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        since: int,
         body: BodyState,
         wrench: Wrench,
     ):
         """Writes the thread's arm to the frame, where that is due."""
         if now.flags & FRAME != 0:
-            at = frame_at(ensemble, state, mine.variant, since, now.step)
+            at = frame_at(ensemble, state, mine.variant, now.since, now.step)
             write.write_arm(frames, at, ensemble.drives[mine.variant], mine.arm, body, wrench.moment)
 
     @wp.func
@@ -256,12 +253,11 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        since: int,
         b: int,
     ):
         """Writes the tensioners of body b to the frame, where that is due."""
         if now.flags & FRAME != 0:
-            at = frame_at(ensemble, state, mine.variant, since, now.step)
+            at = frame_at(ensemble, state, mine.variant, now.since, now.step)
             drive = ensemble.drives[mine.variant]
             for t in range(wp.static(kind.tensioners)):
                 if ensemble.tensioners[drive.first_tensioner + t].body == b:

@@ -12,7 +12,7 @@ from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout import findings
 from warpchain.assembly.statics import Steady
-from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit
+from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
 from warpchain.drive.catalogue import ELONGATION_AT_BREAKING_LOAD
 from warpchain.drive.mounts import active, moving_mass, own_frequencies, wheel_force
@@ -158,6 +158,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "tooth_passing_frequency": speed * driver.teeth / (2.0 * math.pi),
         "step": resolve_step(drive),
         "step_limit": step_limit(drive),
+        "stiffest_part": stiffest_part(drive),
         "automatic_step": automatic_step(drive),
     }
 
@@ -344,5 +345,6 @@ def report(values: dict[str, Any]) -> str:
         "",
         f"tooth-passing frequency: {values['tooth_passing_frequency']:.4g} Hz",
         f"step: {values['step']:.4g} s; limit {values['step_limit']:.4g} s, automatic {values['automatic_step']:.4g} s",
+        f"stiffest: {values['stiffest_part']}",
     ]
     return "\n".join(lines)

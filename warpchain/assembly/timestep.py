@@ -1,17 +1,21 @@
-"""The time step's limit: how fast a roller can oscillate on links and a contact, and a sprocket on its mount.
+"""The time step's limit: how fast a roller can oscillate on links and a contact, a sprocket on its mount, an arm.
 
 Dampers lower it: leapfrog reads their speed half a step late, and is stable where omega_max^2 h^2 + 2 (c/m) h < 4.
-Those of links and mounts count, and of Kelvin-Voigt contacts, which do not vanish with the penetration. The damping of
-hysteretic contacts does not, nor does friction: a step bounds them (`kernels/physics/impact.py`, `friction.py`).
+Those of links, mounts, arms and tensioners count, and of Kelvin-Voigt contacts, which do not vanish with the
+penetration. The damping of hysteretic contacts does not, nor does friction: a step bounds them
+(`kernels/physics/impact.py`, `friction.py`). A tensioner's oil counts as the spring E_0 (1 + a) A^2 / V that it is at
+high pressure; what flows through its gap and valve is taken implicitly and asks for no shorter step.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from warpchain.drive import Drive, ImpactLaw
 from warpchain.drive.laws import LAWS
 from warpchain.drive.mounts import moving_mass, on_springs, spring
+from warpchain.drive.oil import oil_stiffness
 from warpchain.drive.stiffness import contact_damping
 from warpchain.errors import DriveError
 
@@ -22,44 +26,113 @@ DAMPED = 0.25
 """The automatic step is at most this part of the limit, where strong dampers of links set it."""
 
 
+@dataclass(frozen=True)
+class Body:
+    """What springs and dampers do to a body that can move, along its fastest coordinate.
+
+    Attributes:
+        name: as the drive calls it, and what holds it.
+        square: omega^2 [1/s^2].
+        rate: c/m of its dampers [1/s].
+    """
+
+    name: str
+    square: float
+    rate: float
+
+
+def moving_bodies(drive: Drive) -> list[Body]:
+    """Sprockets on springs, then arms.
+
+    A sprocket of mass M has (k_b + K z / 2 + k_T) / M, as of z teeth all around half can push along one line; an arm
+    (k_t + k_stop + K sum r^2 + k_T l^2) / I, r the places a pitch apart where its faces can be touched, from its
+    pivot, k_T a tensioner's spring, oil and stop, l its lever.
+    """
+    found = []
+    for s, sprocket in enumerate(drive.sprockets):
+        if on_springs(sprocket):
+            mass = moving_mass(sprocket) + drive.plunger_mass_on(s)
+            stiffness, damping = spring(sprocket)
+            pushed, damped = _pushes(drive, s)
+            stiffness += 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
+            found.append(Body(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass))
+    for a, arm in enumerate(drive.arms):
+        inertia = drive.arm_inertia(a)
+        pushed, damped = _pushes(drive, len(drive.sprockets) + a)
+        stiffness, damping = arm.stiffness + pushed, arm.damping + damped
+        if arm.stops is not None:
+            stiffness, damping = stiffness + drive.stop_stiffness(a), damping + drive.stop_damping(a)
+        for g in drive.guides_of(a):
+            points = drive.profile(g).points(drive.chain.pitch, caps=False)
+            stiffness += drive.guide_stiffness(g) * sum(math.dist(point, arm.pivot) ** 2 for point in points)
+        found.append(Body(f'arm "{arm.name}"', stiffness / inertia, damping / inertia))
+    return found
+
+
+def _pushes(drive: Drive, body: int) -> tuple[float, float]:
+    """Stiffness [N/m] and damping [N s/m] of the tensioners that push a body; of an arm times their levers' squares."""
+    stiffness = damping = 0.0
+    for t, tensioner in enumerate(drive.tensioners):
+        if drive.tensioner_body(t) == body:
+            lever = drive.tensioner_lever(t)
+            held = tensioner.spring_stiffness + oil_stiffness(tensioner)
+            held += drive.chain.stiffness if tensioner.ratchet is not None or tensioner.hydraulic else 0.0
+            stiffness += held * lever**2
+            damping += tensioner.spring_damping * lever**2
+    return stiffness, damping
+
+
+def _contacts(drive: Drive) -> list[tuple[str, ImpactLaw, float]]:
+    """What rollers touch: its name, law and stiffness [N/m]."""
+    found: list[tuple[str, ImpactLaw, float]] = []
+    for s, sprocket in enumerate(drive.sprockets):
+        found.append((f'the teeth of "{sprocket.name}"', drive.contact.sprocket, drive.sprocket_stiffness(s)))
+    for g, guide in enumerate(drive.guides):
+        found.append((f'guide "{guide.name}"', drive.guide_contact(g), drive.guide_stiffness(g)))
+    return found
+
+
 def highest_frequency(drive: Drive, damped_links: bool = True) -> float:
     """omega_max [rad/s]: a roller of the chain's mass on two links and the stiffest contact, (4 k + K_max) / m.
 
-    A sprocket of mass M on springs adds (k_b + K z / 2) / M: two coupled parts oscillate no faster than the root of the
-    sum of their squares, and of z teeth all around half can push along one line. Where outer links differ,
-    2 (k_inner + k_outer) stands in place of 4 k. With contact dampers
+    The fastest of the bodies that move (`moving_bodies`) adds its own omega^2: two coupled parts oscillate no faster
+    than the root of the sum of their squares. Where outer links differ, 2 (k_inner + k_outer) stands in place of 4 k.
+    With contact dampers
     g + sqrt(g^2 + omega_max^2), g = c / (2 m): twice its inverse is where leapfrog becomes unstable. So with dampers of
     links, whose 2 (c_inner + c_outer) a roller feels where they stretch in turn, unless `damped_links` is false.
     """
-    contacts: list[tuple[ImpactLaw, float]]
-    contacts = [(drive.contact.sprocket, drive.sprocket_stiffness(s)) for s in range(len(drive.sprockets))]
-    contacts += [(drive.guide_contact(g), drive.guide_stiffness(g)) for g in range(len(drive.guides))]
     mass = drive.chain.mass
     stiffest = half_rate = 0.0
-    for law, stiffness in contacts:
+    for _, law, stiffness in _contacts(drive):
         stiffest = max(stiffest, stiffness)
         if LAWS[law.law].viscous:
             half_rate = max(half_rate, 0.5 * contact_damping(law, stiffness, mass) / mass)
-    centers = [
-        (spring(sprocket)[0] + 0.5 * sprocket.teeth * contacts[s][1]) / moving_mass(sprocket)
-        for s, sprocket in enumerate(drive.sprockets)
-        if on_springs(sprocket)
-    ]
     if damped_links:
         half_rate += (drive.chain.link_damping + drive.chain.outer_damping) / mass
     springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
-    square = (springs + stiffest) / mass + max(centers, default=0.0)
+    square = (springs + stiffest) / mass + max((body.square for body in moving_bodies(drive)), default=0.0)
     return half_rate + math.sqrt(half_rate**2 + square)
+
+
+def stiffest_part(drive: Drive) -> str:
+    """What asks for the shortest steps: the roller on its links and one contact, the links' dampers, or a body."""
+    chain, mass = drive.chain, drive.chain.mass
+    springs = 2.0 * (chain.stiffness + chain.outer_stiffness) / mass
+    parts = {f"rollers on {name}": stiffness / mass for name, _, stiffness in _contacts(drive)}
+    parts = {name: square for name, square in parts.items() if square == max(parts.values())}
+    parts["rollers between two links"] = springs
+    parts["the dampers of the links"] = (2.0 * (chain.link_damping + chain.outer_damping) / mass) ** 2
+    parts |= {body.name: body.square + body.rate**2 for body in moving_bodies(drive)}
+    return max(parts, key=parts.__getitem__)
 
 
 def step_limit(drive: Drive, damped_links: bool = True) -> float:
     """Steps must be shorter than this [s]: 2 / omega_max, leapfrog's limit of stability.
 
-    Leapfrog takes a mount's damper c_b half a step late, which needs omega_max^2 h^2 + 2 h c_b / M < 4.
+    Leapfrog takes a body's damper c_b half a step late, which needs omega_max^2 h^2 + 2 h c_b / M < 4.
     """
     omega = highest_frequency(drive, damped_links)
-    rates = [spring(sprocket)[1] / moving_mass(sprocket) for sprocket in drive.sprockets if on_springs(sprocket)]
-    rate = max(rates, default=0.0)
+    rate = max((body.rate for body in moving_bodies(drive)), default=0.0)
     return 4.0 / (rate + math.sqrt(rate * rate + 4.0 * omega * omega))
 
 
@@ -81,10 +154,10 @@ def resolve_step(drive: Drive, step: float | None = None) -> float:
     if isinstance(asked, str):
         return automatic_step(drive)
     limit = step_limit(drive)
-    mounts = " with what mounts on springs add" if any(map(on_springs, drive.sprockets)) else ""
     if not (math.isfinite(asked) and 0.0 < asked < limit):
+        bodies = " and for bodies on springs" if moving_bodies(drive) else ""
         raise DriveError(
             f"run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m), less for "
-            f'dampers{mounts}; or "auto", {automatic_step(drive):.6g} s'
+            f'dampers{bodies}; or "auto", {automatic_step(drive):.6g} s; stiffest is {stiffest_part(drive)}'
         )
     return asked

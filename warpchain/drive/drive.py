@@ -224,6 +224,27 @@ class Drive(Part):
         """Damping of the stops of arm a [N m s/rad]: its own, or half the critical one."""
         return stop_damping(self.arms[a], self.stop_stiffness(a))
 
+    def arm_inertia(self, a: int) -> float:
+        """Inertia of arm a about its pivot [kg m^2], with the plungers that move with it at their levers."""
+        body = len(self.sprockets) + a
+        return self.arms[a].inertia + self.plunger_mass_on(body)
+
+    def plunger_mass_on(self, body: int) -> float:
+        """What the plungers on a body add to its mass [kg], or to an arm's inertia [kg m^2]."""
+        tensioners = range(len(self.tensioners))
+        on = (t for t in tensioners if self.tensioner_body(t) == body)
+        return sum(self.tensioners[t].plunger_mass * self.tensioner_lever(t) ** 2 for t in on)
+
+    def tensioner_lever(self, t: int) -> float:
+        """Lever of tensioner t about its arm's pivot as drawn [m]; 1 on a sprocket, which it only shifts."""
+        tensioner = self.tensioners[t]
+        arm = self.arm_index(tensioner.on)
+        if arm is None:
+            return 1.0
+        (x, y), (dx, dy) = tensioner.at, tensioner.unit_direction
+        px, py = self.arms[arm].pivot
+        return (x - px) * dy - (y - py) * dx
+
     def tensioner_body(self, t: int) -> int:
         """The body that tensioner t pushes: a sprocket's index, or S + the arm's."""
         name = self.tensioners[t].on

@@ -216,11 +216,14 @@ def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:
     row["center"], row["velocity"] = initial_center(sprocket), initial_velocity(sprocket)
 
 
-def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float]) -> None:
-    """Fills a sprocket's `kernels.structs.Mount`; it stays zero for a fixed center without a wheel."""
+def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float], plungers: float = 0.0) -> None:
+    """Fills a sprocket's `kernels.structs.Mount`; it stays zero for a fixed center without a wheel.
+
+    `plungers` is the mass of those that move with its center [kg].
+    """
     if not active(sprocket):
         return
-    mount, mass = sprocket.mount, moving_mass(sprocket)
+    mount, mass = sprocket.mount, moving_mass(sprocket) + plungers
     row["active"] = 1
     row["home"] = sprocket.center
     row["mass"] = mass

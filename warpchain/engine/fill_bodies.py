@@ -68,17 +68,6 @@ def _fill_box(row: Any, profile: Profile, origin: NDArray[np.float64], offset: f
     row["high"] = along.max() + around, across.max() + around
 
 
-def arm_inertia(drive: Drive, a: int) -> float:
-    """Inertia of arm a about its pivot [kg m^2], with the plungers that move with it at their levers."""
-    arm, body = drive.arms[a], len(drive.sprockets) + a
-    inertia = arm.inertia
-    for t, tensioner in enumerate(drive.tensioners):
-        if drive.tensioner_body(t) == body:
-            (x, y), (dx, dy) = np.subtract(tensioner.at, arm.pivot), tensioner.unit_direction
-            inertia += tensioner.plunger_mass * (x * dy - y * dx) ** 2
-    return inertia
-
-
 def guide_heft(drive: Drive, g: int) -> float:
     """m_e [kg] of a roller that slides on guide g: less than its mass where all its rollers can turn a light arm.
 
@@ -89,17 +78,18 @@ def guide_heft(drive: Drive, g: int) -> float:
     if arm is None:
         return drive.chain.mass
     rollers = sum(drive.profile(of).face_length / drive.chain.pitch + 2.0 for of in drive.guides_of(arm))
-    return 1.0 / (1.0 / drive.chain.mass + rollers * drive.arm_lever(arm) ** 2 / arm_inertia(drive, arm))
+    return 1.0 / (1.0 / drive.chain.mass + rollers * drive.arm_lever(arm) ** 2 / drive.arm_inertia(arm))
 
 
 def fill_arm(row: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
     """Fills the rows of arm a, of `kernels.structs.Arm` and, at rest, of `BodyState`."""
     arm = drive.arms[a]
     row["pivot"] = body["center"] = arm.pivot
-    row["inverse_inertia"] = 1.0 / arm_inertia(drive, a)
+    row["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
     row["stiffness"], row["free_angle"], row["damping"] = arm.stiffness, arm.free_angle_rad, arm.damping
     row["low"], row["high"] = arm.stops_rad
-    row["stop_stiffness"], row["stop_damping"] = drive.stop_stiffness(a), drive.stop_damping(a)
+    if arm.stops is not None:
+        row["stop_stiffness"], row["stop_damping"] = drive.stop_stiffness(a), drive.stop_damping(a)
     row["reach"] = drive.arm_lever(a)
     row["heft"] = arm.mass * np.subtract(arm.center, arm.pivot)
     row["gravity"] = drive.run.gravity

@@ -119,7 +119,7 @@ def _pack_each(
             fill_sliding(packed.tooth_sliding[mine], tooth_rubbing(drive), tooth_heft(drive, s))
             fill_strand(packed.strands[mine], assembly, s, drive.chain.links)
             fill_motion(packed.motions[body], drive, s, float(assembly.sprocket_angle[s]), harmonics, tables)
-            fill_mount(packed.mounts[body], sprocket, drive.run.gravity)
+            fill_mount(packed.mounts[body], sprocket, drive.run.gravity, drive.plunger_mass_on(s))
             fill_body(packed.bodies[body], sprocket, assembly, s)
             held = np.flatnonzero(assembly.seat_sprocket == s)
             packed.seat[row["first_contact"] + s * drive.chain.links + held] = assembly.seat_index[held]
