@@ -1,4 +1,4 @@
-"""Pictures of recordings without a screen. The README's are the marine drive and the car's in the headless Rerun viewer:
+"""Pictures of recordings without a screen. The README's: the marine drive and the car's in the headless Rerun viewer.
 
     python scripts/render_picture.py docs/images/marine.png [SECONDS] [TAB]
     python scripts/render_picture.py docs/images/car.png 0.15 --drive car
