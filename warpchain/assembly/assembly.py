@@ -29,14 +29,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.path import ChainPath, chain_path, check_fit
-from warpchain.assembly.seating import Seating, seat_chain
+from warpchain.assembly.seating import Seating, seat_chain, seat_string
 from warpchain.assembly.tables import initial_speed
+from warpchain.assembly.taut import Taut
+from warpchain.assembly.walk import Curve
 from warpchain.drive.mounts import initial_center, initial_velocity
+from warpchain.drive.profile import direction
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Sprocket
 
 _STRAIGHT = 1e-12  # a strand this little slack is drawn straight
+_BALANCES = 12  # of arms; each leaves some percent of what is wrong
+_STILL = 1e-9  # rad
 _TIE = 1e-9  # of a pitch angle, or of gravity's direction: which way round-off must not decide
 
 
@@ -58,6 +63,7 @@ class Assembly:
         strand_links: (S,) number of links of strand k, from that seat to the first of the next sprocket.
         strain: strain of the strands' links; a slack chain (below 0) has a chord shorter than its links by that.
         path: the path of the chain.
+        arm_angle: (A,) angles of the arms, counter-clockwise [rad]; 0 as drawn.
     """
 
     position: NDArray[np.float64]
@@ -70,6 +76,7 @@ class Assembly:
     strand_links: NDArray[np.int32]
     strain: float
     path: ChainPath
+    arm_angle: NDArray[np.float64]
 
 
 def assemble(drive: Drive) -> Assembly:
@@ -82,9 +89,7 @@ def assemble(drive: Drive) -> Assembly:
         DriveError: where the path cannot be drawn or the number of links does not fit it; one line that names the
             sprockets, or the numbers of links that fit.
     """
-    path = chain_path(drive)
-    check_fit(drive, path)
-    seating = seat_chain(drive, path)
+    path, seating = _seated(drive)
     angle, first_seat = _sprocket_angles(drive, seating)
     speed = _sprocket_speeds(drive, path)
 
@@ -109,6 +114,11 @@ def assemble(drive: Drive) -> Assembly:
         begin, end = last[k], first[(k + 1) % len(first)]
         rollers = slice(begin + 1, begin + links)
         natural = lengths[np.arange(begin, begin + links) % count]
+        strand = path.strings[k] and seat_string(drive, path, seating, k)
+        if strand:
+            at, velocity[rollers] = _around(strand, natural, velocity[begin], velocity[end], path, drive.run.gravity)
+            position[rollers] = at
+            continue
         fraction = (np.cumsum(natural) / natural.sum())[:-1, None]
         velocity[rollers] = velocity[begin] + fraction * (velocity[end] - velocity[begin])
         chord = position[end] - position[begin]
@@ -127,7 +137,63 @@ def assemble(drive: Drive) -> Assembly:
         strand_links=np.array(seating.links, dtype=np.int32),
         strain=seating.strain,
         path=path,
+        arm_angle=path.arm_angle,
     )
+
+
+def _seated(drive: Drive) -> tuple[ChainPath, Seating]:
+    """Path and seats; arms in balance with the strain of the chain on its seats."""
+    path = chain_path(drive)
+    check_fit(drive, path)
+    seating = seat_chain(drive, path)
+    if not drive.arms:
+        return path, seating
+    from warpchain.assembly.arms import balanced
+
+    for _ in range(_BALANCES):
+        before = path.arm_angle
+        path = balanced(drive, seating.strain - path.nominal_strain, before)
+        seating = seat_chain(drive, path)
+        if float(np.abs(path.arm_angle - before).max()) <= _STILL:
+            break
+    return path, seating
+
+
+def _around(
+    string: Taut,
+    natural: NDArray[np.float64],
+    begin: NDArray[np.float64],
+    end: NDArray[np.float64],
+    path: ChainPath,
+    gravity: Sequence[float],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places and velocities (links - 1, 2) of the rollers of a strand that touches guides.
+
+    A taut strand's links, strained alike, are chords of its string. A slack one's are unstrained, and what they are too
+    long hangs in the longest straight part.
+
+    Args:
+        begin, end: velocities of the end rollers (2,) [m/s].
+    """
+    curve = Curve(string.pieces)
+    scale = curve.scale(natural)
+    places = curve.places(scale * natural)
+    points = curve.points(places)
+    if scale < 1.0 - _STRAIGHT:
+        low = curve.begins[curve.longest]
+        high = low + curve.pieces[curve.longest].length
+        inner = [i for i, s in enumerate(places) if low <= s <= high]
+        ahead, back = curve.points(curve.places(natural)), curve.reversed()
+        behind = back.points(back.places(natural[::-1]))[::-1]
+        if len(inner) > 2:
+            a, b = inner[0], inner[-1]
+            points[: a + 1], points[b:] = ahead[: a + 1], behind[b:]
+            points[a + 1 : b] = points[a] + _arc(points[b] - points[a], natural[a:b], path, gravity)
+    share = np.linspace(0.0, 1.0, len(places))[1:-1]
+    speed = (1.0 - share) * np.hypot(*begin) + share * np.hypot(*end)
+    heading = np.array([curve.at(s)[1] for s in places[1:-1]])
+    sense = 1.0 if begin @ np.array(direction(string.first)) >= 0.0 else -1.0
+    return points[1:-1], sense * speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 
 def _ends(seating: Seating) -> tuple[list[int], list[int]]:

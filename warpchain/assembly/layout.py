@@ -17,15 +17,11 @@ import math
 from itertools import combinations
 from typing import TYPE_CHECKING
 
+from warpchain.assembly.guided import BEHIND, OWN
 from warpchain.assembly.path import ChainPath, chain_path
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Guide
-
-OWN = 0.25
-"""A bar's own strand is no farther behind its face than this share of the strand's length."""
-BEHIND = 1.5
-"""How much farther a strand counts that is behind a bar, when its own strand, the nearest, is looked for."""
 
 Point = tuple[float, float]
 Strand = tuple[Point, Point]

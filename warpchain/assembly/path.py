@@ -9,17 +9,22 @@ w = +1. For the strand from sprocket k to sprocket l, of length S, both tangent 
 
 D = c_l - c_k and D' = D turned by +90 degrees: the outer tangent for equal wraps, the inner one for opposite wraps.
 The wrapped angle of a sprocket is w (heading that leaves - heading that arrives), taken in (0, 2 pi).
+
+Where guides reach into a strand it is the taut string around them (`warpchain.assembly.taut`) instead of a tangent.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.guided import Run, obstacles
+from warpchain.assembly.taut import Arc, Taut, TautError, circle, taut
 from warpchain.drive.mounts import initial_center
 from warpchain.errors import DriveError
 
@@ -47,10 +52,14 @@ class ChainPath:
             does not cross itself, 0 for a crossed pair.
         strand_start: (S, 2) point where strand k leaves sprocket k [m].
         strand_end: (S, 2) point where strand k reaches sprocket k + 1 [m].
-        strand_length: (S,) straight lengths [m].
+        strand_length: (S,) lengths as links measure them [m]: straight ones, and on a guide's arc those of chords of
+            a pitch (`Taut.chain_length`).
         wrapped_pitches: pitches on all wrapped arcs, the sum of wrapped angle over pitch angle.
         nominal_strain: strain of the strands' links for the drive's number of links; infinite where the wrapped arcs
             alone take more.
+        strings: (S,) the way around the guides that strand k touches; None where it touches none and is straight.
+        obstacles: (S,) the guides that strand k meets or could meet, empty where it meets none.
+        arm_angle: (A,) angles of the arms [rad].
     """
 
     pitch: float
@@ -63,6 +72,9 @@ class ChainPath:
     strand_length: NDArray[np.float64]
     wrapped_pitches: float
     nominal_strain: float
+    strings: tuple[Taut | None, ...]
+    obstacles: tuple[tuple[Run, ...], ...]
+    arm_angle: NDArray[np.float64]
 
     def strain(self, links: int) -> float:
         """Nominal strain of the strands if the chain had `links` links.
@@ -81,7 +93,20 @@ class ChainPath:
 
 
 def chain_path(drive: Drive) -> ChainPath:
-    """The path of the drive's chain; its number of links need not fit (see `check_fit`).
+    """The path of the drive's chain; its number of links need not fit (see `check_fit`). Arms stand in balance.
+
+    Raises:
+        DriveError: as `path_at`; or an arm that finds no balance.
+    """
+    if not drive.arms:
+        return path_at(drive, ())
+    from warpchain.assembly.arms import balanced
+
+    return balanced(drive)
+
+
+def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
+    """The path of the drive's chain with its arms at angles (A,) [rad]; its number of links need not fit.
 
     Raises:
         DriveError: where pitch circles overlap, a sprocket is not wrapped or is wrapped by a chain that meets itself,
@@ -106,12 +131,23 @@ def chain_path(drive: Drive) -> ChainPath:
 
     leaving = np.arctan2(direction[:, 1], direction[:, 0])
     arriving = np.roll(leaving, 1)
+    lines = [((a[0], a[1]), (b[0], b[1])) for a, b in zip(start.tolist(), end.tolist(), strict=True)]
+    met = obstacles(drive, arm_angle, lines)
+    ends = [circle(c, r, w) for c, r, w in zip(center.tolist(), radius.tolist(), sign.tolist(), strict=True)]
+    strings = tuple(_string(drive, ends[k], ends[(k + 1) % len(ends)], runs) for k, runs in enumerate(met))
+    pitch = float(drive.chain.pulled_lengths.mean())
+    for k, string in enumerate(strings):
+        if string is not None:
+            following = (k + 1) % len(strings)
+            leaving[k], arriving[following] = string.first, string.last
+            start[k], end[k] = ends[k].at(string.first), ends[following].at(string.last)
+            length[k] = string.chain_length(pitch)
     wrap = np.mod(sign * (leaving - arriving), 2.0 * math.pi)
     _check_wraps(drive, wrap, 2.0 * math.pi / teeth)
-    _check_clear(drive, center, radius, start, direction, length)
+    free = [k for k, string in enumerate(strings) if string is None]
+    _check_clear(drive, center, radius, start, direction, length, free)
 
     wrapped = float(np.sum(wrap * teeth)) / (2.0 * math.pi)
-    pitch = float(drive.chain.pulled_lengths.mean())
     return ChainPath(
         pitch=pitch,
         radius=radius,
@@ -123,7 +159,21 @@ def chain_path(drive: Drive) -> ChainPath:
         strand_length=length,
         wrapped_pitches=wrapped,
         nominal_strain=_strain(drive.chain.links, wrapped, float(length.sum()) / pitch),
+        strings=strings,
+        obstacles=met,
+        arm_angle=np.array(arm_angle, dtype=float),
     )
+
+
+def _string(drive: Drive, first: Arc, last: Arc, runs: tuple[Run, ...]) -> Taut | None:
+    """The way of a strand around its guides; None where it touches none."""
+    if not runs:
+        return None
+    try:
+        string = taut(first, last, runs)
+    except TautError as error:
+        raise DriveError(f"guides.{drive.guides[error.guide].name}: {error}") from None
+    return string if string.touches else None
 
 
 def check_fit(drive: Drive, path: ChainPath) -> None:
@@ -216,6 +266,7 @@ def _check_clear(
     start: NDArray[np.float64],
     direction: NDArray[np.float64],
     length: NDArray[np.float64],
+    free: Sequence[int],
 ) -> None:
     count = len(radius)
     if count < 3:
@@ -225,6 +276,7 @@ def _check_clear(
     gap = offset - along[..., None] * direction[:, None, :]
     through = np.hypot(gap[..., 0], gap[..., 1]) < radius[None, :]
     strand = np.arange(count)
+    through[[k for k in range(count) if k not in free]] = False  # they go around guides
     through[strand, strand] = through[strand, (strand + 1) % count] = False
     for k, s in np.argwhere(through):
         raise DriveError(

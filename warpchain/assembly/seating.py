@@ -16,6 +16,10 @@ angle, in a strand the length over p (1 + nominal strain), p the links' mean len
 it is seated where it comes within half a pitch of the arc. That is also where the choice does not matter: a last seat
 half a pitch angle before the tangent point sends the next roller of a straight strand exactly to the next seat. So
 where the solved angles have left that range a seat is added or given back, and the conditions are solved again.
+
+A strand that touches guides goes around them from seat to seat on the taut string, whose length stands in (a) for the
+distance; its directions at both ends are the gradient. Its links are chords: what they are longer or shorter together
+than `Taut.chain_length`, where arcs and straight parts meet, is found by laying them and added.
 """
 
 from __future__ import annotations
@@ -27,7 +31,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.assembly.path import ChainPath
+from warpchain.assembly.taut import Taut, TautError, point, taut
+from warpchain.assembly.walk import Curve
 from warpchain.drive.mounts import initial_center
+from warpchain.drive.profile import direction
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -37,6 +44,7 @@ _TIE = 1e-6  # pitches: a roller half a pitch from an arc counts as seated, what
 _SPARE = 0.05  # pitch angles beyond the half one before a seat is given back
 _ROUNDS = 10
 _ITERATIONS = 40
+_LAYINGS = 8  # of links on strings; each leaves a thousandth of the error
 _CLOSED = 1e-10  # of a pitch
 
 
@@ -74,6 +82,11 @@ def seat_chain(drive: Drive, path: ChainPath) -> Seating:
     return seating
 
 
+def seat_string(drive: Drive, path: ChainPath, seating: Seating, k: int) -> Taut | None:
+    """Strand k from seat to seat around the guides that it touches; None where it is straight."""
+    return _Loop(drive, path).string(seating, k)
+
+
 def forth(roller: int) -> int:
     """1 where an outer link ends at a roller, -1 where one begins (`Drive.riding_lean`)."""
     return 1 if roller % 2 else -1
@@ -93,6 +106,10 @@ class _Loop:
         self.radius = [float(radius) for radius in path.radius]
         self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
         self.pitch = path.pitch
+        self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
+        self.guides = [guide.name for guide in drive.guides]
+        self.chords = [0.0] * self.size  # what links laid on a string measure beyond its chain length [m]
+        self.links = drive.chain.pulled_lengths
         self.reach = np.concatenate([[0.0], np.cumsum(np.tile(drive.chain.pulled_lengths, 2))])
 
     def count(self, drive: Drive, path: ChainPath) -> Seating:
@@ -138,6 +155,48 @@ class _Loop:
         leave = self.last_angle(seating, k) + forth(last) * self.lean[k]
         return leave, seating.first_angle[following] + forth(last + seating.links[k]) * self.lean[following]
 
+    def string(self, seating: Seating, k: int) -> Taut | None:
+        """Strand k from seat to seat around its guides; None where it touches none."""
+        if not self.runs[k]:
+            return None
+        following = (k + 1) % self.size
+        leave, arrive = self.ends(seating, k)
+        try:
+            string = taut(point(self._seat(k, leave)), point(self._seat(following, arrive)), self.runs[k])
+        except TautError as error:
+            raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
+        return string if string.touches else None
+
+    def _seat(self, s: int, polar: float) -> tuple[float, float]:
+        (x, y), radius = self.center[s], self.radius[s]
+        return x + radius * math.cos(polar), y + radius * math.sin(polar)
+
+    def span(self, seating: Seating, k: int) -> tuple[float, tuple[float, float], tuple[float, float]]:
+        """Length of strand k from seat to seat [m], and the unit vectors along which it leaves and arrives."""
+        string = self.string(seating, k)
+        if string is None:
+            x, y, length, _, _ = self.chord(seating, k)
+            return length, (x, y), (x, y)
+        return string.chain_length(self.pitch) + self.chords[k], direction(string.first), direction(string.last)
+
+    def inward(self, seating: Seating, k: int) -> tuple[float, float]:
+        """Unit vectors of strand k where it leaves and arrives, times the outward unit vectors of the seats there."""
+        if not self.runs[k]:
+            _, _, _, first, last = self.chord(seating, k)
+            return first, last
+        _, (x, y), (u, v) = self.span(seating, k)
+        leave, arrive = self.ends(seating, k)
+        return x * math.cos(leave) + y * math.sin(leave), u * math.cos(arrive) + v * math.sin(arrive)
+
+    def laid(self, seating: Seating, k: int) -> float:
+        """What the links of strand k, laid as chords on its string, measure beyond its chain length [m]."""
+        string = self.string(seating, k)
+        if string is None:
+            return 0.0
+        roller = sum(seats - 1 for seats in seating.seats[: k + 1]) + sum(seating.links[:k])
+        links = self.links[np.arange(roller, roller + seating.links[k]) % len(self.links)]
+        return Curve(string.pieces).scale(links) * float(links.sum()) - string.chain_length(self.pitch)
+
     def chord(self, seating: Seating, k: int) -> tuple[float, float, float, float, float]:
         """Strand k from seat to seat: its unit vector's components and length; the last two are its unit vector times
         the outward unit vectors of its first and last seat."""
@@ -171,6 +230,13 @@ class _Loop:
     def close(self, seating: Seating) -> None:
         """Solves the closing conditions (a) for the whole numbers as they stand."""
         lengths = self.natural(seating)
+        for _ in range(_LAYINGS if any(self.runs) else 1):
+            self._solve(seating, lengths)
+            before, self.chords = self.chords, [self.laid(seating, k) for k in range(self.size)]
+            if max(abs(a - b) for a, b in zip(before, self.chords, strict=True)) <= 1e-3 * _CLOSED * self.pitch:
+                break
+
+    def _solve(self, seating: Seating, lengths: list[float]) -> None:
         self._newton(seating, lengths, lengths)
         if seating.strain < 0.0 and 1 in seating.links:
             sagging = [length if links > 1 else 0.0 for links, length in zip(seating.links, lengths, strict=True)]
@@ -190,10 +256,10 @@ class _Loop:
             residual = np.zeros(size)
             for k in range(size):
                 following = (k + 1) % size
-                x, y, length, _, _ = self.chord(seating, k)
+                length, (x, y), (u, v) = self.span(seating, k)
                 residual[k] = length - lengths[k] - elastic[k] * seating.strain
                 leave, arrive = self.ends(seating, k)
-                jacobian[k, following] = self.radius[following] * (y * math.cos(arrive) - x * math.sin(arrive))
+                jacobian[k, following] = self.radius[following] * (v * math.cos(arrive) - u * math.sin(arrive))
                 jacobian[k, k] = -self.radius[k] * (y * math.cos(leave) - x * math.sin(leave))
                 jacobian[k, self.driver] = -elastic[k]
             before, worst = worst, float(np.abs(residual).max())
@@ -226,7 +292,7 @@ class _Loop:
         changed = False
         for k in range(self.size):
             following = (k + 1) % self.size
-            _, _, _, leave, arrive = self.chord(seating, k)
+            leave, arrive = self.inward(seating, k)
             change = self._missing(seating, k, k, -leave, link)
             seating.seats[k] += change
             seating.links[k] -= change

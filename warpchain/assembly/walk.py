@@ -1,0 +1,89 @@
+"""Links laid along a curve of straight pieces and arcs: every roller on the curve, every link a chord of it."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from itertools import accumulate
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive.profile import Piece, Point, direction
+
+_NEWTON = 30
+_EXACT = 4e-16  # of a link or of the curve
+
+
+class Curve:
+    """Pieces that follow each other, drawn out straight at both ends.
+
+    Args:
+        pieces: at least one.
+    """
+
+    def __init__(self, pieces: Sequence[Piece]) -> None:
+        self.pieces = tuple(pieces)
+        self.begins = [0.0, *accumulate(piece.length for piece in self.pieces)]
+        self.length = self.begins.pop()
+        self.longest = max(range(len(self.pieces)), key=lambda i: self._straight(i))
+
+    def _straight(self, i: int) -> float:
+        return 0.0 if self.pieces[i].curvature else self.pieces[i].length
+
+    def at(self, s: float) -> tuple[Point, float]:
+        """The point [m] and the heading [rad] at the arc length s [m]."""
+        i = min(max(bisect_right(self.begins, s) - 1, 0), len(self.pieces) - 1)
+        piece = self.pieces[i]
+        inner = s - self.begins[i]
+        held = min(max(inner, 0.0), piece.length)
+        (x, y), heading = piece.at(held)
+        if held != inner:
+            ux, uy = direction(heading)
+            x, y = x + (inner - held) * ux, y + (inner - held) * uy
+        return (x, y), heading
+
+    def step(self, s: float, link: float) -> float:
+        """Where a link that begins at s ends [m]."""
+        (x, y), _ = self.at(s)
+        ahead = s + link
+        for _ in range(_NEWTON):
+            (px, py), heading = self.at(ahead)
+            dx, dy = px - x, py - y
+            chord = math.hypot(dx, dy)
+            ux, uy = direction(heading)
+            change = (link - chord) * chord / (dx * ux + dy * uy)
+            ahead += change
+            if abs(change) <= _EXACT * link:
+                break
+        return ahead
+
+    def places(self, links: Sequence[float] | NDArray[np.float64], begin: float = 0.0) -> list[float]:
+        """Where the rollers stand [m]: one more than there are links, the first at `begin`."""
+        found = [begin]
+        for link in links:
+            found.append(self.step(found[-1], float(link)))
+        return found
+
+    def points(self, places: Sequence[float]) -> NDArray[np.float64]:
+        """(n, 2) points at arc lengths [m]."""
+        return np.array([self.at(s)[0] for s in places]).reshape(-1, 2)
+
+    def reversed(self) -> Curve:
+        """The curve run the other way."""
+        return Curve([piece.turned() for piece in reversed(self.pieces)])
+
+    def scale(self, links: NDArray[np.float64]) -> float:
+        """The factor by which links of these lengths must be scaled to go from end to end, each a chord."""
+        factor, known = self.length / float(links.sum()), (0.0, 0.0)
+        for _ in range(_NEWTON):
+            over = self.places(factor * links)[-1] - self.length
+            if abs(over) <= 4.0 * _EXACT * self.length * len(links) ** 0.5:
+                break
+            slope = (over - known[1]) / (factor - known[0]) if known[0] else self.length / factor
+            known = (factor, over)
+            if slope <= 0.0 or over == 0.0:
+                break
+            factor -= over / slope
+        return factor
