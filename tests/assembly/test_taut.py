@@ -82,7 +82,7 @@ def test_levers_are_the_gradient_by_an_arms_angle():
     assert string(0.0).levers([0], pivot) == pytest.approx(-slope, rel=1e-8)
 
 
-def guided(radius=0.5, top=0.24, links=62):
+def guided(radius=0.5, top=0.24, links=60):
     """Two sprockets with a circular guide inside the upper strand, as an arc through (0.5, top)."""
     drive = two_sprockets(links=links)
     arc = {"center": [0.5, top - radius], "radius": radius, "from": 65.0, "to": 115.0}
@@ -103,10 +103,10 @@ def test_rollers_stand_on_the_guide():
     assert strings == [1]
     touch = path.strings[1].touches[0]
     reach = np.hypot(*(assembly.position - [0.5, -0.26]).T)
-    strand = (assembly.strand_first[1] + np.arange(assembly.strand_links[1] + 1)) % 62
+    strand = (assembly.strand_first[1] + np.arange(assembly.strand_links[1] + 1)) % 60
     lengths = link_lengths(assembly)
     for k in range(2):
-        own = (assembly.strand_first[k] + np.arange(assembly.strand_links[k])) % 62
+        own = (assembly.strand_first[k] + np.arange(assembly.strand_links[k])) % 60
         assert lengths[own] == pytest.approx(0.05 * (1.0 + assembly.strain), abs=1e-9)
     away = np.abs(np.arctan2(assembly.position[strand, 0] - 0.5, assembly.position[strand, 1] + 0.26))
     on = strand[away < 0.5 * touch.wrap - 0.01]
@@ -127,3 +127,23 @@ def test_path_and_wraps_by_hand():
     assert float(path.wrap_angle.sum()) + wrap == pytest.approx(2.0 * math.pi, rel=1e-13)
     chord = 2.0 * math.asin(0.05 / 1.03)
     assert path.strand_length[1] == pytest.approx(2.0 * straight + 0.05 * wrap / chord, rel=1e-12)
+
+
+def test_an_arm_stands_where_chain_and_spring_balance():
+    """The torsion spring's moment against T (h_out - h_in) of the assembled chain: T = k p strain."""
+    drive = guided(links=60).with_values(
+        {
+            "arms": [
+                {"name": "lever", "pivot": [0.1, 0.05], "mass": 0.1, "center": [0.3, 0.1], "inertia": 0.01,
+                 "stiffness": 200.0, "free_angle": 20.0, "stops": [-30.0, 30.0]}
+            ],
+            "guides.blade.arm": "lever",
+        }
+    )  # fmt: skip
+    assembly = assemble(drive)
+    angle = float(assembly.arm_angle[0])
+    string = assembly.path.strings[1]
+    pull = drive.chain.mean_stiffness * assembly.path.pitch * assembly.strain
+    assert assembly.strain > 0.0
+    spring = -200.0 * (angle - math.radians(20.0))
+    assert pull * string.levers([0], (0.1, 0.05)) == pytest.approx(-spring, rel=1e-4)

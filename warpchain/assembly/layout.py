@@ -44,6 +44,8 @@ def findings(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
         if (place := meeting(strands[k], strands[m])) is not None
     ]
     for guide in drive.guides:
+        if not guide.straight or guide.arm is not None:
+            continue  # strands go around them
         found += _of_guide(drive, guide, strands)
     return tuple(found)
 

@@ -22,8 +22,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.guided import standing_profile
 from warpchain.drive.motion import ElasticMount, PrescribedMount, SliderMount
 from warpchain.drive.mounts import moving_mass, unit
+from warpchain.drive.profile import direction
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
@@ -86,6 +88,7 @@ class Potential:
         self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
         self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
         self.moments = np.array([w.sign for w in sprockets]) * moments
+        self.arm_angle = np.zeros(len(drive.arms))  # at which arms are held [rad]
         self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by
         self.home, self.spring, self.pull = _mounts(drive, self.gravity)
 
@@ -192,7 +195,32 @@ class Potential:
         outward = np.where(tip, (self.radius[s] + xi) / distance, outward)
         return pen, outward, np.where(tip, eta / distance, lateral), bend
 
+    def _profile(self, x: Array, g: int, terms: Terms) -> None:
+        """A curved or carried guide, its arm held at its angle: piece by piece, `warpchain.drive.profile` (a)."""
+        r, _, _ = self.split(x)
+        offset, law = self.drive.guide_offset(g), self.drive.guide_contact(g)
+        for piece in standing_profile(self.drive, g, self.arm_angle).pieces:
+            t = np.array(direction(piece.heading))
+            n, k = np.array([-t[1], t[0]]), piece.curvature
+            u, w = (r - piece.start) @ t, (r - piece.start) @ n
+            height = 2.0 * w - k * (u * u + w * w)
+            root = np.sqrt(np.maximum(1.0 - k * height, 1e-12))
+            pen = offset - height / (1.0 + root)
+            s = u if k == 0.0 else np.arctan2(k * u, 1.0 - k * w) / k
+            hit = np.flatnonzero((pen > 0.0) & (pen < 1.5 * offset) & (s >= 0.0) & (s < piece.length))
+            if not len(hit):
+                continue
+            normal = ((1.0 - k * w) / root)[hit, None] * n - (k * u / root)[hit, None] * t
+            stiffness = self.softness * self.guide_stiffness[g]
+            force, block = _contact(terms, pen[hit], normal, k / root[hit], stiffness, law.exponent)
+            at = np.stack([2 * hit, 2 * hit + 1], axis=1)
+            np.add.at(terms.gradient, at, -force[:, None] * normal)
+            terms.add_blocks(at, block)
+
     def _guide(self, x: Array, g: int, terms: Terms) -> None:
+        if not self.drive.guides[g].straight or self.drive.guides[g].arm is not None:
+            self._profile(x, g, terms)
+            return
         r, _, _ = self.split(x)
         guide, roller_radius = self.drive.guides[g], self.drive.chain.roller_radius
         start, end = np.asarray(guide.bar.start, dtype=float), np.asarray(guide.bar.end, dtype=float)

@@ -122,6 +122,7 @@ def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) 
         )
         return Steady(nothing, centrifugal, nothing, nothing, f"not sought for a chain of more than {MOST} links")
     potential = Potential(drive, frequency, moments)
+    potential.arm_angle = assembly.arm_angle
     solver = _Solver(potential, assembly, moments)
     x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle])
     means: list[tuple[Array, Array, Array]] = []
@@ -168,7 +169,8 @@ def _strands(potential: Potential, assembly: Assembly, x: Array) -> tuple[Array,
     ends = np.roll(r, -1, axis=0)
     found, off = np.empty(potential.sprockets), np.empty(potential.sprockets)
     for k in range(potential.sprockets):
-        length = float(path.strand_length[k])
+        straight = path.strings[k] is None
+        length = float(path.strand_length[k] if straight else math.dist(path.strand_start[k], path.strand_end[k]))
         u = (path.strand_end[k] - path.strand_start[k]) / length
         a, b = (r - path.strand_start[k]) @ u, (ends - path.strand_start[k]) @ u
         left = np.array([-u[1], u[0]])

@@ -26,6 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from warpchain.drive.profile import Piece, Point, Profile, direction, turn
 
@@ -258,7 +259,7 @@ def _neighbor(arc: Arc, where: _Where, step: int) -> Arc | None:
 def _tangents(chosen: list[Arc], where: _Where) -> list[_Tangent] | tuple[int, Arc]:
     """The tangents from each to the next; or where there is none, what to take in between, and at which place."""
     found: list[_Tangent] = []
-    for k, (one, other) in enumerate(zip(chosen, chosen[1:], strict=False), 1):
+    for k, (one, other) in enumerate(pairwise(chosen), 1):
         if _neighbor(one, where, 1) is other:
             assert one.after is not None
             found.append((one.end, one.end, one.after, True))
