@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from warpchain import Drive, Record, Run, Trajectory, load_drive, simulate
 from warpchain.drive.examples import drive_path
 
-SPEEDS = (600, 1000, 1500, 2000, 2500, 3000, 3500, 4000, 4500, 5000, 5500, 6000)
+SPEEDS = (600, 1000, 1500, 2000, 2500, 2800, 3000, 3500, 4000, 4500, 5000, 5500, 6000)
 AT = (1500, 3000, 6000)
 """Speeds [rpm] of the sweep, and of what is changed."""
 LIFT, OPEN = 9.2e-3, math.radians(60.0)
@@ -125,7 +125,7 @@ def sweep_table(run: Run, rows: Sequence[Mapping[str, Any]]) -> None:
     """Prints what the sweep over speed gave."""
     print(
         "| rpm | friction [W] | joints | blade | fixed guide | teeth | slack mean / max [N] | tight mean / max [N] | "
-        "phase error [deg] | stroke [mm] | tensioner [N] | pressure [bar] |"
+        "phase error [deg] | stroke [mm] | tensioner: least, mean, most [N] | pressure [bar] |"
     )
     print("|" + "---|" * 12)
     for rpm, row, k in zip(SPEEDS, rows, range(len(SPEEDS)), strict=False):
@@ -138,9 +138,28 @@ def sweep_table(run: Run, rows: Sequence[Mapping[str, Any]]) -> None:
         error = [phase_error(run[k], s) for s in (1, 2)]
         phase = ", ".join(f"{e.mean():.2f} ± {0.5 * np.ptp(e):.2f}" for e in error)
         stroke = 1e3 * (row["tensioner.extension_max"] - row["tensioner.extension_min"])
-        force = " to ".join(f"{row[f'tensioner.force_{part}']:.0f}" for part in ("min", "max"))
+        force = ", ".join(f"{row[f'tensioner.force_{part}']:.0f}" for part in ("min", "mean", "max"))
         pressure = " to ".join(f"{1e-5 * row[f'tensioner.pressure_{part}']:.1f}" for part in ("min", "max"))
         print(f"| {rpm} | {total:.0f} | {parts} | {tension} | {phase} | {stroke:.2f} | {force} | {pressure} |")
+
+
+def force_orders(trajectory: Trajectory, count: int = 4) -> list[tuple[float, float]]:
+    """The largest orders of the crankshaft in the tensioner's force over the window, and their amplitudes [N]."""
+    assert trajectory.tensioner_force is not None
+    force = np.asarray(trajectory.tensioner_force[trajectory.time >= 0.5 * trajectory.time[-1], 0], dtype=float)
+    size = 2.0 / len(force) * np.abs(np.fft.rfft(force - force.mean()))
+    speed = trajectory.drive.sprockets[0].prescribed
+    assert speed is not None
+    order = np.fft.rfftfreq(len(force), np.diff(trajectory.time).mean()) * 2.0 * math.pi / speed.top_speed
+    return [(float(order[k]), float(size[k])) for k in np.argsort(size)[::-1][:count]]
+
+
+def orders_table(run: Run) -> None:
+    """Prints what the tensioner's force is made of."""
+    print("\n| rpm | orders of the tensioner's force: amplitude [N] |")
+    print("|---|---|")
+    for k, rpm in enumerate(SPEEDS):
+        print(f"| {rpm} | {', '.join(f'{order:.3g}: {size:.0f}' for order, size in force_orders(run[k]))} |")
 
 
 ENDS = ("crank->intake cam", "exhaust cam->crank")
@@ -234,7 +253,7 @@ def main() -> None:
     cases = [(label, rpm, value) for label, (_, values, _) in CHANGES.items() for rpm in AT for value in values]
     drives = [at_speed(drive, rpm) for rpm in SPEEDS]
     drives += [changed(at_speed(drive, rpm), CHANGES[label][0], value) for label, rpm, value in cases]
-    record = Record(variants=range(len(SPEEDS)), rate=1e4, channels=("sprocket_angle",))
+    record = Record(variants=range(len(SPEEDS)), rate=1e4, channels=("sprocket_angle", "tensioner_force"))
     run = simulate(drives, record=record, progress=True)
     rows = run.metrics.to_pylist()
     sweep, rest = rows[: len(SPEEDS)], rows[len(SPEEDS) :]
@@ -242,6 +261,7 @@ def main() -> None:
     for (label, rpm, _), row in zip(cases, rest, strict=True):
         done.setdefault((label, rpm), []).append(row)
     sweep_table(run, sweep)
+    orders_table(run)
     figures = {"car-speed.png": sweep_figure(run, sweep), "car-trends.png": trends(done)}
     suspects(rows)
     if folder is not None:
