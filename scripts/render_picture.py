@@ -1,6 +1,7 @@
-"""Pictures of recordings without a screen. The README's is the marine drive in the headless Rerun viewer:
+"""Pictures of recordings without a screen. The README's: the marine drive and the car's in the headless Rerun viewer.
 
     python scripts/render_picture.py docs/images/marine.png [SECONDS] [TAB]
+    python scripts/render_picture.py docs/images/car.png 0.15 --drive car
 
 Needs a Vulkan driver; in software, Debian's mesa-vulkan-drivers and libvulkan1. The web viewer needs chromium.
 """
@@ -145,11 +146,12 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("picture", nargs="?", type=Path, default=Path("docs/images/marine.png"))
     made.add_argument("seconds", nargs="?", type=float, default=1.5, help="simulated time (default 1.5)")
     made.add_argument("tab", nargs="?", help="tab of the viewer that is shown")
+    made.add_argument("--drive", default="marine", help="example drive (default marine)")
     return made
 
 
 def main() -> None:
-    """Runs the marine drive and takes its picture."""
+    """Runs the drive and takes its picture."""
     from PIL import Image
 
     from warpchain import load_drive, simulate
@@ -160,8 +162,8 @@ def main() -> None:
     picture = words.picture
     picture.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        recording = Path(folder) / "marine.rrd"
-        view(simulate(load_drive(drive_path("marine"))), save=recording, tab=words.tab)
+        recording = Path(folder) / f"{words.drive}.rrd"
+        view(simulate(load_drive(drive_path(words.drive))), save=recording, tab=words.tab)
         screenshot(recording, picture, words.seconds)
     Image.open(picture).convert("RGB").quantize(160).save(picture, optimize=True)  # a third of the size
     print(picture)

@@ -4,11 +4,20 @@ import math
 
 import numpy as np
 import pytest
-from drives import MARINE, two_sprockets
+from drives import MARINE, timing, two_sprockets
 
 import warpchain
 from warpchain import load_drive, simulate
-from warpchain.results.scene import contact_arrows, guide_outline, nearest_sprocket, strand_displacement, tooth_outline
+from warpchain.results.scene import (
+    arm_outline,
+    contact_arrows,
+    guide_outline,
+    nearest_sprocket,
+    strand_displacement,
+    tensioner_outline,
+    tooth_outline,
+    turned,
+)
 
 
 @pytest.mark.parametrize("s", [0, 1])
@@ -24,8 +33,8 @@ def test_teeth_hold_a_roller_in_every_seat_and_end_at_the_tip(s):
         seat = drive.pitch_radius(s) * np.array([math.cos(angle), math.sin(angle)])
         # nothing of the outline is inside a roller that sits there; the arc touches the seat's circle
         assert np.hypot(*(outline - seat).T).min() == pytest.approx(seat_radius, rel=1e-9)
-    turned = np.unwrap(np.arctan2(outline[:, 1], outline[:, 0]))
-    assert turned[-1] - turned[0] == pytest.approx(2 * math.pi)
+    angles = np.unwrap(np.arctan2(outline[:, 1], outline[:, 0]))
+    assert angles[-1] - angles[0] == pytest.approx(2 * math.pi)
 
 
 def test_guide_outline_is_the_face_with_tangent_ends():
@@ -62,3 +71,21 @@ def test_arrows_carry_the_recorded_forces_and_push_rollers_out_of_the_teeth():
     f = np.where(on, -sprockets, 0.0)
     moment = (r[..., 0] * f[..., 1] - r[..., 1] * f[..., 0]).sum(axis=1)
     np.testing.assert_allclose(moment, trajectory.sprocket_moment[:, 1], atol=1e-6 * np.abs(moment).max())
+
+
+def test_arms_and_tensioners_are_drawn_where_they_are():
+    """Lines from the pivot to both ends of the guide and to the pad; a plunger that ends where it touches."""
+    drive = timing()
+    pad, ends = drive.tensioners[0].at, drive.profile(0).face
+    lines = arm_outline(drive, 0)
+    assert [tuple(line[0]) for line in lines] == [drive.arms[0].pivot] * 3
+    assert [tuple(line[1]) for line in lines] == [ends[0].start, ends[-1].end, pad]
+    housing, plunger = tensioner_outline(drive, 0)
+    along = np.array(drive.tensioners[0].direction) / np.hypot(*drive.tensioners[0].direction)
+    assert ((plunger - pad) @ along).max() == pytest.approx(0.0, abs=1e-15)
+    assert np.ptp((plunger - pad) @ np.array([-along[1], along[0]])) == pytest.approx(
+        drive.tensioners[0].plunger.diameter
+    )
+    assert ((housing - pad) @ along).max() < 0.0
+    quarter = turned(np.array([[2.0, 1.0]]), (1.0, 1.0), 0.5 * np.pi)
+    assert quarter == pytest.approx(np.array([[1.0, 2.0]]))

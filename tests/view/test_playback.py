@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import rerun as rr
-from drives import two_sprockets
+from drives import timing, two_sprockets
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -136,6 +136,30 @@ def test_a_moving_sprockets_name_goes_with_its_center(run):
     assert label.labels.as_arrow_array().to_pylist() == ["driven"]
     assert label.positions.as_arrow_array().to_pylist() == [[0.0, 0.0]]
     assert f"{path}/name" not in spy.columns
+
+
+def test_arms_turn_and_plungers_come_out():
+    """Arm and blade turn about the pivot by minus the angle (y is turned around); the plunger moves by its extension
+    along its direction, its housing stands."""
+    drive = timing()
+    time, still = np.array([0.0, 1.0]), np.zeros((2, drive.chain.links, 2)) + np.arange(drive.chain.links)[:, None]
+    angle, out = np.array([[0.0], [0.02]]), np.array([[0.0], [1e-3]])
+    bodies = {"sprocket_angle": np.zeros((2, 3)), "sprocket_center": np.zeros((2, 3, 2))}
+    forces = {"sprocket_force": np.zeros(still.shape[:2]), "guide_force": np.zeros(still.shape[:2])}
+    spy, tension = Spy(), np.ones(still.shape[:2])
+    moved = {"arm_angle": angle, "tensioner_extension": out}
+    log_drive(spy, "a", Trajectory(drive, time, position=still, tension=tension, **bodies, **forces, **moved), 1.0)
+    for path in ("arms/arm", "guides/blade"):
+        _, columns = spy.columns[f"/a/drive/{path}"]
+        turn = np.array(columns["Transform3D:quaternion"].values.to_pylist())
+        assert 2.0 * np.arctan2(turn[:, 2], turn[:, 3]) == pytest.approx(-angle[:, 0], abs=1e-7)
+        place = np.array(columns["Transform3D:translation"].values.to_pylist())[:, :2]
+        assert place == pytest.approx(np.tile(np.array(drive.arms[0].pivot) * [1.0, -1.0], (2, 1)), rel=1e-6)
+    path = f"/a/drive/tensioners/{drive.tensioners[0].name}"
+    place = np.array(spy.columns[f"{path}/plunger"][1]["Transform3D:translation"].values.to_pylist())[:, :2]
+    along = np.array(drive.tensioners[0].direction) / np.hypot(*drive.tensioners[0].direction)
+    assert place == pytest.approx(out * along * [1.0, -1.0], abs=1e-9)
+    assert f"{path}/housing" in spy.static and f"{path}/housing" not in spy.columns
 
 
 def test_every_group_of_curves_has_a_view(run):

@@ -57,6 +57,35 @@ def guide_outline(drive: Drive, g: int, points: int = 12) -> Array:
     return np.vstack([before[::-1], after])
 
 
+def arm_outline(drive: Drive, a: int) -> list[Array]:
+    """Lines (2, 2) [m] of arm a as drawn: from its pivot to its guides' ends and to where tensioners push it."""
+    arm, faces = drive.arms[a], [drive.profile(g).face for g in drive.guides_of(a)]
+    ends = [end for face in faces for end in (face[0].start, face[-1].end)]
+    ends += [tensioner.at for tensioner in drive.tensioners if tensioner.on == arm.name]
+    return [np.array([arm.pivot, end], dtype=float) for end in ends]
+
+
+def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
+    """Housing (5, 2) and plunger (5, 2) [m] of tensioner k as drawn, closed; the plunger moves along the direction."""
+    tensioner = drive.tensioners[k]
+    wide = drive.chain.pitch if tensioner.plunger is None else tensioner.plunger.diameter
+    along = np.asarray(tensioner.direction, dtype=float)
+    along = along / np.hypot(*along)
+    across = np.array([-along[1], along[0]])
+
+    def box(begin: float, end: float, half: float) -> Array:
+        corners = ((begin, -half), (end, -half), (end, half), (begin, half), (begin, -half))
+        return np.array([np.asarray(tensioner.at) + u * along + w * across for u, w in corners])
+
+    return box(-3.0 * wide, -wide, 0.8 * wide), box(-2.0 * wide, 0.0, 0.5 * wide)
+
+
+def turned(points: Array, pivot: tuple[float, float], angle: float) -> Array:
+    """Points (..., 2) turned counter-clockwise about a pivot."""
+    c, d, center = math.cos(angle), math.sin(angle), np.asarray(pivot, dtype=float)
+    return np.asarray((points - center) @ np.array([[c, d], [-d, c]]) + center)
+
+
 def pressing(trajectory: Trajectory, least: float = 0.0) -> tuple[Arrows, Arrows]:
     """Contact forces on the rollers that are above `least` [N]: those of sprockets (eq. (8) and the flank's normal),
     those of guide-bars."""

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.results.run import Trajectory
-from warpchain.results.scene import contact_arrows, guide_outline, nearest_sprocket, strand_displacement, tooth_outline
+from warpchain.results.scene import (
+    arm_outline,
+    contact_arrows,
+    guide_outline,
+    nearest_sprocket,
+    strand_displacement,
+    tensioner_outline,
+    tooth_outline,
+    turned,
+)
 from warpchain.results.signals import guide_forces, last_round
 from warpchain.results.units import display_unit
 from warpchain.view.chosen import part_of
@@ -209,10 +218,29 @@ def _draw_parts(axis: Any, trajectory: Trajectory, f: int, factor: float) -> Non
         axis.plot(*outline.T, color="0.45", lw=0.7, zorder=1)
         middle = {"ha": "center", "va": "center", "zorder": 5, "path_effects": halo}
         axis.annotate(sprocket.name, factor * trajectory.sprocket_center[f, s], fontsize=9, **middle)
+    angles = np.zeros(len(drive.arms)) if trajectory.arm_angle is None else trajectory.arm_angle[f]
     for g, guide in enumerate(drive.guides):
-        outline = factor * guide_outline(drive, g)
+        outline, arm = guide_outline(drive, g), drive.arm_of(g)
+        if arm is not None:
+            outline = turned(outline, drive.arms[arm].pivot, float(angles[arm]))
+        outline = factor * outline
         axis.plot(*outline.T, color="tab:brown", lw=3, zorder=1)
         end = min(outline[[0, -1]], key=lambda end: end[1])
         side = "left" if end[0] < np.mean([s.center[0] for s in drive.sprockets]) * factor else "right"  # inward
         below = {"xytext": (0, -4), "textcoords": "offset points", "ha": side, "va": "top"}
         axis.annotate(guide.name, end, fontsize=8, color="tab:brown", **below)
+    _draw_arms(axis, trajectory, f, angles, factor)
+
+
+def _draw_arms(axis: Any, trajectory: Trajectory, f: int, angles: Any, factor: float) -> None:
+    """Arms turned by `angles` (A,) [rad] and tensioners pushed out as they are at a frame, so many units to a meter."""
+    drive = trajectory.drive
+    for a, arm in enumerate(drive.arms):
+        for line in arm_outline(drive, a):
+            axis.plot(*(factor * turned(line, arm.pivot, float(angles[a]))).T, color="0.45", lw=1.0, zorder=0)
+        axis.plot(*np.multiply(factor, arm.pivot), "o", color="0.45", ms=4, zorder=1)
+    for k, tensioner in enumerate(drive.tensioners):
+        housing, plunger = tensioner_outline(drive, k)
+        out = 0.0 if trajectory.tensioner_extension is None else float(trajectory.tensioner_extension[f, k])
+        moved = factor * (plunger + out * np.asarray(tensioner.direction) / np.hypot(*tensioner.direction))
+        housing = factor * housing

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.results.run import Trajectory
-from warpchain.results.scene import guide_outline, pressing, tooth_outline
+from warpchain.results.scene import arm_outline, guide_outline, pressing, tensioner_outline, tooth_outline
 from warpchain.view.chosen import part_of
 from warpchain.view.colors import Color, packed_colors, tension_steps, thing_colors
 from warpchain.view.rerun.columns import Column, entity, flipped, rows, send, strips, vectors
@@ -48,6 +48,7 @@ def log_drive(
     _log_sprockets(stream, root, shown, colors)
     _log_guides(stream, root, shown, colors)
     _log_arms(stream, root, shown)
+    _log_tensioners(stream, root, shown)
     _log_arrows(stream, root, shown, x)
 
 
@@ -127,14 +128,30 @@ def _log_arms(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
     drive = shown.drive
     for a, arm in enumerate(drive.arms):
         path, pivot = entity(root, "drive", "arms", arm.name), np.asarray(arm.pivot)
-        ends = [drive.profile(g).face[i].start for g in drive.guides_of(a) for i in (0, -1)]
-        ends += [tensioner.at for tensioner in drive.tensioners if tensioner.on == arm.name]
-        parts = [flipped(np.array([(0.0, 0.0), np.asarray(end) - pivot])) for end in ends]
+        parts = [flipped(line - pivot) for line in arm_outline(drive, a)]
         radius = 0.05 * drive.chain.pitch
         stream.log(path, rr.LineStrips2D(parts, colors=[STEEL], radii=[radius]), static=True)
         label = rr.Points2D([[0.0, 0.0]], labels=[arm.name], radii=[2.0 * radius], colors=[STEEL])
         stream.log(entity(root, "drive", "arms", arm.name, "name"), label, static=True)
         _turn(stream, path, shown, pivot, shown.arm_angle[:, a])
+
+
+def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) -> None:
+    """Housings, which stand, and plungers, which go with what they push."""
+    import rerun as rr
+
+    for k, tensioner in enumerate(shown.drive.tensioners):
+        housing, plunger = tensioner_outline(shown.drive, k)
+        radius = 0.05 * shown.drive.chain.pitch
+        for name, outline, color in (("housing", housing, STEEL), ("plunger", plunger, RUBBER)):
+            line = rr.LineStrips2D([flipped(outline)], colors=[color], radii=[radius])
+            stream.log(entity(root, "drive", "tensioners", tensioner.name, name), line, static=True)
+        if shown.tensioner_extension is not None:
+            along = np.asarray(tensioner.direction) / np.hypot(*tensioner.direction)
+            place = np.zeros((len(shown.time), 3), np.float32)
+            place[:, :2] = flipped(np.asarray(shown.tensioner_extension[:, k], dtype=float)[:, None] * along)
+            moved = Column(rr.Transform3D.descriptor_translation(), rows(vectors(place), 1, len(shown.time)))
+            send(stream, entity(root, "drive", "tensioners", tensioner.name, "plunger"), shown.time, [moved])
 
 
 def _turn(
