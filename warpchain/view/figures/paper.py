@@ -244,3 +244,6 @@ def _draw_arms(axis: Any, trajectory: Trajectory, f: int, angles: Any, factor: f
         out = 0.0 if trajectory.tensioner_extension is None else float(trajectory.tensioner_extension[f, k])
         moved = factor * (plunger + out * np.asarray(tensioner.direction) / np.hypot(*tensioner.direction))
         housing = factor * housing
+        axis.fill(*moved.T, color="0.75", zorder=0)
+        axis.fill(*housing.T, color="0.88", zorder=0)
+        axis.plot(*housing.T, color="0.45", lw=0.7, zorder=1)

@@ -143,7 +143,7 @@ def _log_tensioners(stream: rr.RecordingStream, root: str, shown: Trajectory) ->
     for k, tensioner in enumerate(shown.drive.tensioners):
         housing, plunger = tensioner_outline(shown.drive, k)
         radius = 0.05 * shown.drive.chain.pitch
-        for name, outline, color in (("housing", housing, STEEL), ("plunger", plunger, RUBBER)):
+        for name, outline, color in (("housing", housing, STEEL), ("plunger", plunger, PLATES)):
             line = rr.LineStrips2D([flipped(outline)], colors=[color], radii=[radius])
             stream.log(entity(root, "drive", "tensioners", tensioner.name, name), line, static=True)
         if shown.tensioner_extension is not None:
