@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, path_at
-from warpchain.assembly.tensioner import static_force
+from warpchain.drive.oil import static_force
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:

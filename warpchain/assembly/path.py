@@ -92,19 +92,6 @@ class ChainPath:
         return tuple(links for links in range(fewest, most + 1) if abs(self.strain(links)) <= MAX_STRAIN)
 
 
-def chain_path(drive: Drive) -> ChainPath:
-    """The path of the drive's chain; its number of links need not fit (see `check_fit`). Arms stand in balance.
-
-    Raises:
-        DriveError: as `path_at`; or an arm that finds no balance.
-    """
-    if not drive.arms:
-        return path_at(drive, ())
-    from warpchain.assembly.arms import balanced
-
-    return balanced(drive)
-
-
 def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
     """The path of the drive's chain with its arms at angles (A,) [rad]; its number of links need not fit.
 
