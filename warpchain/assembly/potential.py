@@ -199,7 +199,7 @@ class Potential:
         """A curved or carried guide, its arm held at its angle: piece by piece, `warpchain.drive.profile` (a)."""
         r, _, _ = self.split(x)
         offset, law = self.drive.guide_offset(g), self.drive.guide_contact(g)
-        for piece in standing_profile(self.drive, g, self.arm_angle).pieces:
+        for piece in standing_profile(self.drive, g, self.arm_angle.tolist()).pieces:
             t = np.array(direction(piece.heading))
             n, k = np.array([-t[1], t[0]]), piece.curvature
             u, w = (r - piece.start) @ t, (r - piece.start) @ n
