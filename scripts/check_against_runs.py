@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from warpchain import Record, Trajectory, load_drive, simulate
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.assembly.statics import running
 from warpchain.drive.examples import drive_path
 

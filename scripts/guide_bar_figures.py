@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from warpchain import Drive, Record, Run, load_drive, simulate
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.drive.examples import drive_path
 from warpchain.results.scene import strand_displacement
 

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from warpchain import load_drive
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.drive.examples import drive_path
 from warpchain.study.results import Results, read_results
 

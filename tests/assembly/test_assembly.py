@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from layouts import PITCH, Placed, drive_of, loops, tangles
 
 from warpchain.assembly import assemble
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.drive import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.errors import DriveError

@@ -12,7 +12,7 @@ from layouts import PITCH, Placed, drive_of, loops
 from warpchain import Record, cli, load_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.fit import fit_links, fit_position, strand_sag
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.assembly.summary import derive
 from warpchain.cli.fit import edited
 from warpchain.errors import DriveError

@@ -9,7 +9,7 @@ from layouts import Placed, drive_of, loops
 
 from warpchain import load_drive
 from warpchain.assembly.layout import findings, meeting
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.assembly.summary import derive, report
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.errors import DriveError

@@ -8,7 +8,7 @@ from assemblies import link_lengths
 from drives import two_sprockets
 
 from warpchain import assemble
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.assembly.taut import obstacle, point, taut
 from warpchain.drive.profile import Piece, make_profile
 

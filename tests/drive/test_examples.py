@@ -10,7 +10,7 @@ import pytest
 from warpchain import Record, cli, load_drive, simulate
 from warpchain.assembly import assemble
 from warpchain.assembly.fit import strand_sag
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.assembly.summary import derive
 from warpchain.drive import dumps_drive, loads_drive
 from warpchain.drive.examples import drive_path, example_names, is_example

@@ -7,7 +7,7 @@ from layouts import PITCH, Placed, drive_of
 
 from warpchain.assembly import assemble
 from warpchain.assembly.fit import nearest_links
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.drive import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.errors import StudyError

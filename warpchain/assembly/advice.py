@@ -14,7 +14,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from warpchain.assembly.path import ChainPath, chain_path
+from warpchain.assembly.path import ChainPath
+from warpchain.assembly.route import chain_path
 from warpchain.drive import Drive
 
 LEAST_WRAP = 90.0

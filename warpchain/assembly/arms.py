@@ -12,13 +12,13 @@ over again until none moves.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.assembly.path import MAX_STRAIN, ChainPath, path_at
-from warpchain.assembly.tensioner import static_force
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan
+from warpchain.drive.oil import static_force
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -31,6 +31,10 @@ FARTHEST = math.radians(90.0)
 
 _STEP = math.radians(0.25)
 _SWEEPS = 60
+_SECANTS = 30
+_FIRST = 1e-5  # rad
+_LONGEST = math.radians(2.0)
+_NEAR = 1e-11  # rad; the error after such a step is round-off
 _STILL = 1e-11  # rad
 
 
@@ -56,7 +60,7 @@ def own_moment(drive: Drive, a: int, angle: float) -> float:
     gx, gy = drive.run.gravity
     low, high = arm.stops_rad
     found = arm.mass * (x * gy - y * gx) - arm.stiffness * (angle - arm.free_angle_rad)
-    if arm.stops is not None:
+    if not low <= angle <= high:
         found += drive.stop_stiffness(a) * (max(low - angle, 0.0) - max(angle - high, 0.0))
     for t, tensioner in enumerate(drive.tensioners):
         if tensioner.on == arm.name:
@@ -88,23 +92,29 @@ def balanced(
     for a, arm in enumerate(drive.arms):
         low, high = arm.stops_rad
         found[a] = min(max(found[a], low), high)
+    plan = Plan(drive)
     for _ in range(_SWEEPS):
         before = list(found)
         for a in range(len(found)):
-            found[a] = _balance(drive, found, a, beyond)
+            found[a] = _balance(plan, found, a, beyond)
         if len(found) == 1 or max(abs(x - y) for x, y in zip(found, before, strict=True)) <= _STILL:
             break
-    return path_at(drive, found)
+    return plan.path(found)
 
 
-def _balance(drive: Drive, angles: Sequence[float], a: int, beyond: float) -> float:
+def _balance(plan: Plan, angles: Sequence[float], a: int, beyond: float) -> float:
     """The angle of arm a [rad] at which (a) holds, with the others where they are."""
     from scipy.optimize import brentq
 
+    drive = plan.drive
+
     def moment(angle: float) -> float:
-        path = path_at(drive, [*angles[:a], angle, *angles[a + 1 :]])
+        path = plan.path([*angles[:a], angle, *angles[a + 1 :]])
         return own_moment(drive, a, angle) + chain_moment(drive, path, a, beyond)
 
+    quick = _secant(moment, angles[a])
+    if quick is not None:
+        return quick
     arm = drive.arms[a]
     low, high = arm.stops_rad
     near, here = angles[a], moment(angles[a])
@@ -126,6 +136,25 @@ def _balance(drive: Drive, angles: Sequence[float], a: int, beyond: float) -> fl
         f"arms.{arm.name}: finds no balance from {math.degrees(angles[a]):.3g} to {math.degrees(near):.3g} degrees, "
         f"{reason}; {stops} at the springs and tensioners that turn it"
     )
+
+
+def _secant(moment: Callable[[float], float], near: float) -> float | None:
+    """Where a moment that falls with the angle is 0 [rad], by secants; None where they lead astray."""
+    try:
+        before, here = near, moment(near)
+        angle = near + math.copysign(_FIRST, here)
+        for _ in range(_SECANTS):
+            last, here = here, moment(angle)
+            slope = (here - last) / (angle - before)
+            if here == 0.0 or slope >= 0.0:
+                return angle if here == 0.0 else None
+            change = max(-_LONGEST, min(_LONGEST, -here / slope))
+            before, angle = angle, angle + change
+            if abs(change) <= _NEAR:
+                return angle
+    except DriveError:
+        pass
+    return None
 
 
 def _arm(drive: Drive, t: int) -> int:

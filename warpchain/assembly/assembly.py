@@ -29,7 +29,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.path import ChainPath, chain_path, check_fit
+from warpchain.assembly.arms import balanced
+from warpchain.assembly.path import ChainPath, check_fit
+from warpchain.assembly.route import chain_path
 from warpchain.assembly.seating import Seating, seat_chain, seat_string
 from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
@@ -150,8 +152,6 @@ def _seated(drive: Drive) -> tuple[ChainPath, Seating]:
     seating = seat_chain(drive, path)
     if not drive.arms:
         return path, seating
-    from warpchain.assembly.arms import balanced
-
     for _ in range(_BALANCES):
         before = path.arm_angle
         path = balanced(drive, seating.strain - path.nominal_strain, before)

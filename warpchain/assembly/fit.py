@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble
-from warpchain.assembly.path import MAX_STRAIN, ChainPath, chain_path
+from warpchain.assembly.path import MAX_STRAIN, ChainPath
+from warpchain.assembly.route import chain_path
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ the depth to which contacts take a roller for one that rides. Beyond a pitch suc
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from warpchain.assembly.taut import Arc, obstacle
@@ -98,24 +98,54 @@ def depth(run: Run, line: Line) -> float:
     return deepest
 
 
-def obstacles(drive: Drive, arm_angle: Sequence[float], strands: Sequence[Line]) -> tuple[tuple[Run, ...], ...]:
-    """What each strand may have to go around: the runs of convex arcs of its guides; mostly nothing.
+@dataclass(frozen=True)
+class Placed:
+    """A guide that a strand may have to go around, as drawn.
+
+    Attributes:
+        strand: its strand.
+        run: convex arcs over its face, in the order of the chain's travel.
+        arm: the arm that carries it; None on the ground.
+        pivot: of that arm [m].
+    """
+
+    strand: int
+    run: Run
+    arm: int | None
+    pivot: Point
+
+    def standing(self, arm_angle: Sequence[float]) -> Run:
+        """The arcs where the arms stand at angles (A,) [rad]."""
+        angle = 0.0 if self.arm is None else float(arm_angle[self.arm])
+        return self.run if angle == 0.0 else tuple(_turned(arc, self.pivot, angle) for arc in self.run)
+
+
+def obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[Placed, ...]:
+    """The guides that strands may have to go around; mostly none.
 
     Args:
         drive: the drive.
-        arm_angle: (A,) [rad].
         strands: ends of the straight strands [m].
     """
-    found: list[list[Run]] = [[] for _ in strands]
+    found: list[Placed] = []
     for g, guide in enumerate(drive.guides):
         own = own_strand(drive, g, strands)
         if own is None:
             continue
         k, along = own
-        run = obstacle(standing_profile(drive, g, arm_angle), drive.guide_offset(g), g, along)
-        if guide.straight and guide.arm is None:
+        run, arm = obstacle(drive.profile(g), drive.guide_offset(g), g, along), drive.arm_of(g)
+        if guide.straight and arm is None:
             cut = depth(run, strands[k])
             if not 0.5 * drive.chain.roller_radius < cut <= drive.chain.pitch:
                 continue
-        found[k].append(run)
-    return tuple(tuple(runs) for runs in found)
+        found.append(Placed(k, run, arm, (0.0, 0.0) if arm is None else drive.arms[arm].pivot))
+    return tuple(found)
+
+
+def _turned(arc: Arc, pivot: Point, angle: float) -> Arc:
+    """An arc turned about a pivot by an angle [rad]."""
+    cosine, sine = direction(angle)
+    x, y = arc.center[0] - pivot[0], arc.center[1] - pivot[1]
+    center = (pivot[0] + cosine * x - sine * y, pivot[1] + sine * x + cosine * y)
+    begin, end = arc.begin + angle, arc.end + angle
+    return Arc(center, arc.radius, arc.sign, begin, end, arc.guide, arc.place, arc.slope, arc.before, arc.after)

@@ -18,7 +18,8 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from warpchain.assembly.guided import BEHIND, OWN
-from warpchain.assembly.path import ChainPath, chain_path
+from warpchain.assembly.path import ChainPath
+from warpchain.assembly.route import chain_path
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Guide

@@ -92,19 +92,6 @@ class ChainPath:
         return tuple(links for links in range(fewest, most + 1) if abs(self.strain(links)) <= MAX_STRAIN)
 
 
-def chain_path(drive: Drive) -> ChainPath:
-    """The path of the drive's chain; its number of links need not fit (see `check_fit`). Arms stand in balance.
-
-    Raises:
-        DriveError: as `path_at`; or an arm that finds no balance.
-    """
-    if not drive.arms:
-        return path_at(drive, ())
-    from warpchain.assembly.arms import balanced
-
-    return balanced(drive)
-
-
 def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
     """The path of the drive's chain with its arms at angles (A,) [rad]; its number of links need not fit.
 
@@ -112,57 +99,91 @@ def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
         DriveError: where pitch circles overlap, a sprocket is not wrapped or is wrapped by a chain that meets itself,
             or a strand passes through another sprocket; the message names the sprockets.
     """
-    sprockets = drive.sprockets
-    center = np.array([initial_center(sprocket) for sprocket in sprockets])
-    radius = np.array([drive.riding_radius(s) for s in range(len(sprockets))])
-    sign = np.array([sprocket.sign for sprocket in sprockets], dtype=float)
-    teeth = np.array([sprocket.teeth for sprocket in sprockets], dtype=float)
-    _check_tips(drive, radius)
-    _check_apart(drive, center, radius)
+    return Plan(drive).path(arm_angle)
 
-    span = _next(center) - center
-    lateral = _next(sign * radius) - sign * radius
-    square = np.einsum("ij,ij->i", span, span)
-    length = np.sqrt(square - lateral**2)
-    direction = (length[:, None] * span - lateral[:, None] * _left(span)) / square[:, None]
-    arm = (sign * radius)[:, None]
-    normal = _left(direction)
-    start, end = center - arm * normal, _next(center) - _next(arm) * normal
 
-    leaving = np.arctan2(direction[:, 1], direction[:, 0])
-    arriving = np.roll(leaving, 1)
-    lines = [((a[0], a[1]), (b[0], b[1])) for a, b in zip(start.tolist(), end.tolist(), strict=True)]
-    met = obstacles(drive, arm_angle, lines)
-    ends = [circle(c, r, w) for c, r, w in zip(center.tolist(), radius.tolist(), sign.tolist(), strict=True)]
-    strings = tuple(_string(drive, ends[k], ends[(k + 1) % len(ends)], runs) for k, runs in enumerate(met))
-    pitch = float(drive.chain.pulled_lengths.mean())
-    for k, string in enumerate(strings):
-        if string is not None:
-            following = (k + 1) % len(strings)
-            leaving[k], arriving[following] = string.first, string.last
-            start[k], end[k] = ends[k].at(string.first), ends[following].at(string.last)
-            length[k] = string.chain_length(pitch)
-    wrap = np.mod(sign * (leaving - arriving), 2.0 * math.pi)
-    _check_wraps(drive, wrap, 2.0 * math.pi / teeth)
-    free = [k for k, string in enumerate(strings) if string is None]
-    _check_clear(drive, center, radius, start, direction, length, free)
+class Plan:
+    """What of a drive's path does not hang on its arms' angles: pitch circles, common tangents, guides as drawn.
 
-    wrapped = float(np.sum(wrap * teeth)) / (2.0 * math.pi)
-    return ChainPath(
-        pitch=pitch,
-        radius=radius,
-        wrap_angle=wrap,
-        arrival_angle=arriving - sign * (0.5 * math.pi),
-        turning=2.0 * math.pi * round(float(np.sum(sign * wrap)) / (2.0 * math.pi)),
-        strand_start=start,
-        strand_end=end,
-        strand_length=length,
-        wrapped_pitches=wrapped,
-        nominal_strain=_strain(drive.chain.links, wrapped, float(length.sum()) / pitch),
-        strings=strings,
-        obstacles=met,
-        arm_angle=np.array(arm_angle, dtype=float),
-    )
+    Raises:
+        DriveError: where pitch circles overlap.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        sprockets = drive.sprockets
+        self.drive = drive
+        self.pitch = float(drive.chain.pulled_lengths.mean())
+        self.center = center = np.array([initial_center(sprocket) for sprocket in sprockets])
+        self.radius = radius = np.array([drive.riding_radius(s) for s in range(len(sprockets))])
+        self.sign = sign = np.array([sprocket.sign for sprocket in sprockets], dtype=float)
+        self.teeth = np.array([sprocket.teeth for sprocket in sprockets], dtype=float)
+        _check_tips(drive, radius)
+        _check_apart(drive, center, radius)
+
+        span = _next(center) - center
+        lateral = _next(sign * radius) - sign * radius
+        square = np.einsum("ij,ij->i", span, span)
+        self.length = np.sqrt(square - lateral**2)
+        self.direction = (self.length[:, None] * span - lateral[:, None] * _left(span)) / square[:, None]
+        arm = (sign * radius)[:, None]
+        normal = _left(self.direction)
+        self.start, self.end = center - arm * normal, _next(center) - _next(arm) * normal
+
+        lines = [((a[0], a[1]), (b[0], b[1])) for a, b in zip(self.start.tolist(), self.end.tolist(), strict=True)]
+        self.placed = obstacles(drive, lines)
+        self.ends = [circle(c, r, w) for c, r, w in zip(center.tolist(), radius.tolist(), sign.tolist(), strict=True)]
+        self.known: dict[int, Taut | None] = {}  # the strings that no arm can move, once they are found
+
+    def path(self, arm_angle: Sequence[float]) -> ChainPath:
+        """The path with the arms at angles (A,) [rad].
+
+        Raises:
+            DriveError: as `path_at`.
+        """
+        drive, ends, sign = self.drive, self.ends, self.sign
+        start, end, length = self.start.copy(), self.end.copy(), self.length.copy()
+        leaving = np.arctan2(self.direction[:, 1], self.direction[:, 0])
+        arriving = np.roll(leaving, 1)
+        met = tuple(
+            tuple(placed.standing(arm_angle) for placed in self.placed if placed.strand == k) for k in range(len(ends))
+        )
+        strings = tuple(self._string(k, runs) for k, runs in enumerate(met))
+        for k, string in enumerate(strings):
+            if string is not None:
+                following = (k + 1) % len(strings)
+                leaving[k], arriving[following] = string.first, string.last
+                start[k], end[k] = ends[k].at(string.first), ends[following].at(string.last)
+                length[k] = string.chain_length(self.pitch)
+        wrap = np.mod(sign * (leaving - arriving), 2.0 * math.pi)
+        _check_wraps(drive, wrap, 2.0 * math.pi / self.teeth)
+        free = [k for k, string in enumerate(strings) if string is None]
+        _check_clear(drive, self.center, self.radius, start, self.direction, length, free)
+
+        wrapped = float(np.sum(wrap * self.teeth)) / (2.0 * math.pi)
+        return ChainPath(
+            pitch=self.pitch,
+            radius=self.radius,
+            wrap_angle=wrap,
+            arrival_angle=arriving - sign * (0.5 * math.pi),
+            turning=2.0 * math.pi * round(float(np.sum(sign * wrap)) / (2.0 * math.pi)),
+            strand_start=start,
+            strand_end=end,
+            strand_length=length,
+            wrapped_pitches=wrapped,
+            nominal_strain=_strain(drive.chain.links, wrapped, float(length.sum()) / self.pitch),
+            strings=strings,
+            obstacles=met,
+            arm_angle=np.array(arm_angle, dtype=float),
+        )
+
+    def _string(self, k: int, runs: tuple[Run, ...]) -> Taut | None:
+        """The way of strand k around its guides."""
+        if k not in self.known:
+            string = _string(self.drive, self.ends[k], self.ends[(k + 1) % len(self.ends)], runs)
+            if any(placed.strand == k and placed.arm is not None for placed in self.placed):
+                return string
+            self.known[k] = string
+        return self.known[k]
 
 
 def _string(drive: Drive, first: Arc, last: Arc, runs: tuple[Run, ...]) -> Taut | None:

@@ -134,16 +134,7 @@ def derive(drive: Drive) -> dict[str, Any]:
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
         "friction": tooth_rubbing(drive).dynamic,
-        "guides": [
-            {
-                "name": guide.name,
-                "contact_stiffness": drive.guide_stiffness(g),
-                "law": drive.guide_contact(g).law,
-                "rebound": contact_rebound(drive.guide_contact(g)),
-                "friction": guide_rubbing(drive, g).dynamic,
-            }
-            for g, guide in enumerate(drive.guides)
-        ],
+        "guides": _guides(drive),
         "mounts": [
             {
                 "name": sprocket.name,
@@ -162,6 +153,20 @@ def derive(drive: Drive) -> dict[str, Any]:
         "stiffest_part": stiffest_part(drive),
         "automatic_step": automatic_step(drive),
     }
+
+
+def _guides(drive: Drive) -> list[dict[str, Any]]:
+    """How rollers meet each guide-bar."""
+    return [
+        {
+            "name": guide.name,
+            "contact_stiffness": drive.guide_stiffness(g),
+            "law": drive.guide_contact(g).law,
+            "rebound": contact_rebound(drive.guide_contact(g)),
+            "friction": guide_rubbing(drive, g).dynamic,
+        }
+        for g, guide in enumerate(drive.guides)
+    ]
 
 
 def _looks(drive: Drive, assembly: Assembly, strands: list[dict[str, Any]]) -> dict[str, list[str]]:

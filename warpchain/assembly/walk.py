@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from warpchain.drive.profile import Piece, Point, direction
 
 _NEWTON = 30
-_EXACT = 4e-16  # of a link or of the curve
+_NEAR = 1e-10  # of a link: what is left after a step of Newton's method that small is round-off
+_EXACT = 4e-16  # of the curve
 
 
 class Curve:
@@ -45,7 +46,13 @@ class Curve:
         return (x, y), heading
 
     def step(self, s: float, link: float) -> float:
-        """Where a link that begins at s ends [m]."""
+        """Where a link that begins at s ends [m]: in closed form on one piece, else by Newton's method."""
+        i = bisect_right(self.begins, s) - 1
+        if i >= 0:
+            half = 0.5 * link * abs(self.pieces[i].curvature)
+            ahead = s + (link if half == 0.0 else link * math.asin(half) / half if half < 1.0 else math.inf)
+            if ahead <= self.begins[i] + self.pieces[i].length:
+                return ahead
         (x, y), _ = self.at(s)
         ahead = s + link
         for _ in range(_NEWTON):
@@ -55,7 +62,7 @@ class Curve:
             ux, uy = direction(heading)
             change = (link - chord) * chord / (dx * ux + dy * uy)
             ahead += change
-            if abs(change) <= _EXACT * link:
+            if abs(change) <= _NEAR * link:
                 break
         return ahead
 

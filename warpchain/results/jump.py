@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.drive import Drive
 from warpchain.drive.teeth import half_gap_outline
 from warpchain.results.run import Trajectory, need

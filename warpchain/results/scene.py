@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.drive import Drive
 from warpchain.drive.teeth import teeth_outline
 from warpchain.results.faces import face_of, on_face, on_guide_frame, tangent_at

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.drive import Drive
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import Passing, near_sprockets, nearest_guide, passing_link

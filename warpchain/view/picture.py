@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.path import chain_path
+from warpchain.assembly.route import chain_path
 from warpchain.drive import Drive
 from warpchain.results.run import Trajectory
 from warpchain.results.scene import guide_outline, tooth_outline

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from warpchain.assembly.fit import fit_position, nearest_links
-from warpchain.assembly.path import MAX_STRAIN, chain_path
+from warpchain.assembly.path import MAX_STRAIN
+from warpchain.assembly.route import chain_path
 from warpchain.drive import Drive
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, StudyError

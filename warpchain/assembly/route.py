@@ -1,0 +1,20 @@
+"""The path of a drive's chain, its arms in balance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from warpchain.assembly.arms import balanced
+from warpchain.assembly.path import ChainPath, path_at
+
+if TYPE_CHECKING:
+    from warpchain.drive import Drive
+
+
+def chain_path(drive: Drive) -> ChainPath:
+    """The path of the drive's chain; its number of links need not fit (see `check_fit`). Arms stand in balance.
+
+    Raises:
+        DriveError: as `path_at`; or an arm that finds no balance.
+    """
+    return balanced(drive) if drive.arms else path_at(drive, ())
