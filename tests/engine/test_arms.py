@@ -31,12 +31,12 @@ def lever(point, along, pivot):
     return r[0] * along[1] - r[1] * along[0]
 
 
-def test_mean_moment_of_the_chain_on_an_arm():
+def test_mean_moment_of_the_chain_on_an_arm(device):
     # model, section 14: frictionless it is (T - m v^2/p)(h_out - h_in) whatever the profile, T and the lines of the two
     # strands in the mean. What is left over of a run's window is what the arm gains in it and how the strands whip:
     # 2 % of the moment's own size
     drive = timing(**{"run.duration": 0.08, "arms.0.damping": 0.5}).with_values(BARE)
-    run = simulate(drive, device="cpu", record=Record(rate=20_000.0), window=(0.04, 0.08))
+    run = simulate(drive, record=Record(rate=20_000.0), window=(0.04, 0.08))
     row, late = run.metrics.to_pylist()[0], run[0].time >= 0.04
     pivot = np.array(drive.arms[0].pivot)
     (before, into, pull_in), (after, out_of, pull_out) = (crossing(run[0], height) for height in LEFT)
@@ -51,19 +51,19 @@ def test_mean_moment_of_the_chain_on_an_arm():
     assert row["status"] == "ok", row["reason"]
 
 
-def test_energy_of_a_drive_with_arm_and_oil():
+def test_energy_of_a_drive_with_arm_and_oil(device):
     # all of it: chain, contacts, friction, arm, plunger, oil, gap, valve, supply: the balance closes as without arms
-    row = simulate(timing(**{"run.duration": 0.03}), device="cpu", record=Record("none")).metrics.to_pylist()[0]
+    row = simulate(timing(**{"run.duration": 0.03}), record=Record("none")).metrics.to_pylist()[0]
     assert abs(row["energy_residual_relative"]) < 2e-4
     assert row["tensioner.oil_loss"] > 0.0 and row["tensioner.supply_work"] > 0.0
     assert row["blade.friction"] > 0.0 and row["blade.missed"] == 0
 
 
-def test_an_arm_settles_where_its_tensioner_and_the_chain_balance():
+def test_an_arm_settles_where_its_tensioner_and_the_chain_balance(device):
     # at rest and without weight the chain's moment is the tensioner's: F times its lever, to settling's residual
     still = {"sprockets.0.prescribed.speed": 0.0, "sprockets.1.load": None, "sprockets.2.load": None}
     drive = timing(**{"run.duration": 1e-4}).with_values(still | BARE)
-    run = simulate(drive, device="cpu", record=Record(rate=50_000.0))
+    run = simulate(drive, record=Record(rate=50_000.0))
     first = run[0]
     angle, tensioner = float(first.arm_angle[0, 0]), drive.tensioners[0]
     pivot, direction = np.array(drive.arms[0].pivot), np.array(tensioner.unit_direction)
