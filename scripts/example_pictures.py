@@ -49,8 +49,8 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Runs the examples and draws them."""
     names = parser().parse_args().names or example_names()
-    channels = ("position", "tension", "sprocket_force", "guide_force", "sprocket_angle", "sprocket_center")
-    channels += ("arm_angle", "tensioner_extension")
+    parts = ("sprocket_angle", "sprocket_center", "arm_angle", "tensioner_extension")
+    channels = ("position", "tension", "sprocket_force", "guide_force", *parts)
     head = "drive | links | simulated [s] | slackest strand [N] | tightest strand [N] | least [N] | most [N]"
     print(f"| {head} |")
     print("|---|---|---|---|---|---|---|")

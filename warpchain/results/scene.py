@@ -68,7 +68,8 @@ def arm_outline(drive: Drive, a: int) -> list[Array]:
 def tensioner_outline(drive: Drive, k: int) -> tuple[Array, Array]:
     """Housing (5, 2) and plunger (5, 2) [m] of tensioner k as drawn, closed; the plunger moves along the direction."""
     tensioner = drive.tensioners[k]
-    wide = drive.chain.pitch if tensioner.plunger is None else tensioner.plunger.diameter
+    plunger = tensioner.plunger
+    wide = plunger.diameter if plunger is not None and plunger.diameter is not None else drive.chain.pitch
     along = np.asarray(tensioner.direction, dtype=float)
     along = along / np.hypot(*along)
     across = np.array([-along[1], along[0]])
