@@ -67,7 +67,7 @@ def test_strand_frequency_is_the_closed_form():
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["check", "marin"], "marin: neither a drive file nor an example drive (engine, industrial, marine, "),
+        (["check", "marin"], "marin: neither a drive file nor an example drive (car, engine, industrial, marine, "),
         (["check", "marime"], 'motorcycle); did you mean "marine"?'),
         (["check", "absent.toml"], "absent.toml: "),
         (["check", "marine", "--set", "chain.links"], "--set chain.links: must be PATH=VALUE"),

@@ -117,6 +117,19 @@ def test_cars_arm_and_guide_have_half_of_its_friction(runs):
     assert row["blade.missed"] == row["fixed guide.missed"] == row["crank.slips"] == 0
 
 
+def test_cars_guides_rub_as_belts_do(runs):
+    """Friction power of a seated arc: mu(v) (T - m v^2/p) beta v, with the mean tension of its strand, whose two halves
+    differ by that friction, and beta the angle by which the guide bends the path. Speed and tension ripple: 5 %."""
+    row, drive = runs.metrics.to_pylist()[NAMES.index("car")], load("car")
+    span, chain, rubbing = row["window_end"] - row["window_start"], drive.chain, drive.contact.guide
+    v = drive.sprockets[0].prescribed.speed * drive.sprockets[0].teeth * chain.pitch / (2.0 * np.pi)
+    mu = rubbing.friction + (rubbing.static_friction - rubbing.friction) * np.exp(-((v / rubbing.stribeck_speed) ** 2))
+    for guide, strand, degrees in (("blade", 0, 21.9), ("fixed guide", 2, 9.8)):
+        tension = row[f"{drive.strand_names[strand]}.tension_mean"] - chain.mass / chain.pitch * v**2
+        power = mu * tension * np.radians(degrees) * v
+        assert row[f"{guide}.friction"] / span == pytest.approx(power, rel=0.05)
+
+
 def test_cars_arm_stands_between_chain_and_tensioner(runs):
     """Steady: the chain's mean moment on the arm is the tensioner's force times its lever. The arm turns by a few mrad,
     which changes the lever by as many thousandths; over the window its momentum changes by I omega, below 1 %: 2 %."""
