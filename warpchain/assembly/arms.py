@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 FARTHEST = math.radians(90.0)
 """No arm is sought farther from where it is drawn, or from its stops [rad]."""
 
+AT_STOP = math.radians(1e-4)
+"""An arm this near to a stop stands on it [rad]."""
+
 _STEP = math.radians(0.25)
 _SWEEPS = 60
 _SECANTS = 30

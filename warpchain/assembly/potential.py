@@ -27,6 +27,7 @@ from warpchain.assembly.arms import StillArm
 from warpchain.assembly.guided import standing_profile
 from warpchain.drive.motion import ElasticMount, PrescribedMount, SliderMount
 from warpchain.drive.mounts import moving_mass, unit
+from warpchain.drive.oil import static_force
 from warpchain.drive.profile import direction
 
 if TYPE_CHECKING:
@@ -326,4 +327,10 @@ def _mounts(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
         elif isinstance(mount, SliderMount):
             spring[s] = mount.stiffness
             pull[s] = mount.preload * unit(mount.direction) + moving_mass(sprocket) * gravity
+    for tensioner in drive.tensioners:
+        for s, sprocket in enumerate(drive.sprockets):
+            if sprocket.name == tensioner.on and isinstance(sprocket.mount, SliderMount):
+                along = np.asarray(tensioner.unit_direction)
+                pull[s] += static_force(tensioner) * along
+                spring[s] += tensioner.spring_stiffness * float(along @ unit(sprocket.mount.direction)) ** 2
     return home, spring, pull
