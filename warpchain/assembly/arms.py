@@ -125,6 +125,12 @@ class StillArm:
         return cosine * dx - sine * dy, sine * dx + cosine * dy
 
 
+def stop_of(drive: Drive, a: int, angle: float) -> str | None:
+    """The stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
+    low, high = drive.arms[a].stops_rad
+    return "lower" if angle <= low + AT_STOP else "upper" if angle >= high - AT_STOP else None
+
+
 def chain_moment(drive: Drive, path: ChainPath, a: int, beyond: float = 0.0) -> float:
     """Moment of the chain on arm a about its pivot [N m]."""
     levers = sum(string.levers(drive.guides_of(a), drive.arms[a].pivot) for string in path.strings if string)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from warpchain.assembly.arms import AT_STOP, StillArm
+from warpchain.assembly.arms import StillArm, stop_of
 from warpchain.drive.oil import static_force, static_pressure
 from warpchain.drive.profile import direction
 
@@ -59,12 +59,6 @@ def arms(drive: Drive, assembly: Assembly, standing: Steady, running: Steady) ->
             }
         )
     return found
-
-
-def stop_of(drive: Drive, a: int, angle: float) -> str | None:
-    """The stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
-    low, high = drive.arms[a].stops_rad
-    return "lower" if angle <= low + AT_STOP else "upper" if angle >= high - AT_STOP else None
 
 
 def tensioners(drive: Drive, assembly: Assembly, standing: Steady, running: Steady) -> list[dict[str, Any]]:
