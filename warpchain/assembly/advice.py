@@ -66,7 +66,7 @@ def _bars(drive: Drive, path: ChainPath) -> list[str]:
     lines = []
     radius, pitch = drive.chain.roller_radius, drive.chain.pitch
     for guide in drive.guides:
-        if guide.start is None or guide.end is None:
+        if guide.start is None or guide.end is None or guide.arm is not None:
             continue
         (ax, ay), (bx, by) = guide.start, guide.end
         length = math.hypot(bx - ax, by - ay)

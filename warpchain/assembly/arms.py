@@ -25,9 +25,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from warpchain.drive import Drive
+    from warpchain.drive.tensioners import Tensioner
 
 FARTHEST = math.radians(90.0)
 """No arm is sought farther from where it is drawn, or from its stops [rad]."""
+
+AT_STOP = math.radians(1e-4)
+"""An arm this near to a stop stands on it [rad]."""
 
 _STEP = math.radians(0.25)
 _SWEEPS = 60
@@ -44,29 +48,87 @@ def tension(drive: Drive, path: ChainPath, beyond: float = 0.0) -> float:
     return drive.chain.mean_stiffness * path.pitch * max(strain, 0.0)
 
 
-def extension(drive: Drive, t: int, angle: float) -> float:
-    """Extension of tensioner t [m] with its arm at an angle [rad]."""
-    (x, y), (ux, uy) = _reach(drive, t, angle), drive.tensioners[t].unit_direction
-    (ax, ay), (px, py) = drive.tensioners[t].at, drive.arms[_arm(drive, t)].pivot
-    return (x + px - ax) * ux + (y + py - ay) * uy
+class StillArm:
+    """What turns an arm but for the chain, all at rest: springs, weight, stops and tensioners.
+
+    Args:
+        drive: the drive.
+        a: the arm's index.
+    """
+
+    def __init__(self, drive: Drive, a: int) -> None:
+        arm = drive.arms[a]
+        self.arm = arm
+        self.gravity = drive.run.gravity
+        self.tensioners = [t for t in drive.tensioners if t.on == arm.name]
+        self.pushes = [static_force(t) for t in self.tensioners]  # at the drawing [N]
+        self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
+
+    def moment(self, angle: float) -> float:
+        """About the pivot [N m], at an angle [rad]."""
+        arm = self.arm
+        x, y = self._turned(arm.center, angle)
+        gx, gy = self.gravity
+        found = (
+            arm.mass * (x * gy - y * gx) - arm.stiffness * (angle - arm.free_angle_rad) - self.stop * self.over(angle)
+        )
+        for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
+            lever, _ = self._levers(tensioner, angle)
+            found += lever * max(push - tensioner.spring_stiffness * self.extension(tensioner, angle), 0.0)
+        return found
+
+    def energy(self, angle: float) -> float:
+        """Of which the moment is minus the derivative [J]."""
+        arm = self.arm
+        x, y = self._turned(arm.center, angle)
+        gx, gy = self.gravity
+        found = -arm.mass * (x * gx + y * gy) + 0.5 * arm.stiffness * (angle - arm.free_angle_rad) ** 2
+        found += 0.5 * self.stop * self.over(angle) ** 2
+        for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
+            k, extended = tensioner.spring_stiffness, self.extension(tensioner, angle)
+            extended = min(extended, push / k) if k > 0.0 else extended  # from where on it does not push
+            found -= push * extended - 0.5 * k * extended**2 if push > 0.0 or k > 0.0 else 0.0
+        return found
+
+    def stiffness(self, angle: float) -> float:
+        """Minus the derivative of the moment by the angle [N m/rad]."""
+        arm = self.arm
+        x, y = self._turned(arm.center, angle)
+        gx, gy = self.gravity
+        found = arm.mass * (x * gx + y * gy) + arm.stiffness + (self.stop if self.over(angle) else 0.0)
+        for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
+            lever, change = self._levers(tensioner, angle)
+            force = push - tensioner.spring_stiffness * self.extension(tensioner, angle)
+            found += tensioner.spring_stiffness * lever**2 - force * change if force > 0.0 else 0.0
+        return found
+
+    def over(self, angle: float) -> float:
+        """How far an angle lies beyond the stops [rad]: positive beyond the upper one, 0 in between."""
+        low, high = self.arm.stops_rad
+        return max(angle - high, 0.0) - max(low - angle, 0.0)
+
+    def extension(self, tensioner: Tensioner, angle: float) -> float:
+        """Of one of its tensioners [m]."""
+        (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
+        (px, py), (ax, ay) = self.arm.pivot, tensioner.at
+        return (x + px - ax) * ux + (y + py - ay) * uy
+
+    def _levers(self, tensioner: Tensioner, angle: float) -> tuple[float, float]:
+        """Lever of a tensioner about the pivot, and its derivative by the angle [m]."""
+        (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
+        return x * uy - y * ux, -(x * ux + y * uy)
+
+    def _turned(self, place: Sequence[float], angle: float) -> tuple[float, float]:
+        """From the pivot to a place of the arm as drawn, now [m]."""
+        (px, py), cosine, sine = self.arm.pivot, math.cos(angle), math.sin(angle)
+        dx, dy = place[0] - px, place[1] - py
+        return cosine * dx - sine * dy, sine * dx + cosine * dy
 
 
-def own_moment(drive: Drive, a: int, angle: float) -> float:
-    """Moment on arm a at an angle [rad] of all but the chain [N m]."""
-    arm = drive.arms[a]
-    cosine, sine = math.cos(angle), math.sin(angle)
-    dx, dy = arm.center[0] - arm.pivot[0], arm.center[1] - arm.pivot[1]
-    x, y = cosine * dx - sine * dy, sine * dx + cosine * dy
-    gx, gy = drive.run.gravity
-    low, high = arm.stops_rad
-    found = arm.mass * (x * gy - y * gx) - arm.stiffness * (angle - arm.free_angle_rad)
-    if not low <= angle <= high:
-        found += drive.stop_stiffness(a) * (max(low - angle, 0.0) - max(angle - high, 0.0))
-    for t, tensioner in enumerate(drive.tensioners):
-        if tensioner.on == arm.name:
-            (rx, ry), (ux, uy) = _reach(drive, t, angle), tensioner.unit_direction
-            found += (rx * uy - ry * ux) * static_force(tensioner, extension(drive, t, angle))
-    return found
+def stop_of(drive: Drive, a: int, angle: float) -> str | None:
+    """The stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
+    low, high = drive.arms[a].stops_rad
+    return "lower" if angle <= low + AT_STOP else "upper" if angle >= high - AT_STOP else None
 
 
 def chain_moment(drive: Drive, path: ChainPath, a: int, beyond: float = 0.0) -> float:
@@ -92,17 +154,17 @@ def balanced(
     for a, arm in enumerate(drive.arms):
         low, high = arm.stops_rad
         found[a] = min(max(found[a], low), high)
-    plan = Plan(drive)
+    plan, still = Plan(drive), [StillArm(drive, a) for a in range(len(found))]
     for _ in range(_SWEEPS):
         before = list(found)
         for a in range(len(found)):
-            found[a] = _balance(plan, found, a, beyond)
+            found[a] = _balance(plan, still[a], found, a, beyond)
         if len(found) == 1 or max(abs(x - y) for x, y in zip(found, before, strict=True)) <= _STILL:
             break
     return plan.path(found)
 
 
-def _balance(plan: Plan, angles: Sequence[float], a: int, beyond: float) -> float:
+def _balance(plan: Plan, still: StillArm, angles: Sequence[float], a: int, beyond: float) -> float:
     """The angle of arm a [rad] at which (a) holds, with the others where they are."""
     from scipy.optimize import brentq
 
@@ -110,7 +172,7 @@ def _balance(plan: Plan, angles: Sequence[float], a: int, beyond: float) -> floa
 
     def moment(angle: float) -> float:
         path = plan.path([*angles[:a], angle, *angles[a + 1 :]])
-        return own_moment(drive, a, angle) + chain_moment(drive, path, a, beyond)
+        return still.moment(angle) + chain_moment(drive, path, a, beyond)
 
     quick = _secant(moment, angles[a])
     if quick is not None:
@@ -131,11 +193,11 @@ def _balance(plan: Plan, angles: Sequence[float], a: int, beyond: float) -> floa
         if here * there <= 0.0:
             return float(brentq(moment, *sorted((near, near + step)), xtol=1e-14, rtol=1e-14))
         near, here = near + step, there
-    stops = "give it stops, or" if arm.stops is None else "look at its stops, and"
-    raise DriveError(
-        f"arms.{arm.name}: finds no balance from {math.degrees(angles[a]):.3g} to {math.degrees(near):.3g} degrees, "
-        f"{reason}; {stops} at the springs and tensioners that turn it"
-    )
+    where = f"finds no balance from {math.degrees(angles[a]):.3g} to {math.degrees(near):.3g} degrees, {reason}"
+    turns = "springs and tensioners that turn it"
+    if arm.stops is None:
+        raise DriveError(f"arms.{arm.name}.stops: missing; without them the arm {where}; or look at the {turns}")
+    raise DriveError(f"arms.{arm.name}: {where}; look at its stops, and at the {turns}")
 
 
 def _secant(moment: Callable[[float], float], near: float) -> float | None:
@@ -155,17 +217,3 @@ def _secant(moment: Callable[[float], float], near: float) -> float | None:
     except DriveError:
         pass
     return None
-
-
-def _arm(drive: Drive, t: int) -> int:
-    arm = drive.arm_index(drive.tensioners[t].on)
-    assert arm is not None
-    return arm
-
-
-def _reach(drive: Drive, t: int, angle: float) -> tuple[float, float]:
-    """From the pivot to the touched point of tensioner t, its arm at an angle [m]."""
-    pivot, at = drive.arms[_arm(drive, t)].pivot, drive.tensioners[t].at
-    dx, dy = at[0] - pivot[0], at[1] - pivot[1]
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return cosine * dx - sine * dy, sine * dx + cosine * dy

@@ -63,11 +63,24 @@ def own_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool
         g: the guide, as drawn.
         strands: ends of the straight strands [m].
     """
+    found = nearest_strand(drive, g, strands)
+    if found is None:
+        return None
+    k, along, height = found
+    return None if -height > OWN * math.dist(*strands[k]) else (k, along)
+
+
+def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool, float] | None:
+    """The strand nearest to guide g, whether it travels along the face's pieces, and its mean height [m].
+
+    Heights are over where rollers would ride, negative behind the face; None where no strand runs along it.
+    """
     profile, offset = drive.profile(g), drive.guide_offset(g)
     feet = [profile.at(profile.face_length * i / (_PLACES - 1)) for i in range(_PLACES)]
     rides = [(x - offset * math.sin(h), y + offset * math.cos(h)) for (x, y), h in feet]
     fx, fy = rides[-1][0] - rides[0][0], rides[-1][1] - rides[0][1]
-    nearest, found = math.inf, None
+    nearest = math.inf
+    found: tuple[int, bool, float] | None = None
     for k, ((sx, sy), (ex, ey)) in enumerate(strands):
         length = math.hypot(ex - sx, ey - sy)
         ux, uy = (ex - sx) / length, (ey - sy) / length
@@ -81,7 +94,7 @@ def own_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool
         height = sum(side * ((sy - y) * ux - (sx - x) * uy) for x, y in beside) / len(beside)
         apart = max(height, -BEHIND * height)
         if apart < nearest:
-            nearest, found = apart, None if -height > OWN * length else (k, side > 0.0)
+            nearest, found = apart, (k, side > 0.0, height)
     return found
 
 

@@ -9,6 +9,12 @@ point of a strand, seen from a, where 0 <= q.t <= |b - a|:
     dents                the strand that is nearest is everywhere behind the face, its ride pushed by Rr - q.n > a pitch
 
 A strand farther behind a bar than a quarter of its own length is not that bar's.
+
+Around curved and carried guides strands are drawn (`warpchain.assembly.taut`). Of those and of arms it is told that
+
+    no strand passes     none runs along the face within a quarter of its own length
+    faces away           the face is hollow toward a strand that is behind it, or that only its rounded ends touch
+    on its stop          an arm finds its balance at assembly against a stop
 """
 
 from __future__ import annotations
@@ -17,7 +23,8 @@ import math
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from warpchain.assembly.guided import BEHIND, OWN
+from warpchain.assembly.arms import stop_of
+from warpchain.assembly.guided import BEHIND, OWN, nearest_strand
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.route import chain_path
 
@@ -44,11 +51,53 @@ def findings(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
         for k, m in combinations(range(len(strands)), 2)
         if (place := meeting(strands[k], strands[m])) is not None
     ]
-    for guide in drive.guides:
-        if not guide.straight or guide.arm is not None:
-            continue  # strands go around them
-        found += _of_guide(drive, guide, strands)
+    for g, guide in enumerate(drive.guides):
+        if guide.straight and guide.arm is None:
+            found += _of_guide(drive, guide, strands)
+        else:
+            found += _of_face(drive, path, g, strands)
+    found += [line for a in range(len(drive.arms)) if (line := _on_stop(drive, path, a)) is not None]
     return tuple(found)
+
+
+def _of_face(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -> list[str]:
+    """What is wrong with a curved or carried guide."""
+    guide, profile = drive.guides[g], drive.profile(g)
+    touches = [
+        touch for string in path.strings if string is not None for touch in string.touches if touch.arc.guide == g
+    ]
+    if any(touch.places[1] > 0.0 and touch.places[0] < profile.face_length for touch in touches):
+        return []
+    hollow = sum(piece.curvature * piece.length for piece in profile.face) > 0.0
+    nearest = nearest_strand(drive, g, strands)
+    if hollow and nearest is not None and (touches or nearest[2] < 0.0):
+        other = "left" if guide.side == "right" else "right"
+        return [
+            f'guides.{guide.name}: its face is turned away from strand "{drive.strand_names[nearest[0]]}": the chain '
+            f'rides on the {guide.side or "left"} of its line; set side = "{other}", or run the line the other way'
+        ]
+    if nearest is None:
+        return [f"guides.{guide.name}: no strand passes it: none runs along its face; move or turn it, or look at side"]
+    k, _, height = nearest
+    if not touches and abs(height) > OWN * math.dist(*strands[k]):
+        return [
+            f'guides.{guide.name}: no strand passes it: the nearest, "{drive.strand_names[k]}", is {abs(height):.4g} m '
+            f"{'off' if height > 0.0 else 'behind'} its face; move it, or look at side"
+        ]
+    return []
+
+
+def _on_stop(drive: Drive, path: ChainPath, a: int) -> str | None:
+    """What to tell of an arm that stands on a stop."""
+    angle, arm = float(path.arm_angle[a]), drive.arms[a]
+    stop = stop_of(drive, a, angle)
+    if stop is None or arm.stops is None:
+        return None
+    return (
+        f"arms.{arm.name}: stands on its {stop} stop at assembly, at {math.degrees(angle):.4g} of {arm.stops[0]:g} to "
+        f"{arm.stops[1]:g} degrees, and takes up nothing beyond it: look at chain.links, at its stops, and at the "
+        "springs and tensioners that turn it"
+    )
 
 
 def _strands(path: ChainPath) -> list[Strand]:

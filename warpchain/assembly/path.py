@@ -76,6 +76,11 @@ class ChainPath:
     obstacles: tuple[tuple[Run, ...], ...]
     arm_angle: NDArray[np.float64]
 
+    def free_lengths(self, k: int) -> tuple[float, ...]:
+        """Lengths of strand k's straight parts that lie on no guide, in order [m]; the whole strand without guides."""
+        string = self.strings[k]
+        return (float(self.strand_length[k]),) if string is None else string.free
+
     def strain(self, links: int) -> float:
         """Nominal strain of the strands if the chain had `links` links.
 

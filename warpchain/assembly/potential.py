@@ -7,10 +7,11 @@ m f^2 L, L the link's length: m v^2 / p on a straight strand; on an arc of pitch
 is left out. The energy is
 
     E = sum_i [ k (L_i - l_i)^2 / 2 - m f^2 L_i^2 / 2 - m g . r_i ]  +  sum over contacts K pen^(n+1) / (n+1)
-        + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 ],                             (a)
+        + sum_s [ w_s M_s theta_s - (F_s + M g) . c_s + K_s (c_s - c_s0)^2 / 2 ]  +  sum over arms A,         (a)
 
-with l_i the unloaded lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a mount's preload. Contacts
-are those of `kernels/physics/tooth.py` and `guide.py`. First and second derivatives are exact.
+A that of an arm's weight, springs, stops and tensioners at rest (`warpchain.assembly.arms`), with l_i the unloaded
+lengths, M_s the load moment at speed, w_s the sense of rotation, F_s a mount's preload. Contacts are those of
+`kernels/physics/tooth.py` and `guide.py`. First and second derivatives are exact.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.assembly.arms import StillArm
 from warpchain.assembly.guided import standing_profile
 from warpchain.drive.motion import ElasticMount, PrescribedMount, SliderMount
 from warpchain.drive.mounts import moving_mass, unit
+from warpchain.drive.oil import static_force
 from warpchain.drive.profile import direction
 
 if TYPE_CHECKING:
@@ -67,7 +70,7 @@ class Terms:
 
 
 class Potential:
-    """E of (a) as a function of all coordinates x: rollers (2 N), centers (2 S), angles (S), in this order.
+    """E of (a) as a function of all coordinates x: rollers (2 N), centers (2 S), angles (S), arms' angles (A).
 
     Args:
         drive: the drive.
@@ -78,7 +81,9 @@ class Potential:
     def __init__(self, drive: Drive, frequency: float, moments: Array) -> None:
         chain, sprockets = drive.chain, drive.sprockets
         self.drive, self.rollers, self.sprockets = drive, chain.links, len(sprockets)
-        self.size = 2 * self.rollers + 3 * self.sprockets
+        self.arms = [StillArm(drive, a) for a in range(len(drive.arms))]
+        self.first_arm = 2 * self.rollers + 3 * self.sprockets
+        self.size = self.first_arm + len(self.arms)
         self.gravity = np.asarray(drive.run.gravity, dtype=float)
         self.natural = chain.link_lengths
         self.stiffness = np.full(chain.links, chain.stiffness)
@@ -88,14 +93,13 @@ class Potential:
         self.tooth_stiffness = [drive.sprocket_stiffness(s) for s in range(self.sprockets)]
         self.guide_stiffness = [drive.guide_stiffness(g) for g in range(len(drive.guides))]
         self.moments = np.array([w.sign for w in sprockets]) * moments
-        self.arm_angle = np.zeros(len(drive.arms))  # at which arms are held [rad]
         self.softness = 1.0  # of all contacts: what their stiffnesses are multiplied by
         self.home, self.spring, self.pull = _mounts(drive, self.gravity)
 
     def split(self, x: Array) -> tuple[Array, Array, Array]:
         """Rollers (N, 2), centers (S, 2), angles (S,), as views of x."""
         n, s = 2 * self.rollers, 2 * self.sprockets
-        return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s :]
+        return x[:n].reshape(-1, 2), x[n : n + s].reshape(-1, 2), x[n + s : self.first_arm]
 
     def tensions(self, x: Array) -> Array:
         """(N,) tensions of the links [N], centrifugal part and all."""
@@ -112,6 +116,12 @@ class Potential:
         for g in range(len(self.drive.guides)):
             self._guide(x, g, terms)
         self._constant(x, terms)
+        for a, arm in enumerate(self.arms):
+            at = self.first_arm + a
+            angle = float(x[at])
+            terms.energy += arm.energy(angle)
+            terms.gradient[at] -= arm.moment(angle)
+            terms.add_blocks(np.array([[at]]), np.array([[[arm.stiffness(angle)]]]))
         return terms
 
     def _links(self, x: Array, terms: Terms) -> None:
@@ -196,10 +206,11 @@ class Potential:
         return pen, outward, np.where(tip, eta / distance, lateral), bend
 
     def _profile(self, x: Array, g: int, terms: Terms) -> None:
-        """A curved or carried guide, its arm held at its angle: piece by piece, `warpchain.drive.profile` (a)."""
+        """A curved or carried guide: piece by piece, `warpchain.drive.profile` (a)."""
         r, _, _ = self.split(x)
+        arm = self.drive.arm_of(g)
         offset, law = self.drive.guide_offset(g), self.drive.guide_contact(g)
-        for piece in standing_profile(self.drive, g, self.arm_angle.tolist()).pieces:
+        for piece in standing_profile(self.drive, g, x[self.first_arm :].tolist()).pieces:
             t = np.array(direction(piece.heading))
             n, k = np.array([-t[1], t[0]]), piece.curvature
             u, w = (r - piece.start) @ t, (r - piece.start) @ n
@@ -214,8 +225,32 @@ class Potential:
             stiffness = self.softness * self.guide_stiffness[g]
             force, block = _contact(terms, pen[hit], normal, k / root[hit], stiffness, law.exponent)
             at = np.stack([2 * hit, 2 * hit + 1], axis=1)
-            np.add.at(terms.gradient, at, -force[:, None] * normal)
-            terms.add_blocks(at, block)
+            slope = -force[:, None] * normal
+            np.add.at(terms.gradient, at, slope)
+            if arm is None:
+                terms.add_blocks(at, block)
+            else:
+                self._carried(terms, arm, at, r[hit], slope, block)
+
+    def _carried(
+        self, terms: Terms, a: int, at: NDArray[np.int64], r: Array, slope: Array, block: Array
+    ) -> None:  # fmt: skip
+        """What contacts with a guide of arm a are by its angle, too: they turn with it about its pivot.
+
+        Args:
+            at: (M, 2) the rollers' unknowns.
+            r, slope, block: (M, 2) their centers [m], (M, 2) dE/dr [N] and (M, 2, 2) its derivatives [N/m].
+        """
+        rho = r - np.asarray(self.drive.arms[a].pivot)
+        turn = np.stack([-rho[:, 1], rho[:, 0]], axis=1)
+        left = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
+        place = np.full((len(r), 1), self.first_arm + a)
+        np.add.at(terms.gradient, place, -np.einsum("ij,ij->i", turn, slope)[:, None])
+        blocks = np.empty((len(r), 3, 3))
+        blocks[:, :2, :2] = block
+        blocks[:, :2, 2] = blocks[:, 2, :2] = left - np.einsum("mij,mj->mi", block, turn)
+        blocks[:, 2, 2] = np.einsum("mi,mij,mj->m", turn, block, turn) - np.einsum("mi,mi->m", rho, slope)
+        terms.add_blocks(np.concatenate([at, place], axis=1), blocks)
 
     def _guide(self, x: Array, g: int, terms: Terms) -> None:
         if not self.drive.guides[g].straight or self.drive.guides[g].arm is not None:
@@ -252,7 +287,7 @@ class Potential:
         weight = self.drive.chain.mass * self.gravity
         terms.energy += float(-np.sum(r @ weight) + self.moments @ angles)
         terms.gradient[:n] -= np.tile(weight, self.rollers)
-        terms.gradient[n + s :] += self.moments
+        terms.gradient[n + s : self.first_arm] += self.moments
         off = centers - self.home
         terms.energy += float(np.sum(0.5 * self.spring * off**2 - self.pull * off))
         terms.gradient[n : n + s] += (self.spring * off - self.pull).ravel()
@@ -292,4 +327,10 @@ def _mounts(drive: Drive, gravity: Array) -> tuple[Array, Array, Array]:
         elif isinstance(mount, SliderMount):
             spring[s] = mount.stiffness
             pull[s] = mount.preload * unit(mount.direction) + moving_mass(sprocket) * gravity
+    for tensioner in drive.tensioners:
+        for s, sprocket in enumerate(drive.sprockets):
+            if sprocket.name == tensioner.on and isinstance(sprocket.mount, SliderMount):
+                along = np.asarray(tensioner.unit_direction)
+                pull[s] += static_force(tensioner) * along
+                spring[s] += tensioner.spring_stiffness * float(along @ unit(sprocket.mount.direction)) ** 2
     return home, spring, pull

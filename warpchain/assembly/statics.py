@@ -57,6 +57,7 @@ class Steady:
         centrifugal: m v^2 / p, of every tension [N].
         displacement: (S,) of the chain at mid-strand from the nominal line, left of its travel positive [m].
         center: (S, 2) sprocket centers [m].
+        arm_angle: (A,) angles of the arms [rad].
         failure: why no equilibrium was found, in words; the other values are then worth nothing. None where it was.
     """
 
@@ -64,6 +65,7 @@ class Steady:
     centrifugal: float
     displacement: Array
     center: Array
+    arm_angle: Array
     failure: str | None
 
 
@@ -101,7 +103,8 @@ def running(drive: Drive, assembly: Assembly | None = None) -> Steady:
         if abs(own - frequency) > _SAME * frequency:
             nothing = np.full(len(drive.sprockets), math.nan)
             words = f'"{driver.name}" and "{sprocket.name}" lead the chain at unlike speeds'
-            return Steady(nothing, drive.chain.mass * drive.chain.pitch * frequency**2, nothing, nothing, words)
+            centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
+            return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, words)
     return _steady(drive, assembly, frequency, load_moments(drive, speed))
 
 
@@ -116,31 +119,28 @@ def standing(drive: Drive, assembly: Assembly | None = None) -> Steady:
 
 def _steady(drive: Drive, assembly: Assembly, frequency: float, moments: Array) -> Steady:
     if drive.chain.links > MOST:
-        nothing, centrifugal = (
-            np.full(len(drive.sprockets), math.nan),
-            drive.chain.mass * drive.chain.pitch * frequency**2,
-        )
-        return Steady(nothing, centrifugal, nothing, nothing, f"not sought for a chain of more than {MOST} links")
+        nothing, words = np.full(len(drive.sprockets), math.nan), f"not sought for a chain of more than {MOST} links"
+        centrifugal = drive.chain.mass * drive.chain.pitch * frequency**2
+        return Steady(nothing, centrifugal, nothing, nothing, assembly.arm_angle, words)
     potential = Potential(drive, frequency, moments)
-    potential.arm_angle = assembly.arm_angle
     solver = _Solver(potential, assembly, moments)
-    x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle])
-    means: list[tuple[Array, Array, Array]] = []
+    x = np.concatenate([assembly.position.ravel(), potential.home.ravel(), assembly.sprocket_angle, assembly.arm_angle])
+    means: list[tuple[Array, ...]] = []
     failure = None
     for phase in range(PHASES):
         if phase:
             x, residual = solver.settle(_advanced(potential, x, 1.0 / PHASES))
         else:
             x, residual = solver.begin(x, assembly)
-        means.append((*_strands(potential, assembly, x), potential.split(x)[1]))
+        means.append((*_strands(potential, assembly, x), potential.split(x)[1], x[potential.first_arm :]))
         if math.isinf(residual):
             failure = "the chain does not stay on its teeth"
         elif not residual <= _ACCURACY:
             failure = "no equilibrium was found"
         if failure:
             break
-    tension, displacement, center = (np.mean(values, axis=0) for values in zip(*means, strict=True))
-    return Steady(tension, potential.push * drive.chain.pitch, displacement, center, failure)
+    tension, displacement, center, arm_angle = (np.mean(values, axis=0) for values in zip(*means, strict=True))
+    return Steady(tension, potential.push * drive.chain.pitch, displacement, center, arm_angle, failure)
 
 
 def _advanced(potential: Potential, x: Array, part: float) -> Array:
@@ -196,6 +196,7 @@ class _Solver:
             chain.stiffness * assembly.path.pitch * max(assembly.strain, 0.0),
             float(np.max(np.abs(moments) / potential.radius)),
             float(np.abs(potential.pull).max()),
+            *(push for arm in potential.arms for push in arm.pushes),
             chain.mass * float(np.hypot(*potential.gravity)) * 10.0,
             1e-9 * chain.stiffness * chain.pitch,
         )
@@ -269,7 +270,7 @@ def _slipped(potential: Potential, assembly: Assembly, x: Array) -> bool:
 
 
 def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
-    """Free coordinates y: rollers, moving centers, free angles, these taken as lengths at the pitch radius.
+    """Free coordinates y: rollers, moving centers, free angles, these as lengths at the pitch radius, arms' at theirs.
 
     Returns:
         column and weight of every coordinate, dx_i = weight_i dy_column(i), 0 and 0 for those that stay; their number.
@@ -288,4 +289,7 @@ def _free(potential: Potential) -> tuple[NDArray[np.int64], Array, int]:
         if sprocket.prescribed is None:
             column[angle], weight[angle] = count, 1.0 / float(potential.radius[k])
             count += 1
+    for a in range(len(potential.arms)):
+        column[potential.first_arm + a], weight[potential.first_arm + a] = count, 1.0 / potential.drive.arm_lever(a)
+        count += 1
     return column, weight, count

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from warpchain.assembly import statics
+from warpchain.assembly import statics, touched
 from warpchain.assembly.advice import advice
 from warpchain.assembly.assembly import Assembly, assemble
 from warpchain.assembly.frequencies import moving_frequency, strand_frequency
 from warpchain.assembly.layout import findings
+from warpchain.assembly.path import path_at
 from warpchain.assembly.statics import Steady
 from warpchain.assembly.timestep import automatic_step, resolve_step, step_limit, stiffest_part
 from warpchain.drive import Drive
@@ -134,7 +135,9 @@ def derive(drive: Drive) -> dict[str, Any]:
         "law": drive.contact.sprocket.law,
         "rebound": contact_rebound(drive.contact.sprocket),
         "friction": tooth_rubbing(drive).dynamic,
-        "guides": _guides(drive),
+        "guides": _guides(drive, assembly, strands, running),
+        "arms": touched.arms(drive, assembly, standing, running),
+        "tensioners": touched.tensioners(drive, assembly, standing, running),
         "mounts": [
             {
                 "name": sprocket.name,
@@ -155,8 +158,12 @@ def derive(drive: Drive) -> dict[str, Any]:
     }
 
 
-def _guides(drive: Drive) -> list[dict[str, Any]]:
-    """How rollers meet each guide-bar."""
+def _guides(
+    drive: Drive, assembly: Assembly, strands: list[dict[str, Any]], running: Steady
+) -> list[dict[str, Any]]:  # fmt: skip
+    """How rollers meet each guide-bar, and where the chain lies on it at work."""
+    path = path_at(drive, running.arm_angle.tolist()) if drive.arms and not running.failure else assembly.path
+    pull = [strand["working_tension"] - running.centrifugal for strand in strands]
     return [
         {
             "name": guide.name,
@@ -164,6 +171,8 @@ def _guides(drive: Drive) -> list[dict[str, Any]]:
             "law": drive.guide_contact(g).law,
             "rebound": contact_rebound(drive.guide_contact(g)),
             "friction": guide_rubbing(drive, g).dynamic,
+            "face_length": drive.profile(g).face_length,
+            "touch": touched.touch(drive, path, g, pull),
         }
         for g, guide in enumerate(drive.guides)
     ]
@@ -190,16 +199,21 @@ def _strands(
         working = np.array(working_tensions(drive, preload, links))
     speed = math.sqrt(running.centrifugal * drive.chain.pitch / drive.chain.mass)
     lengths = [float(length) for length in assembly.path.strand_length]
+    free = [assembly.path.free_lengths(k) for k in range(len(links))]
+    guided = [string is not None for string in assembly.path.strings]
     return [
         {
             "name": name,
             "length": lengths[k],
             "links": links[k],
             "standing_tension": float(still[k]),
-            "standing_frequency": strand_frequency(drive, links[k], float(still[k])),
+            "standing_frequency": moving_frequency(drive, max(free[k]), float(still[k]), 0.0)
+            if guided[k]
+            else strand_frequency(drive, links[k], float(still[k])),
             "working_tension": float(working[k]),
             "centrifugal_tension": running.centrifugal,
-            "working_frequency": moving_frequency(drive, lengths[k], float(working[k]), speed),
+            "working_frequency": moving_frequency(drive, max(free[k]), float(working[k]), speed),
+            "free_lengths": list(free[k]),
             "working_displacement": None if running.failure else float(running.displacement[k]),
         }
         for k, name in enumerate(drive.strand_names)
@@ -321,6 +335,66 @@ def _guide_lines(values: dict[str, Any]) -> list[str]:
     return ["", *_table(head, rows)]
 
 
+def _touch_lines(values: dict[str, Any]) -> list[str]:
+    """What the chain lies on; nothing where it goes around no guide."""
+    rows = [
+        (
+            g["name"],
+            touch["strand"],
+            "{:.1f} to {:.1f} of {:.1f} mm".format(*(1e3 * x for x in (*touch["places"], g["face_length"]))),
+            f"{touch['wrap']:.2f} deg",
+            f"{touch['load']:.4g} N/m",
+            f"{touch['force']:.4g} N",
+        )
+        for g in values["guides"]
+        if (touch := g["touch"]) is not None
+    ]
+    if not rows:
+        return []
+    title = "what the chain lies on at work, and how it loads it (T - m v^2/p over the radius; in all):"
+    return ["", title, *_table(("guide", "strand", "touched", "wrapped", "load", "force"), rows)]
+
+
+def _cells(values: list[float | None], text: str) -> tuple[str, ...]:
+    return tuple("-" if value is None else text.format(value + 0.0) for value in values)
+
+
+def _arm_lines(values: dict[str, Any]) -> list[str]:
+    """Arms and tensioners; nothing where there are none."""
+    lines: list[str] = []
+    if values["arms"]:
+        rows = [
+            (
+                a["name"],
+                *_cells([a["angle"], a["standing_angle"], a["working_angle"]], "{:+.3f} deg"),
+                "-" if a["stops"] is None else "{:g} to {:g} deg".format(*a["stops"]),
+                a["on_stop"] or "",
+            )
+            for a in values["arms"]
+        ]
+        lines += ["", *_table(("arm", "at assembly", "standing", "at work", "stops", "on its stop"), rows)]
+    if values["tensioners"]:
+        rows = [
+            (
+                t["name"],
+                t["on"],
+                *_cells(
+                    [_milli(t[key]) for key in ("extension", "standing_extension", "working_extension")], "{:+.3f} mm"
+                ),
+                "-" if t["static_pressure"] is None else f"{1e-5 * t['static_pressure']:.4g} bar",
+                *_cells([t["working_force"] if t["working_force"] is not None else t["force"]], "{:.4g} N"),
+            )
+            for t in values["tensioners"]
+        ]
+        head = ("tensioner", "on", "at assembly", "standing", "at work", "static pressure", "static force")
+        lines += ["", *_table(head, rows)]
+    return lines
+
+
+def _milli(value: float | None) -> float | None:
+    return None if value is None else 1e3 * value
+
+
 def _mount_lines(values: dict[str, Any]) -> list[str]:
     if not values["mounts"]:
         return []
@@ -359,6 +433,8 @@ def report(values: dict[str, Any]) -> str:
         *_sprocket_lines(values),
         *_strand_lines(values),
         *_guide_lines(values),
+        *_touch_lines(values),
+        *_arm_lines(values),
         *_mount_lines(values),
         "",
         f"tooth-passing frequency: {values['tooth_passing_frequency']:.4g} Hz",

@@ -130,12 +130,14 @@ class Taut:
         pieces: straight parts and arcs, in order, from the first end to the last.
         first, last: heading at which it leaves the first end and reaches the last [rad].
         touches: the guides' arcs that it touches, in order.
+        free: lengths of the straight parts that lie on no guide, in order [m].
     """
 
     pieces: tuple[Piece, ...]
     first: float
     last: float
     touches: tuple[Touch, ...]
+    free: tuple[float, ...]
 
     @property
     def length(self) -> float:
@@ -321,4 +323,6 @@ def _string(chosen: list[Arc], tangents: list[_Tangent], touches: list[Touch]) -
                 pieces.append(Piece(start, touch.arrive, arc.sign / arc.radius, touch.wrap * arc.radius))
         if length > 0.0:
             pieces.append(Piece(chosen[k].at(heading), heading, 0.0, length))
-    return Taut(tuple(pieces), tangents[0][0], tangents[-1][1], tuple(t for t in touches if t.wrap > _NO_WRAP))
+    free = tuple(length for _, _, length, joint in tangents if not joint)
+    pressed = tuple(t for t in touches if t.wrap > _NO_WRAP)
+    return Taut(tuple(pieces), tangents[0][0], tangents[-1][1], pressed, free)

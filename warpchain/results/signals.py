@@ -105,7 +105,7 @@ def transverse_frequency(trajectory: Trajectory, strand: int) -> float:
     tension = float(np.nanmean(strand_tension(trajectory, strand)[part]))
     turns = abs(float(np.mean(trajectory.sprocket_speed[part, drive.driver]))) / (2.0 * np.pi)
     speed = turns * drive.sprockets[drive.driver].teeth * path.pitch
-    return moving_frequency(drive, float(path.strand_length[strand]), tension, speed)
+    return moving_frequency(drive, max(path.free_lengths(strand)), tension, speed)
 
 
 def guide_forces(trajectory: Trajectory) -> list[tuple[Array, Array]]:
