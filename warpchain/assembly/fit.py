@@ -12,8 +12,8 @@ It falls as h grows: every sag has one strain. Measured on settled strands, end 
 A preload T0, at assembly, has the strain T0 / (k p).
 
 Where arms carry guides the strain follows from what pushes them. The number of links is then the one that leaves the
-least strain with the arms in balance, or with which an arm stands nearest to a wanted angle; and a sprocket can be moved
-until an arm stands there.
+least strain with the arms in balance, or with which an arm stands nearest to a wanted angle; and a sprocket can be
+moved until an arm stands there.
 """
 
 from __future__ import annotations
@@ -212,7 +212,8 @@ def _wanted_angles(drive: Drive, wanted: Mapping[str, float]) -> list[float]:
 def _goal(drive: Drive, wanted: Mapping[str, Any], strand: str | None) -> _Goal:
     given = [name for name, x in wanted.items() if x is not None]
     if len(given) != 1:
-        raise DriveError(f"one of strain, preload, sag and angle must be given, not {' and '.join(given) or 'none'}")
+        choice = "strain, preload, sag and angle" if drive.arms else "strain, preload and sag"
+        raise DriveError(f"one of {choice} must be given, not {' and '.join(given) or 'none'}")
     strain, preload, sag, angle = wanted.values()
     if strand is not None and sag is None:
         raise DriveError("strand: only together with sag")
