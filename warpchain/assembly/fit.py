@@ -10,20 +10,24 @@ C / (n p) - 1, is to first order
 
 It falls as h grows: every sag has one strain. Measured on settled strands, end rollers give way by 0.8 to 1.1 c.
 A preload T0, at assembly, has the strain T0 / (k p).
+
+Where arms carry guides the strain follows from what pushes them. The number of links is then the one that leaves the
+least strain with the arms in balance, or with which an arm stands nearest to a wanted angle; and a sprocket can be
+moved until an arm stands there.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble
-from warpchain.assembly.path import MAX_STRAIN, ChainPath
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, path_at
 from warpchain.assembly.route import chain_path
 from warpchain.errors import DriveError
 
@@ -34,18 +38,24 @@ _PLACES = 4000  # most places tried along the line
 _ENOUGH = 1e-10  # strain that the secant method may miss
 _DIGITS = 10  # centers are rounded to 1e-10 m, which files can show
 _UPRIGHT = 1e-6  # part of gravity across a strand below which it cannot sag
+_ANGLE = 0.01  # strain that a radian of an arm counts as, in what a search may miss
 _EXACT = 1e-7  # strain that a solution may miss; more is a jump where a roller changes seats
 
 
 @dataclass(frozen=True)
 class _Goal:
-    """What is wanted: the strain that it takes, and what a strain amounts to, at a strand's chord."""
+    """What is wanted: the strain that it takes, and what a strain amounts to, at a strand's chord.
+
+    Or with `arm` an angle of it [rad].
+    """
 
     text: str
     unit: str
     strain: Callable[[Drive, NDArray[np.float64]], float]
     amount: Callable[[Drive, NDArray[np.float64], float], float]
     strand: int
+    arm: int | None = None
+    angle: float = 0.0
 
 
 def fit_position(
@@ -57,9 +67,10 @@ def fit_position(
     preload: float | None = None,
     sag: float | None = None,
     strand: str | None = None,
+    angle: Mapping[str, float] | None = None,
     travel: float | None = None,
 ) -> Drive:
-    """Moves a sprocket along a line, either way, to the nearest place that gives what is wanted; one of the three.
+    """Moves a sprocket along a line, either way, to the nearest place that gives what is wanted; one of the four.
 
     Args:
         drive: its chain need not fit as it stands.
@@ -68,7 +79,8 @@ def fit_position(
         strain: of the strands at assembly [-], within 0.05; what `warpchain check` calls strain.
         preload: tension of all strands at assembly [N], >= 0.
         sag: of one strand at rest, from its chord to its middle [m], > 0; eq. (a).
-        strand: which strand's sag, "FROM->TO"; None is the longest as the drive stands.
+        strand: which strand's sag, "FROM->TO"; None is the longest, as the drive stands, that lies on no guide.
+        angle: of one arm at assembly, by its name [degrees].
         travel: farthest that the sprocket moves either way [m]; None is wherever the chain could go round.
 
     Returns:
@@ -80,7 +92,7 @@ def fit_position(
     """
     index = _sprocket_index(drive, sprocket)
     line = _unit(direction)
-    goal = _goal(drive, strain, preload, sag, strand)
+    goal = _goal(drive, {"strain": strain, "preload": preload, "sag": sag, "angle": angle}, strand)
     search = _Search(drive, index, line, goal, travel)
     for place in search.roots():
         exact = search.refined(place)
@@ -90,25 +102,34 @@ def fit_position(
     raise DriveError(search.failure())
 
 
-def fit_links(drive: Drive, odd: bool = False) -> Drive:
+def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None = None) -> Drive:
     """Gives the chain the number of links whose strain is smallest, taut or slack, with the sprockets where they are.
+
+    With arms, the smallest strain with the arms in balance; or where they stand nearest to wanted angles.
 
     Args:
         drive: its chain need not fit as it stands.
         odd: whether an odd number, which needs an offset link, will do.
+        angle: wanted angles of arms by name [degrees]; None wants none.
 
     Raises:
-        DriveError: no such number gives a strain within 0.05, or none assembles.
+        DriveError: no such number gives a strain within 0.05, or none assembles; an unknown arm.
     """
-    path = chain_path(drive)
+    wanted = _wanted_angles(drive, angle or {})
+    path, found = path_at(drive, wanted), []
     for links in nearest_links(path, 0.0, odd):
         if abs(path.strain(links)) > MAX_STRAIN:
             continue
         try:
-            assemble(_with_links(drive, links))
+            assembly = assemble(_with_links(drive, links))
         except DriveError:
             continue
-        return drive.with_values({"chain.links": links})
+        off = [abs(assembly.arm_angle[a] - wanted[a]) for a, arm in enumerate(drive.arms) if arm.name in (angle or {})]
+        found.append((float(sum(off)) if off else abs(assembly.strain), links))
+        if not wanted:
+            break
+    if found:
+        return drive.with_values({"chain.links": min(found)[1]})
     exact = path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch
     around = range(max(3, math.floor(exact) - 1), math.ceil(exact) + 2)
     strains = ", ".join(f"{n}: {100.0 * path.strain(n):+.2f} %" for n in around if math.isfinite(path.strain(n)))
@@ -117,6 +138,15 @@ def fit_links(drive: Drive, odd: bool = False) -> Drive:
         f"chain.links: no {kind}number of links fits the path, which is {exact:.3f} pitches long (strain by links: "
         f"{strains}); allowed is {-100.0 * MAX_STRAIN:g} % to {100.0 * MAX_STRAIN:+g} %"
     )
+
+
+def drawn_path(drive: Drive) -> ChainPath:
+    """The path of the chain with its arms as drawn, or on the stop that is nearest to that.
+
+    Raises:
+        DriveError: as `path_at`.
+    """
+    return path_at(drive, _wanted_angles(drive, {}))
 
 
 def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int]:
@@ -165,12 +195,35 @@ def _unit(direction: Sequence[float]) -> NDArray[np.float64]:
     return line / np.hypot(*line)
 
 
-def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float | None, strand: str | None) -> _Goal:
-    given = [name for name, x in (("strain", strain), ("preload", preload), ("sag", sag)) if x is not None]
+def _wanted_angles(drive: Drive, wanted: Mapping[str, float]) -> list[float]:
+    """Angles of all arms [rad]: those wanted by name [degrees], the others as drawn or on the nearest stop."""
+    for name, angle in wanted.items():
+        a = drive.arm_index(name)
+        if a is None:
+            known = ", ".join(arm.name for arm in drive.arms) or "none"
+            raise DriveError(f'arm "{name}": there is none of that name; allowed are {known}')
+        low, high = drive.arms[a].stops or (-360.0, 360.0)
+        if not low <= angle <= high:
+            raise DriveError(f"angle = {angle:g}: must be from {low:g} to {high:g} degrees, the stops of arms.{name}")
+    angles = [math.radians(wanted.get(arm.name, 0.0)) for arm in drive.arms]
+    return [min(max(angle, arm.stops_rad[0]), arm.stops_rad[1]) for angle, arm in zip(angles, drive.arms, strict=True)]
+
+
+def _goal(drive: Drive, wanted: Mapping[str, Any], strand: str | None) -> _Goal:
+    given = [name for name, x in wanted.items() if x is not None]
     if len(given) != 1:
-        raise DriveError(f"one of strain, preload and sag must be given, not {' and '.join(given) or 'none'}")
+        choice = "strain, preload, sag and angle" if drive.arms else "strain, preload and sag"
+        raise DriveError(f"one of {choice} must be given, not {' and '.join(given) or 'none'}")
+    strain, preload, sag, angle = wanted.values()
     if strand is not None and sag is None:
         raise DriveError("strand: only together with sag")
+    if angle is not None:
+        if len(angle) != 1:
+            raise DriveError("angle: one arm at a time")
+        ((name, degrees),) = angle.items()
+        radians = _wanted_angles(drive, angle)[a := [arm.name for arm in drive.arms].index(name)]
+        text = f'{degrees:g} degrees of arm "{name}"'
+        return _Goal(text, " degrees", lambda _, chord: 0.0, lambda _, chord, reached: reached, 0, a, radians)
     tension = drive.chain.mean_stiffness * drive.chain.pitch
     if strain is not None:
         if not abs(strain) <= MAX_STRAIN:
@@ -193,7 +246,10 @@ def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float 
     if strand is not None and strand not in names:
         raise DriveError(f'strand "{strand}": there is none of that name; allowed are {", ".join(names)}')
     path = chain_path(drive)
-    k = int(np.argmax(path.strand_length)) if strand is None else names.index(strand)
+    straight = [string is None for string in path.strings]
+    k = int(np.argmax(np.where(straight, path.strand_length, 0.0))) if strand is None else names.index(strand)
+    if not straight[k]:
+        raise DriveError(f'strand "{names[k]}": lies on a guide, so that it has no sag')
     if _across(drive, path.strand_end[k] - path.strand_start[k]) <= 0.0:
         raise DriveError(f'strand "{names[k]}": gravity does not act across it, so that it has no sag')
     text = f'sag {sag:g} m of strand "{names[k]}"'
@@ -282,6 +338,9 @@ class _Search:
             return math.nan
         if not math.isfinite(path.nominal_strain):
             return math.nan
+        if self.goal.arm is not None:
+            self.amounts.append((place, math.degrees(path.arm_angle[self.goal.arm])))
+            return _ANGLE * (float(path.arm_angle[self.goal.arm]) - self.goal.angle)
         chord = self._tangent(path)
         if abs(path.nominal_strain) <= MAX_STRAIN:
             self.amounts.append((place, self.goal.amount(drive, chord, path.nominal_strain)))
@@ -294,6 +353,8 @@ class _Search:
             assembly = assemble(drive)
         except DriveError:
             return math.nan
+        if self.goal.arm is not None:
+            return _ANGLE * (float(assembly.arm_angle[self.goal.arm]) - self.goal.angle)
         return assembly.strain - self.goal.strain(drive, _chord(assembly, self.goal.strand))
 
     def roots(self) -> Iterator[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,8 @@ def fit_file(arguments: Namespace) -> list[str]:
     """Runs the command; returns the lines to print.
 
     Args:
-        arguments: drive, links, odd, sprocket, along, strain, preload, sag, strand and output, as the parser has them.
+        arguments: drive, links, odd, sprocket, along, strain, preload, sag, strand, angle, arm and output, as the
+            parser has them.
 
     Raises:
         DriveError: a drive that is wrong, a wish that cannot be met or a file that cannot be written.
@@ -39,7 +41,8 @@ def fit_file(arguments: Namespace) -> list[str]:
 
     text = read_drive_text(path)
     before = loads_drive(text, str(path), Path(path).parent)
-    drive = fit_links(before, odd=arguments.odd) if arguments.links else before
+    angle = _angle(before, arguments)
+    drive = fit_links(before, odd=arguments.odd, angle=angle) if arguments.links else before
     if moving:
         drive = fit_position(
             drive,
@@ -49,9 +52,21 @@ def fit_file(arguments: Namespace) -> list[str]:
             preload=arguments.preload,
             sag=arguments.sag,
             strand=arguments.strand,
+            angle=angle,
         )
     write_drive_text(edited(text, drive), output)
     return [*_changes(before, drive), *_state(drive), f"written: {output}"]
+
+
+def _angle(drive: Drive, arguments: Namespace) -> dict[str, float] | None:
+    """The wanted angle of an arm by its name [degrees]."""
+    if arguments.angle is None:
+        if arguments.arm is not None:
+            raise DriveError("--arm: needs --angle")
+        return None
+    if arguments.arm is None and len(drive.arms) != 1:
+        raise DriveError(f"--angle: needs --arm, the drive has {len(drive.arms)} arms")
+    return {arguments.arm or drive.arms[0].name: arguments.angle}
 
 
 def edited(text: str, drive: Drive) -> str:
@@ -99,6 +114,15 @@ def _state(drive: Drive) -> list[str]:
     state = "taut" if assembly.strain >= 0.0 else "slack"
     preload = max(0.0, drive.chain.mean_stiffness * drive.chain.pitch * assembly.strain)
     sags = ", ".join(
-        f"{name} {1e3 * strand_sag(drive, assembly, k):.3g} mm" for k, name in enumerate(drive.strand_names)
+        f"{name} {1e3 * strand_sag(drive, assembly, k):.3g} mm"
+        for k, name in enumerate(drive.strand_names)
+        if assembly.path.strings[k] is None
     )
-    return [f"fit: {state}, strain {assembly.strain:+.3e}, preload {preload:.4g} N", f"sag at rest: {sags}"]
+    arms = ", ".join(
+        f"{arm.name} {math.degrees(angle):.4g}" for arm, angle in zip(drive.arms, assembly.arm_angle, strict=True)
+    )
+    return [
+        f"fit: {state}, strain {assembly.strain:+.3e}, preload {preload:.4g} N",
+        *([f"sag at rest: {sags}"] if sags else []),
+        *([f"arms at assembly, degrees: {arms}"] if arms else []),
+    ]

@@ -80,6 +80,8 @@ def _fit(commands: Any) -> None:
     parser.add_argument("--preload", type=number, metavar="N", help="wanted tension at assembly [N]")
     parser.add_argument("--sag", type=number, metavar="METRES", help="wanted sag of a strand at rest [m]")
     parser.add_argument("--strand", metavar="FROM->TO", help="which strand's sag; default the longest")
+    parser.add_argument("--angle", type=number, metavar="DEG", help="wanted angle of an arm at assembly [degrees]")
+    parser.add_argument("--arm", metavar="NAME", help="which arm's; default the only one")
     parser.add_argument("-o", "--output", metavar="OUT.toml", type=Path, help="write there; default DRIVE itself")
 
 

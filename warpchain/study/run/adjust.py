@@ -9,9 +9,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from warpchain.assembly.fit import fit_position, nearest_links
+from warpchain.assembly.fit import drawn_path, fit_position, nearest_links
 from warpchain.assembly.path import MAX_STRAIN
-from warpchain.assembly.route import chain_path
 from warpchain.drive import Drive
 from warpchain.drive.toml import value_text
 from warpchain.errors import DriveError, StudyError
@@ -40,7 +39,7 @@ def adjusted(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> tuple[Driv
     strain = _wanted(drive, adjust, row)
     if adjust.links is None:
         return _moved(drive, adjust, strain)
-    counts = nearest_links(chain_path(drive), strain, odd=adjust.links == "any")
+    counts = nearest_links(drawn_path(drive), strain, odd=adjust.links == "any")
     if not counts:
         raise StudyError("adjust.links: no number of links goes round")
     refused = None
