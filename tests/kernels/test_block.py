@@ -15,7 +15,7 @@ from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ens
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
-from warpchain.engine.settling import elastic
+from warpchain.engine.settling import cushion, elastic, quickened
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_observe import collect
@@ -412,3 +412,28 @@ def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
     np.testing.assert_allclose(
         state.rollers.numpy()[: 2 * drive.chain.links], serial.rollers()[: 2 * drive.chain.links], atol=1e-5
     )
+
+
+def test_block_kernel_settles_an_arm(fibers):
+    # as the CPU does: rollers and the arm at rest, whose residual is below the tolerance
+    drive = timing()
+    packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
+    cushion(packed)
+    quickened(packed, [drive])
+    start = np.zeros(1, dtype=Settling.numpy_dtype())
+    start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 20_000
+    serial = CpuEngine(packed, 1)
+    serial.start_settling(start)
+    for future in serial.settle(20_000):
+        future.result()
+    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", (1, 1, 1))
+    settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
+    order = wp.zeros(1, dtype=wp.int32, device="cpu")
+    kind = BlockKind(wp.float64, 128, 1, 3, 2, arms=1, tensioners=1, profiles=True)
+    inputs = [ensemble, state, tallies, settling, order, 20_000]
+    wp.launch(block_relax_kernel(kind, 4), dim=128, inputs=inputs, block_dim=128, device="cpu")
+    ours, theirs = settling.numpy(), serial.settling()
+    assert ours["settled"][0] == theirs["settled"][0] == 1
+    assert abs(int(ours["steps"][0]) - int(theirs["steps"][0])) <= 0.2 * theirs["steps"][0]
+    # within what the tolerance leaves: micrometers
+    np.testing.assert_allclose(state.bodies.numpy()["angle"], serial.bodies()["angle"], atol=1e-4)
