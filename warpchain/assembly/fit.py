@@ -218,12 +218,7 @@ def _goal(drive: Drive, wanted: Mapping[str, Any], strand: str | None) -> _Goal:
     if strand is not None and sag is None:
         raise DriveError("strand: only together with sag")
     if angle is not None:
-        if len(angle) != 1:
-            raise DriveError("angle: one arm at a time")
-        ((name, degrees),) = angle.items()
-        radians = _wanted_angles(drive, angle)[a := [arm.name for arm in drive.arms].index(name)]
-        text = f'{degrees:g} degrees of arm "{name}"'
-        return _Goal(text, " degrees", lambda _, chord: 0.0, lambda _, chord, reached: reached, 0, a, radians)
+        return _angle_goal(drive, angle)
     tension = drive.chain.mean_stiffness * drive.chain.pitch
     if strain is not None:
         if not abs(strain) <= MAX_STRAIN:
@@ -254,6 +249,16 @@ def _goal(drive: Drive, wanted: Mapping[str, Any], strand: str | None) -> _Goal:
         raise DriveError(f'strand "{names[k]}": gravity does not act across it, so that it has no sag')
     text = f'sag {sag:g} m of strand "{names[k]}"'
     return _Goal(text, " m", lambda moved, chord: _sag_strain(moved, chord, sag), _sag, k)
+
+
+def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> _Goal:
+    if len(angle) != 1:
+        raise DriveError("angle: one arm at a time")
+    ((name, degrees),) = angle.items()
+    angles, a = _wanted_angles(drive, angle), drive.arm_index(name)
+    assert a is not None  # as `_wanted_angles` has checked
+    text = f'{degrees:g} degrees of arm "{name}"'
+    return _Goal(text, " degrees", lambda _, chord: 0.0, lambda _, chord, reached: reached, 0, a, angles[a])
 
 
 def _across(drive: Drive, chord: NDArray[np.float64]) -> float:
