@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from warpchain import assemble
 from warpchain.assembly.arms import StillArm, chain_moment
-from warpchain.assembly.fit import fit_links, fit_position
+from warpchain.assembly.fit import fit_angle, fit_links, fit_position
 from warpchain.assembly.layout import findings
 from warpchain.assembly.path import path_at
 from warpchain.assembly.potential import Potential
@@ -255,10 +255,10 @@ def test_fit_of_links_and_of_a_sprockets_place():
     """The links with the least strain; the place at which the arm stands where it is wanted, to 1e-6 degrees."""
     assert fit_links(timing(**{"chain.links": 120})).chain.links == 108
     assert fit_links(timing(), angle={"arm": 1.0}).chain.links == 106
-    moved = fit_position(timing(), "crank", (0.0, 1.0), angle={"arm": -3.0})
+    moved = fit_angle(timing(), "crank", (0.0, 1.0), {"arm": -3.0})
     assert math.degrees(assemble(moved).arm_angle[0]) == pytest.approx(-3.0, abs=1e-6)
     for wrong, words in (({"arm": -30.0}, "the stops of arms.arm"), ({"blade": 0.0}, "there is none of that name")):
         with pytest.raises(DriveError, match=words):
-            fit_position(timing(), "crank", (0.0, 1.0), angle=wrong)
+            fit_angle(timing(), "crank", (0.0, 1.0), wrong)
     with pytest.raises(DriveError, match="lies on a guide, so that it has no sag"):
         fit_position(timing(), "crank", (0.0, 1.0), sag=1e-3, strand="crank->intake cam")
