@@ -145,6 +145,15 @@ def assemble(drive: Drive) -> Assembly:
     )
 
 
+def assembled_path(drive: Drive) -> ChainPath:
+    """The path of the assembled chain: `chain_path`, but with arms where the chain on its seats holds them.
+
+    Raises:
+        DriveError: as `assemble`, where there are arms; else as `chain_path`.
+    """
+    return _seated(drive)[0] if drive.arms else chain_path(drive)
+
+
 def _seated(drive: Drive) -> tuple[ChainPath, Seating]:
     """Path and seats; arms in balance with the strain of the chain on its seats."""
     path = chain_path(drive)

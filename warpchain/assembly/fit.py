@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,10 +67,9 @@ def fit_position(
     preload: float | None = None,
     sag: float | None = None,
     strand: str | None = None,
-    angle: Mapping[str, float] | None = None,
     travel: float | None = None,
 ) -> Drive:
-    """Moves a sprocket along a line, either way, to the nearest place that gives what is wanted; one of the four.
+    """Moves a sprocket along a line, either way, to the nearest place that gives what is wanted; one of the three.
 
     Args:
         drive: its chain need not fit as it stands.
@@ -80,7 +79,6 @@ def fit_position(
         preload: tension of all strands at assembly [N], >= 0.
         sag: of one strand at rest, from its chord to its middle [m], > 0; eq. (a).
         strand: which strand's sag, "FROM->TO"; None is the longest, as the drive stands, that lies on no guide.
-        angle: of one arm at assembly, by its name [degrees].
         travel: farthest that the sprocket moves either way [m]; None is wherever the chain could go round.
 
     Returns:
@@ -92,13 +90,34 @@ def fit_position(
     """
     index = _sprocket_index(drive, sprocket)
     line = _unit(direction)
-    goal = _goal(drive, {"strain": strain, "preload": preload, "sag": sag, "angle": angle}, strand)
-    search = _Search(drive, index, line, goal, travel)
+    return _moved(_Search(drive, index, line, _goal(drive, strain, preload, sag, strand), travel))
+
+
+def fit_angle(
+    drive: Drive, sprocket: str, direction: Sequence[float], angle: Mapping[str, float], travel: float | None = None
+) -> Drive:
+    """Moves a sprocket along a line, either way, to the nearest place at which an arm stands at an angle.
+
+    Args:
+        drive, sprocket, direction, travel: as of `fit_position`.
+        angle: of one arm at assembly, by its name [degrees].
+
+    Returns:
+        The drive with the sprocket's center moved; rounded to 1e-10 m.
+
+    Raises:
+        DriveError: as `fit_position`; an angle beyond the arm's stops.
+    """
+    index, line = _sprocket_index(drive, sprocket), _unit(direction)
+    return _moved(_Search(drive, index, line, _angle_goal(drive, angle), travel))
+
+
+def _moved(search: _Search) -> Drive:
     for place in search.roots():
         exact = search.refined(place)
         if exact is not None:
             center = [round(float(x), _DIGITS) for x in search.center(exact)]
-            return drive.with_values({f"sprockets.{index}.center": center})
+            return search.drive.with_values({f"sprockets.{search.index}.center": center})
     raise DriveError(search.failure())
 
 
@@ -209,21 +228,12 @@ def _wanted_angles(drive: Drive, wanted: Mapping[str, float]) -> list[float]:
     return [min(max(angle, arm.stops_rad[0]), arm.stops_rad[1]) for angle, arm in zip(angles, drive.arms, strict=True)]
 
 
-def _goal(drive: Drive, wanted: Mapping[str, Any], strand: str | None) -> _Goal:
-    given = [name for name, x in wanted.items() if x is not None]
+def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float | None, strand: str | None) -> _Goal:
+    given = [name for name, x in (("strain", strain), ("preload", preload), ("sag", sag)) if x is not None]
     if len(given) != 1:
-        choice = "strain, preload, sag and angle" if drive.arms else "strain, preload and sag"
-        raise DriveError(f"one of {choice} must be given, not {' and '.join(given) or 'none'}")
-    strain, preload, sag, angle = wanted.values()
+        raise DriveError(f"one of strain, preload and sag must be given, not {' and '.join(given) or 'none'}")
     if strand is not None and sag is None:
         raise DriveError("strand: only together with sag")
-    if angle is not None:
-        if len(angle) != 1:
-            raise DriveError("angle: one arm at a time")
-        ((name, degrees),) = angle.items()
-        radians = _wanted_angles(drive, angle)[a := [arm.name for arm in drive.arms].index(name)]
-        text = f'{degrees:g} degrees of arm "{name}"'
-        return _Goal(text, " degrees", lambda _, chord: 0.0, lambda _, chord, reached: reached, 0, a, radians)
     tension = drive.chain.mean_stiffness * drive.chain.pitch
     if strain is not None:
         if not abs(strain) <= MAX_STRAIN:
@@ -254,6 +264,16 @@ def _goal(drive: Drive, wanted: Mapping[str, Any], strand: str | None) -> _Goal:
         raise DriveError(f'strand "{names[k]}": gravity does not act across it, so that it has no sag')
     text = f'sag {sag:g} m of strand "{names[k]}"'
     return _Goal(text, " m", lambda moved, chord: _sag_strain(moved, chord, sag), _sag, k)
+
+
+def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> _Goal:
+    if len(angle) != 1:
+        raise DriveError("angle: one arm at a time")
+    ((name, degrees),) = angle.items()
+    angles, a = _wanted_angles(drive, angle), drive.arm_index(name)
+    assert a is not None  # as `_wanted_angles` has checked
+    text = f'{degrees:g} degrees of arm "{name}"'
+    return _Goal(text, " degrees", lambda _, chord: 0.0, lambda _, chord, reached: reached, 0, a, angles[a])
 
 
 def _across(drive: Drive, chord: NDArray[np.float64]) -> float:

@@ -337,7 +337,7 @@ def _guide_lines(values: dict[str, Any]) -> list[str]:
 
 def _touch_lines(values: dict[str, Any]) -> list[str]:
     """What the chain lies on; nothing where it goes around no guide."""
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             g["name"],
             touch["strand"],

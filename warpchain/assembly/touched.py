@@ -48,14 +48,14 @@ def arms(drive: Drive, assembly: Assembly, standing: Steady, running: Steady) ->
     """Angles of the arms [degrees], as drawn 0, and on which stop they stand at work (else at assembly)."""
     found = []
     for a, arm in enumerate(drive.arms):
-        angles = _thrice(assembly, standing, running, lambda angles, a=a: math.degrees(angles[a]))  # type: ignore[misc]
-        last = angles[0] if angles[2] is None else angles[2]
+        angles = _thrice(assembly, standing, running, lambda angles, a=a: math.degrees(angles[a]))
+        last = float(assembly.arm_angle[a] if running.failure else running.arm_angle[a])
         found.append(
             {
                 "name": arm.name,
                 **dict(zip(("angle", "standing_angle", "working_angle"), angles, strict=True)),
                 "stops": None if arm.stops is None else list(arm.stops),
-                "on_stop": stop_of(drive, a, math.radians(last)),
+                "on_stop": stop_of(drive, a, last),
             }
         )
     return found
@@ -77,7 +77,7 @@ def tensioners(drive: Drive, assembly: Assembly, standing: Steady, running: Stea
                 assembly,
                 standing,
                 running,
-                lambda angles, t=tensioner, still=still, a=a: still.extension(t, float(angles[a])),  # type: ignore[misc]
+                lambda angles, t=tensioner, still=still, a=a: still.extension(t, float(angles[a])),
             )
         force = [None if x is None else static_force(tensioner, x) for x in reach]
         found.append(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from warpchain.assembly import assemble
-from warpchain.assembly.fit import fit_links, fit_position, strand_sag
+from warpchain.assembly.fit import fit_angle, fit_links, fit_position, strand_sag
 from warpchain.drive import loads_drive, read_drive_text, write_drive_text
 from warpchain.drive.examples import drive_path, is_example
 from warpchain.errors import DriveError
@@ -32,8 +32,11 @@ def fit_file(arguments: Namespace) -> list[str]:
         raise DriveError("nothing to fit: give --links, or --sprocket with --along and what is wanted")
     if moving != (arguments.along is not None):
         raise DriveError("--sprocket and --along: give both, or none")
-    if not moving and any(x is not None for x in (arguments.strain, arguments.preload, arguments.sag)):
+    wanted = (arguments.strain, arguments.preload, arguments.sag)
+    if not moving and any(x is not None for x in wanted):
         raise DriveError("--strain, --preload, --sag: need a sprocket to move, --sprocket and --along")
+    if arguments.angle is not None and any(x is not None for x in wanted) and not arguments.links:
+        raise DriveError("--angle: without --links it stands alone; leave out --strain, --preload, --sag")
     path = drive_path(arguments.drive)
     output = arguments.output or path
     if is_example(output):
@@ -43,7 +46,9 @@ def fit_file(arguments: Namespace) -> list[str]:
     before = loads_drive(text, str(path), Path(path).parent)
     angle = _angle(before, arguments)
     drive = fit_links(before, odd=arguments.odd, angle=angle) if arguments.links else before
-    if moving:
+    if moving and angle is not None and not any(x is not None for x in wanted):
+        drive = fit_angle(drive, arguments.sprocket, _direction(arguments.along), angle)
+    elif moving:
         drive = fit_position(
             drive,
             arguments.sprocket,
@@ -52,7 +57,6 @@ def fit_file(arguments: Namespace) -> list[str]:
             preload=arguments.preload,
             sag=arguments.sag,
             strand=arguments.strand,
-            angle=angle,
         )
     write_drive_text(edited(text, drive), output)
     return [*_changes(before, drive), *_state(drive), f"written: {output}"]

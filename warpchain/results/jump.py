@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
 from warpchain.drive.teeth import half_gap_outline
 from warpchain.results.run import Trajectory, need
@@ -61,7 +61,7 @@ def jump_margin(trajectory: Trajectory, s: int) -> JumpMargin:
     need(trajectory, "position", "sprocket_center")
     assert trajectory.position is not None
     assert trajectory.sprocket_center is not None
-    drive, path = trajectory.drive, chain_path(trajectory.drive)
+    drive, path = trajectory.drive, assembled_path(trajectory.drive)
     top = top_radius(drive, s)
     step, wrap = 2.0 * np.pi / drive.sprockets[s].teeth, float(path.wrap_angle[s])
     r = np.asarray(trajectory.position, dtype=float) - trajectory.sprocket_center[:, None, s]

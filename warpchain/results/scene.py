@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
 from warpchain.drive.teeth import teeth_outline
 from warpchain.results.faces import face_of, on_face, on_guide_frame, tangent_at
@@ -225,7 +225,7 @@ class Passing(NamedTuple):
 def passing_link(trajectory: Trajectory, strand: int) -> Passing:
     """The link that passes the middle of a strand, at every frame."""
     assert trajectory.position is not None
-    path = chain_path(trajectory.drive)
+    path = assembled_path(trajectory.drive)
     start, end = path.strand_start[strand], path.strand_end[strand]
     count = len(trajectory.time)
     link, displacement = np.full(count, -1, dtype=np.intp), np.full(count, np.nan)

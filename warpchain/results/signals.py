@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
 from warpchain.results.run import Trajectory, need
 from warpchain.results.scene import Passing, near_sprockets, nearest_guide, passing_link
@@ -101,7 +101,7 @@ def transverse_frequency(trajectory: Trajectory, strand: int) -> float:
 
     need(trajectory, "sprocket_speed")
     assert trajectory.sprocket_speed is not None
-    drive, path, part = trajectory.drive, chain_path(trajectory.drive), latter_half(trajectory)
+    drive, path, part = trajectory.drive, assembled_path(trajectory.drive), latter_half(trajectory)
     tension = float(np.nanmean(strand_tension(trajectory, strand)[part]))
     turns = abs(float(np.mean(trajectory.sprocket_speed[part, drive.driver]))) / (2.0 * np.pi)
     speed = turns * drive.sprockets[drive.driver].teeth * path.pitch
@@ -164,7 +164,7 @@ def contact_angles(trajectory: Trajectory, s: int) -> ContactAngles:
     assert trajectory.position is not None
     assert trajectory.sprocket_center is not None
     assert trajectory.sprocket_force is not None
-    drive, part, path = trajectory.drive, latter_half(trajectory), chain_path(trajectory.drive)
+    drive, part, path = trajectory.drive, latter_half(trajectory), assembled_path(trajectory.drive)
     step = 2.0 * np.pi / drive.sprockets[s].teeth
     r = np.asarray(trajectory.position[part], dtype=float) - trajectory.sprocket_center[part, None, s]
     apart = np.abs(np.hypot(r[..., 0], r[..., 1]) - drive.pitch_radius(s))
