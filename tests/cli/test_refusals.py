@@ -75,7 +75,7 @@ def test_numbers_beyond_all_bounds(capsys, tmp_path, words, told):
 @pytest.mark.parametrize("kind", ["pipe", "nowhere", "folder", "/dev/null", "absent/a"])
 @pytest.mark.parametrize("verb", ["run", "export", "view", "recover"])
 def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_path, kind, verb):
-    target = tmp_path / kind
+    target = tmp_path / (f"{kind}.npz" if verb == "export" and not kind.startswith("/") else kind)
     if kind == "pipe":
         os.mkfifo(target)
     elif kind == "nowhere":
@@ -108,7 +108,7 @@ def small_disk():
 
 @pytest.mark.parametrize("verb", ["view", "export", "recover", "plot"])
 def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, archive, tmp_path, small_disk, verb):
-    target = tmp_path / "new"
+    target = tmp_path / ("new.npz" if verb == "export" else "new")
     words = {"view": ["view", archive, "--save", target], "plot": ["plot", archive, "-o", target]}
     line = refused(capsys, *words.get(verb, [verb, archive, "-o", target]), limit=60.0)
     assert "cannot be written (File too large)" in line
@@ -131,7 +131,8 @@ def test_a_read_only_file_system_is_one_line(capsys, archive, tmp_path, monkeypa
     monkeypatch.setattr(os, "open", read_only)
     monkeypatch.setattr(os, "unlink", refuse)
     words = {"view": ["view", archive, "--save"], "run": ["run", "marine", *SMALL, "-o"]}
-    assert "(Read-only file system)" in refused(capsys, *words.get(verb, [verb, archive, "-o"]), tmp_path / "new")
+    target = tmp_path / ("new.npz" if verb == "export" else "new")
+    assert "(Read-only file system)" in refused(capsys, *words.get(verb, [verb, archive, "-o"]), target)
 
 
 @pytest.mark.parametrize("words", [["check", "marine"], ["chains"], ["--version"], ["check", "marine", "--json"]])

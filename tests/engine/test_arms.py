@@ -61,7 +61,12 @@ def test_energy_of_a_drive_with_arm_and_oil(device):
 
 def test_an_arm_settles_where_its_tensioner_and_the_chain_balance(device):
     # at rest and without weight the chain's moment is the tensioner's: F times its lever, to settling's residual
-    still = {"sprockets.0.prescribed.speed": 0.0, "sprockets.1.load": None, "sprockets.2.load": None}
+    still = {
+        "run.gravity": [0.0, 0.0],
+        "sprockets.0.prescribed.speed": 0.0,
+        "sprockets.1.load": None,
+        "sprockets.2.load": None,
+    }
     drive = timing(**{"run.duration": 1e-4}).with_values(still | BARE)
     run = simulate(drive, record=Record(rate=50_000.0))
     first = run[0]

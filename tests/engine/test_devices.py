@@ -65,7 +65,7 @@ def test_parts_of_an_ensemble_give_what_the_whole_gives(cuts):
     cut = run_to_the_end(several, values)
     np.testing.assert_array_equal(whole[0], cut[0])
     np.testing.assert_array_equal(whole[1], cut[1])
-    for name in whole[2]:
+    for name in set(whole[2]) - {"arm", "tensioner"}:  # of which these drives have none
         np.testing.assert_array_equal(whole[2][name], cut[2][name], err_msg=name)
     np.testing.assert_array_equal(whole[3], cut[3])
 
@@ -131,8 +131,8 @@ def test_blocks_have_room_for_the_chain_and_little_more():
 @pytest.mark.parametrize("room_", [128, 640, 768, 1024, 4096])
 def test_every_kernel_finds_its_rows(room_, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
-    bucket = Bucket(block_shape(room_, False), 3, 1, moves, False, False, False, False, np.arange(7), None)
-    other = Bucket(block_shape(32, True), 2, 0, False, False, False, False, False, np.arange(5), None)
+    bucket = Bucket(block_shape(room_, False), 3, 1, moves, False, False, False, False, 0, 0, False, np.arange(7), None)
+    other = Bucket(block_shape(32, True), 2, 0, False, False, False, False, False, 0, 0, False, np.arange(5), None)
     there = rows_apart(wp.float64, [other, bucket])
     for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
         shape = kernel_shape(name, bucket)

@@ -263,7 +263,7 @@ def test_a_gpu_takes_no_body_that_is_not_a_sprocket():
     )
     carried.guides["body"] = structs.GROUND
     assert refusal(carried) == (
-        'variant 0: 1 bodies for 0 sprockets: a GPU takes no bodies but sprockets; use device="cpu"'
+        'variant 0: 1 bodies for 0 sprockets: a GPU takes no bodies but sprockets and arms; use device="cpu"'
     )
     carried.drives["bodies"] = 0
     assert refusal(carried) is None

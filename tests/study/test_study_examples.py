@@ -52,7 +52,7 @@ def test_the_bar_stands_where_the_study_says(indentation):
         if "path" in factor
     }
     moved = drive.with_values(changes)
-    path = chain_path(moved)
+    path = chain_path(drive)  # which a bar so deep would bend
     start, along = path.strand_start[2], path.strand_end[2] - path.strand_start[2]
     normal = np.array([-along[1], along[0]]) / np.hypot(*along)
     for end in (moved.guides[0].start, moved.guides[0].end):

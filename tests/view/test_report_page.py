@@ -21,6 +21,7 @@ from warpchain.view.report import report_html
 
 CONTACT = {"restitution": 0.5, "impact_speed_floor": 0.02, "stiffness": 1e8, "friction": 0.1}
 RUBBING = {
+    "run.settle": False,
     "chain.joint": {"friction": 0.1, "pin_radius": 0.006},
     "contact.guide": CONTACT,
     "contact.sprocket.friction": 0.05,

@@ -121,8 +121,9 @@ def stiffest_part(drive: Drive) -> str:
     parts = {f"rollers on {name}": stiffness / mass for name, _, stiffness in _contacts(drive)}
     parts = {name: square for name, square in parts.items() if square == max(parts.values())}
     parts["rollers between two links"] = springs
-    parts["the dampers of the links"] = (2.0 * (chain.link_damping + chain.outer_damping) / mass) ** 2
-    parts |= {body.name: body.square + body.rate**2 for body in moving_bodies(drive)}
+    links = 2.0 * (chain.link_damping + chain.outer_damping) / mass
+    parts["the dampers of the links"] = links * links
+    parts |= {body.name: body.square + body.rate * body.rate for body in moving_bodies(drive)}
     return max(parts, key=parts.__getitem__)
 
 

@@ -79,16 +79,16 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
 
     def report(phase: str, done: float, total: float) -> None:
         if phase not in bars:
-            for bar in bars.values():
-                bar.close()
+            for shown in bars.values():
+                shown.close()
             bars[phase] = bar(total, phase, "roller-step", unit_scale=True)
         bars[phase].update(done - bars[phase].n)
 
     try:
         yield report
     finally:
-        for bar in bars.values():
-            bar.close()
+        for shown in bars.values():
+            shown.close()
 
 
 @dataclass

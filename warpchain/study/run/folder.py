@@ -166,7 +166,13 @@ class Folder:
 
     def mark(self, shard: int | str) -> dict[str, bytes]:
         """Attachment of a shard's archive that says whose it is."""
-        return {MARK: json.dumps({"study": self.identity, "shard": shard_name(shard)}).encode()}
+        identity = self.part(shard).identity if isinstance(shard, int) else self.identity
+        return {MARK: json.dumps({"study": identity, "shard": shard_name(shard)}).encode()}
+
+    def _owner(self, stem: str) -> dict[str, str]:
+        """What the mark of an archive of this name says, of whichever plan its shard is."""
+        identities = dict(self.worst_before) | {shard_name(shard): self.part(shard).identity for shard in self.shards}
+        return {"study": identities.get(stem, self.identity), "shard": shard_name(stem)}
 
     def check_archive(self, name: str) -> None:
         """Holds an archive of recorded variants, if it is there, against its mark; earlier versions set none.
@@ -184,7 +190,7 @@ class Folder:
         if not self.identity or not path.exists():
             return
         archive = read_archive(path)
-        if MARK in archive.attachments and archive.attachment(MARK) != self.mark(path.stem)[MARK]:
+        if MARK in archive.attachments and json.loads(archive.attachment(MARK)) != self._owner(path.stem):
             raise StudyError(f"{path}: is the archive of another shard, or of another study; {AGAIN} without its table")
 
     def recorded(self) -> frozenset[int]:
