@@ -132,7 +132,8 @@ def test_metrics_are_those_of_simulate_bitwise_also_with_other_teeth_and_links(t
 
 @pytest.mark.parametrize("memory", [2**31, 100_000], ids=["held", "streamed"])
 def test_recorded_variants_are_archived_as_simulate_gives_them(tmp_path, memory, monkeypatch):
-    # a trajectory takes 11 frames of 44 * 7 + 2 * 5 values of 8 bytes, 28 kB: two are more than half of what the sums leave of 100 kB
+    # a trajectory takes 11 frames of 44 * 7 + 2 * 5 values of 8 bytes, 28 kB: two are more than half of what the sums
+    # leave of 100 kB
     streamed = []
     monkeypatch.setattr(simulation, "simulate", lambda *a, **k: streamed.append(k["archive"]) or simulate(*a, **k))
     out = tmp_path / "out"
