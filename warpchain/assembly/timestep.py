@@ -10,6 +10,7 @@ high pressure; what flows through its gap and valve is taken implicitly and asks
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from warpchain.drive import Drive, ImpactLaw
@@ -101,6 +102,10 @@ def highest_frequency(drive: Drive, damped_links: bool = True) -> float:
     g + sqrt(g^2 + omega_max^2), g = c / (2 m): twice its inverse is where leapfrog becomes unstable. So with dampers of
     links, whose 2 (c_inner + c_outer) a roller feels where they stretch in turn, unless `damped_links` is false.
     """
+    return _highest_frequency(drive, damped_links, moving_bodies(drive))
+
+
+def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body]) -> float:
     mass = drive.chain.mass
     stiffest = half_rate = 0.0
     for _, law, stiffness in _contacts(drive):
@@ -110,7 +115,7 @@ def highest_frequency(drive: Drive, damped_links: bool = True) -> float:
     if damped_links:
         half_rate += (drive.chain.link_damping + drive.chain.outer_damping) / mass
     springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
-    square = (springs + stiffest) / mass + max((body.square for body in moving_bodies(drive)), default=0.0)
+    square = (springs + stiffest) / mass + max((body.square for body in bodies), default=0.0)
     return half_rate + math.sqrt(half_rate * half_rate + square)
 
 
@@ -132,8 +137,9 @@ def step_limit(drive: Drive, damped_links: bool = True) -> float:
 
     Leapfrog takes a body's damper c_b half a step late, which needs omega_max^2 h^2 + 2 h c_b / M < 4.
     """
-    omega = highest_frequency(drive, damped_links)
-    rate = max((body.rate for body in moving_bodies(drive)), default=0.0)
+    bodies = moving_bodies(drive)
+    omega = _highest_frequency(drive, damped_links, bodies)
+    rate = max((body.rate for body in bodies), default=0.0)
     return 4.0 / (rate + math.sqrt(rate * rate + 4.0 * omega * omega))
 
 

@@ -29,7 +29,7 @@ from warpchain.drive.mounts import (
 from warpchain.drive.rubbing import Rubbing, joint_stop
 from warpchain.drive.stiffness import contact_damping
 from warpchain.drive.table import Table
-from warpchain.engine.fill_bodies import guide_heft, piece_count
+from warpchain.engine.fill_bodies import piece_count
 from warpchain.kernels.physics.impact import FORCES
 from warpchain.kernels.physics.mount import FREE, PRESCRIBED
 from warpchain.kernels.structs import GROUND
@@ -146,10 +146,9 @@ def fill_bar(row: Any, drive: Drive, g: int) -> None:
     row["roller_radius"] = drive.guide_offset(g)
 
 
-def fill_guide(row: Any, drive: Drive, g: int) -> None:
-    """Fills what a guide has beside its face."""
+def fill_guide(row: Any, drive: Drive, g: int, heft: float) -> None:
+    """Fills what a guide has beside its face; `heft` is what its contacts' dampers have to stop (`guide_heft`) [kg]."""
     row["deepest_entry"] = DEEPEST_ENTRY * drive.chain.roller_radius
-    heft = guide_heft(drive, g)
     fill_law(row["law"], drive.guide_contact(g), drive.guide_stiffness(g), drive.chain.mass, heft)
 
 

@@ -124,10 +124,9 @@ def _pack_each(
             held = np.flatnonzero(assembly.seat_sprocket == s)
             packed.seat[row["first_contact"] + s * drive.chain.links + held] = assembly.seat_index[held]
         _pack_guides(packed, row, drive)
+        arms = packed.bodies[row["first_body"] + row["bodies"] - row["arms"] :]
         for a in range(len(drive.arms)):
-            fill_arm(
-                packed.arms[row["first_arm"] + a], packed.bodies[row["first_body"] + s + 1 + a], drive, a, assembly
-            )
+            fill_arm(packed.arms[row["first_arm"] + a], arms[a], drive, a, assembly)
         for t in range(len(drive.tensioners)):
             fill_tensioner(packed.tensioners[row["first_tensioner"] + t], drive, t)
     lay_to_rest(packed)
@@ -144,8 +143,9 @@ def _pack_guides(packed: Packed, row: Any, drive: Drive) -> None:
             used += fill_profile(packed.guides[at], pieces, used, drive, g)
         else:
             fill_bar(packed.guides[at], drive, g)
-        fill_guide(packed.guides[at], drive, g)
-        fill_sliding(packed.guide_sliding[at], guide_rubbing(drive, g), guide_heft(drive, g))
+        heft = guide_heft(drive, g)
+        fill_guide(packed.guides[at], drive, g, heft)
+        fill_sliding(packed.guide_sliding[at], guide_rubbing(drive, g), heft)
 
 
 def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:

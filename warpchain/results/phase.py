@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.results.rotation import CYCLE, order_amplitudes, rising, turns_of
-from warpchain.results.run import Trajectory, need
-from warpchain.results.signals import forward
+from warpchain.results.run import Trajectory
+from warpchain.results.signals import ahead_of_driver
 
 Array = NDArray[np.float64]
 
@@ -29,12 +29,9 @@ def phase_error(trajectory: Trajectory, s: int) -> Array:
     Raises:
         SimulationError: recorded without sprocket angles.
     """
-    need(trajectory, "sprocket_angle")
-    assert trajectory.sprocket_angle is not None
     drive = trajectory.drive
-    own, driver = (forward(drive, trajectory.sprocket_angle, k) for k in (s, drive.driver))
     gear = drive.sprockets[s].teeth / drive.sprockets[drive.driver].teeth
-    return gear * (own - own[0]) - (driver - driver[0])
+    return gear * ahead_of_driver(trajectory, s)
 
 
 class Phase(NamedTuple):

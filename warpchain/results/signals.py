@@ -72,8 +72,8 @@ def speed_ratio(trajectory: Trajectory, s: int) -> Array:
     return np.where(moving, gear * own / np.where(moving, driver, 1.0), np.nan)
 
 
-def transmission_error(trajectory: Trajectory, s: int) -> Array:
-    """How far sprocket s is ahead of where the driver and the teeth put it, less its mean (F,) [rad].
+def ahead_of_driver(trajectory: Trajectory, s: int) -> Array:
+    """How far sprocket s has come ahead of where the driver and the teeth put it (F,) [rad], 0 at the first frame.
 
     With the angles theta forward and the teeth z of sprocket s and of the driver d, theta_s - z_d / z_s theta_d.
 
@@ -85,7 +85,16 @@ def transmission_error(trajectory: Trajectory, s: int) -> Array:
     drive = trajectory.drive
     own, driver = (forward(drive, trajectory.sprocket_angle, k) for k in (s, drive.driver))
     ideal = (driver - driver[0]) * drive.sprockets[drive.driver].teeth / drive.sprockets[s].teeth
-    ahead = own - own[0] - ideal
+    return np.asarray(own - own[0] - ideal)
+
+
+def transmission_error(trajectory: Trajectory, s: int) -> Array:
+    """How far sprocket s is ahead of where the driver and the teeth put it, less its mean (F,) [rad].
+
+    Raises:
+        SimulationError: recorded without sprocket angles.
+    """
+    ahead = ahead_of_driver(trajectory, s)
     return ahead - ahead.mean()
 
 

@@ -38,10 +38,14 @@ table { border-collapse: collapse; font-size: 0.9rem; margin: 0.5rem 0; }
 th, td { border-bottom: 1px solid #e4e8ec; padding: 0.25rem 0.7rem; text-align: left; vertical-align: top; }
 th { background: #f1f4f7; font-weight: 600; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
+"""
+"""What pages of a run and of a study share."""
+PLAIN = """
 img { max-width: 100%; height: auto; display: block; margin: 0.6rem 0; }
 @media print { img, tr { break-inside: avoid; } h2, h3 { break-after: avoid; } }
 @media print { body { background: white; } section { border: 0; padding: 0; } nav { display: none; } }
 """
+"""Of a page without a script of its own."""
 
 
 class Section(NamedTuple):
@@ -63,7 +67,8 @@ def page(title: str, sections: Sequence[Section]) -> str:
     body = "\n".join([f"<h1>{escape(title)}</h1>", f"<nav>{links}</nav>", *(s.html() for s in sections)])
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>{STYLE}</style>\n</head>\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<style>{STYLE}{PLAIN}</style>\n</head>\n"
         f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
     )
 

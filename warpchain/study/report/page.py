@@ -10,7 +10,7 @@ from typing import Any
 
 from warpchain.errors import StudyError
 from warpchain.files import read_text
-from warpchain.view.html import Section, bullets, heading, number, section, table, text
+from warpchain.view.html import STYLE, Section, bullets, heading, number, section, table, text
 
 __all__ = ["Section", "bullets", "chart", "data", "heading", "number", "page", "place", "section", "table", "text"]
 
@@ -24,7 +24,8 @@ def page(title: str, sections: Sequence[Section], rows: Mapping[str, Any] | None
     style, script = (read_text(_HERE / name, "text", StudyError) for name in ("page.css", "page.js"))
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n<style>{style}</style>\n</head>\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<style>{STYLE}{style}</style>\n</head>\n"
         f'<body>\n<main>\n{body}\n</main>\n<div id="tip"></div>\n'
         f'<script type="application/json" id="report-data">{data(rows)}</script>\n<script>\n{script}</script>\n'
         f"</body>\n</html>\n"

@@ -22,7 +22,7 @@ from warpchain.results.signals import guide_forces, last_round
 from warpchain.results.units import display_unit
 from warpchain.view.chosen import part_of
 from warpchain.view.colors import tension_colormap
-from warpchain.view.figures.style import PARTS, about, arrowed, curve, key, panels, shown_in
+from warpchain.view.figures.style import PARTS, about, arrowed, curve, key, panels, shown
 from warpchain.view.scale import scale_top
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def displacement_figure(trajectory: Trajectory) -> Figure:
     figure, axes = panels(len(names), 2.2 * len(names) + 0.9, title, trajectory.drive)
     for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
         values = strand_displacement(trajectory, k)
-        unit, factor = shown_in("m", values)
+        unit, factor = shown("m", values)
         mean = factor * float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
         curve(axis, trajectory.time, factor * values, color="tab:blue")
         axis.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:+.3g} {unit}")
@@ -62,7 +62,7 @@ def guide_figure(trajectory: Trajectory) -> Figure:
     figure, axes = panels(2 * len(forces), 4.0 * len(forces) + 1.0, "Force of each guide-bar on the chain", drive)
     for g, (guide, (force, rollers)) in enumerate(zip(drive.guides, forces, strict=True)):
         above, below = axes[2 * g : 2 * g + 2]
-        unit, factor = shown_in("N", force)
+        unit, factor = shown("N", force)
         curve(above, trajectory.time, factor * force, color="tab:red")
         mean = factor * float(force.mean())
         above.axhline(mean, color="black", lw=0.8, ls="--", label=f"mean {mean:.3g} {unit}")
@@ -80,7 +80,7 @@ def tension_figure(trajectory: Trajectory, link: int) -> Figure:
     trajectory = part_of(trajectory, last_round(trajectory))
     assert trajectory.tension is not None
     figure, (axis,) = panels(1, 4.4, f"Tension of link {link} over the chain's last round", trajectory.drive)
-    unit, factor = shown_in("N", trajectory.tension[:, link])
+    unit, factor = shown("N", trajectory.tension[:, link])
     curve(axis, trajectory.time, factor * trajectory.tension[:, link], color="tab:blue")
     axis.axhline(0.0, color="black", lw=0.6)
     _shade(axis, trajectory, link)
@@ -99,7 +99,7 @@ def contact_figure(trajectory: Trajectory, roller: int) -> Figure:
     )
     of_sprockets = above, trajectory.sprocket_force, "sprockets", "tab:blue"
     for axis, forces, word, color in (of_sprockets, (below, trajectory.guide_force, "guide-bars", "tab:red")):
-        unit, factor = shown_in("N", forces[:, roller])
+        unit, factor = shown("N", forces[:, roller])
         curve(axis, trajectory.time, factor * forces[:, roller], color=color)
         axis.set_ylabel(f"contact with {word} [{unit}]")
     _shade(above, trajectory, roller)
@@ -142,7 +142,7 @@ def drive_figure(trajectory: Trajectory, frame: int | None = None, top: float | 
     arrows, largest, reach = _arrows(trajectory, f)
     low, high = _extent(trajectory, f, [x + reach * force for force in arrows])
     span = high - low
-    unit, factor = shown_in("m", span)
+    unit, factor = shown("m", span)
     figure = Figure(figsize=_size(float(span[1] / span[0])), layout="constrained")
     axis = figure.subplots()
     _draw_parts(axis, trajectory, f, factor)

@@ -75,12 +75,6 @@ def key(axis: Any) -> None:
         axis.legend(fontsize=8, frameon=False, handlelength=1.4, **beside)
 
 
-def shown_in(unit: str, values: Any) -> tuple[str, float]:
-    """The unit that values are shown in, by the largest that is finite, and the factor to multiply them by."""
-    finite = np.abs(values)[np.isfinite(values)]
-    return display_unit(unit, float(finite.max()) if finite.size else 0.0)
-
-
 def grid(count: int, columns: int, width: float, height: float) -> tuple[Figure, list[Any]]:
     """A figure of panels in rows of `columns`, each of a size [in]."""
     from matplotlib.figure import Figure
@@ -96,9 +90,11 @@ def grid(count: int, columns: int, width: float, height: float) -> tuple[Figure,
     return figure, axes[:count]
 
 
-def shown(unit: str, *values: NDArray[np.floating]) -> tuple[str, float]:
-    """The unit that values [SI] are shown in together, and the factor to it."""
-    return shown_in(unit, np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0))
+def shown(unit: str, *values: Any) -> tuple[str, float]:
+    """The unit that values [SI] are shown in together, by the largest that is finite, and the factor to it."""
+    whole = np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0)
+    finite = np.abs(whole[np.isfinite(whole)])
+    return display_unit(unit, float(finite.max()) if finite.size else 0.0)
 
 
 def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
