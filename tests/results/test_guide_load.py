@@ -5,7 +5,8 @@ import pytest
 from drives import two_sprockets
 
 from warpchain import Trajectory
-from warpchain.results.faces import Face, face_of, on_face, tangent_at
+from warpchain.drive.profile import Piece, make_profile
+from warpchain.results.faces import on_face, tangent_at
 from warpchain.results.friction_power import friction_power
 from warpchain.results.guide_load import guide_contacts, guide_loads
 from warpchain.results.metrics import column_of
@@ -61,7 +62,7 @@ def test_friction_power_of_a_bar_is_that_of_its_rollers():
 
 
 def test_places_on_straight_face_and_rounded_ends():
-    face = face_of(with_bar(), 0)
+    face = with_bar().profile(0)
     t, n, start = np.array([0.8, 0.6]), np.array([-0.6, 0.8]), np.array(BAR["start"])
     along = np.array([0.0, 0.1, 0.5])
     place, height = on_face(face, start + along[:, None] * t + 0.02 * n)
@@ -78,13 +79,14 @@ def test_places_on_straight_face_and_rounded_ends():
     assert headings[0] @ n > 0.0 > headings[1] @ n
     beyond, _ = on_face(face, start[None] - 0.3 * t - 0.06 * n)
     assert np.isnan(beyond).all()
-    ends = [face.start[k] + face.length[k] * tangent_at(face, face.place[k : k + 1])[0] for k in (1,)]
-    np.testing.assert_allclose(ends[0], face.start[2], atol=1e-14)
+    bar = face.pieces[1]
+    ahead = tangent_at(face, np.array(face.places[1:2]))[0]
+    np.testing.assert_allclose(bar.start + bar.length * ahead, face.pieces[2].start, atol=1e-14)
 
 
 def test_places_on_a_curved_face():
     # a quarter circle of radius 0.3 that turns left about (0, 0.3): height is what is missing to the center
-    face = Face(np.zeros((1, 2)), np.zeros(1), np.array([1.0 / 0.3]), np.array([0.15 * np.pi]), np.zeros(1))
+    face = make_profile([Piece((0.0, 0.0), 0.0, 1.0 / 0.3, 0.15 * np.pi)], 0.01)
     angle, height = np.radians([1.0, 44.0, 89.0]), np.array([0.01, 0.05, -0.02])
     radius = 0.3 - height
     place, found = on_face(face, np.stack([radius * np.sin(angle), 0.3 - radius * np.cos(angle)], axis=1))

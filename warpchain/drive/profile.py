@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,6 +55,23 @@ def turn(angle: float) -> float:
 def direction(heading: float) -> Point:
     """The unit vector of a heading [rad]."""
     return math.cos(heading), math.sin(heading)
+
+
+class Rise(NamedTuple):
+    """Points over a piece, (a), (b).
+
+    Attributes:
+        along, across: (K,) from its start, along its first tangent and towards the chain, u and w [m].
+        place: (K,) arc length from its start, s [m].
+        height: (K,) over it, d [m].
+        root: (K,) sqrt(1 - k g).
+    """
+
+    along: NDArray[np.float64]
+    across: NDArray[np.float64]
+    place: NDArray[np.float64]
+    height: NDArray[np.float64]
+    root: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -99,6 +116,17 @@ class Piece:
         (x, y), (tx, ty) = self.start, direction(self.heading)
         dx, dy = point[0] - x, point[1] - y
         return dx * tx + dy * ty, dy * tx - dx * ty
+
+    def rise(self, points: NDArray[np.float64]) -> Rise:
+        """What the piece, drawn out at both ends, has below points (K, 2) [m], (a), (b)."""
+        import numpy as np
+
+        t, k = np.array(direction(self.heading)), self.curvature
+        r = points - np.asarray(self.start)
+        u, w = r @ t, r @ np.array([-t[1], t[0]])
+        g = 2.0 * w - k * (u * u + w * w)
+        root = np.sqrt(np.maximum(1.0 - k * g, 0.0))
+        return Rise(u, w, np.arctan2(k * u, 1.0 - k * w) / k if k else u, g / (1.0 + root), root)
 
     def place_and_height(self, point: Sequence[float]) -> tuple[float, float]:
         """Arc length from the start (b) and height over the piece, drawn out at both ends, (a) of a point [m]."""

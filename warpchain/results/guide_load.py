@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.results.faces import face_of, on_face, on_guide_frame, tangent_at
+from warpchain.results.faces import on_face, on_guide_frame, tangent_at
 from warpchain.results.run import Trajectory, need
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ def guide_contacts(trajectory: Trajectory) -> list[GuideContacts]:
     v = np.zeros((len(frame), 2))
     if trajectory.velocity is not None:
         v = np.asarray(trajectory.velocity, dtype=float)[frame, roller]
-    faces = [face_of(drive, g) for g in range(len(drive.guides))]
+    faces = [drive.profile(g) for g in range(len(drive.guides))]
     seen = [on_guide_frame(trajectory, g, frame, roller) for g in range(len(faces))]
     places = [on_face(face, points) for face, (points, _) in zip(faces, seen, strict=True)]
     off = [np.abs(height - drive.guide_offset(g)) for g, (_, height) in enumerate(places)]
@@ -121,8 +121,8 @@ def guide_loads(trajectory: Trajectory, contacts: list[GuideContacts] | None = N
     drive = trajectory.drive
     found = []
     for g, mine in enumerate(guide_contacts(trajectory) if contacts is None else contacts):
-        face = face_of(drive, g)
-        first, last = face.place[0], face.place[-1] + face.length[-1]
+        face = drive.profile(g)
+        first, last = face.places[0], face.places[-1] + face.pieces[-1].length
         stretches = max(8, round(STRETCHES * face.face_length / drive.chain.pitch))
         width = face.face_length / stretches
         before, after = int(np.ceil(-first / width)), int(np.ceil((last - face.face_length) / width))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.assembly import assembled_path
 from warpchain.drive import Drive
 from warpchain.drive.teeth import teeth_outline
-from warpchain.results.faces import face_of, on_face, on_guide_frame, tangent_at
+from warpchain.results.faces import on_face, on_guide_frame, tangent_at
 from warpchain.results.run import Trajectory
 
 Array = NDArray[np.float64]
@@ -162,7 +162,7 @@ def _guides_under(trajectory: Trajectory, frame: Index, roller: Index) -> tuple[
     count = len(frame)
     near, normals, apart = np.zeros(count, dtype=np.intp), np.zeros((count, 2)), np.full(count, np.inf)
     for g in range(len(trajectory.drive.guides)):
-        face = face_of(trajectory.drive, g)
+        face = trajectory.drive.profile(g)
         points, angle = on_guide_frame(trajectory, g, frame, roller)
         place, height = on_face(face, points)
         off = np.abs(height - trajectory.drive.guide_offset(g))

@@ -9,7 +9,6 @@ import numpy as np
 
 from warpchain.drive import Drive
 from warpchain.results.channels import CHANNELS
-from warpchain.results.faces import face_of
 from warpchain.results.friction_power import Array, by_group
 from warpchain.results.guide_load import GuideLoad
 from warpchain.results.handed_in import HandedIn
@@ -50,7 +49,7 @@ def guide_load_figure(found: HandedIn, g: int) -> Figure:
             twin.set_ylim(0.0)
         axis.set_ylabel(f"{title}\n[{word}]")
     face = to_length * float(np.clip(span.max(), 0.0, None))
-    whole = to_length * face_of(found.drive, g).face_length
+    whole = to_length * found.drive.profile(g).face_length
     for axis in axes:
         for end in (0.0, whole):
             axis.axvline(end, color="black", lw=0.8, ls="--")
