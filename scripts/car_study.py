@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 from warpchain import Drive, Record, Run, Trajectory, load_drive, simulate
 from warpchain.drive.examples import drive_path
+from warpchain.results.phase import phase_error
 
 SPEEDS = (600, 1000, 1500, 2000, 2500, 2800, 3000, 3500, 4000, 4500, 5000, 5500, 6000)
 AT = (1500, 3000, 6000)
@@ -112,13 +113,9 @@ def share(power: Mapping[str, float]) -> float:
     return (power["blade"] + power["fixed guide"]) / sum(power.values())
 
 
-def phase_error(trajectory: Trajectory, s: int) -> np.ndarray:
-    """By how much sprocket s leads where the teeth put it, over the window [degrees of the crankshaft]."""
-    drive, angle = trajectory.drive, trajectory.sprocket_angle
-    assert angle is not None
-    turned = [(angle[:, k] - angle[0, k]) * drive.sprockets[k].sign * drive.sprockets[k].teeth for k in (0, s)]
-    late = trajectory.time >= 0.5 * trajectory.time[-1]
-    return np.degrees((turned[1] - turned[0]) / drive.sprockets[0].teeth)[late]
+def crank_degrees(trajectory: Trajectory, s: int) -> np.ndarray:
+    """Phase error of sprocket s over the second half of a recording [degrees of the crankshaft]."""
+    return np.degrees(phase_error(trajectory, s))[trajectory.time >= 0.5 * trajectory.time[-1]]
 
 
 def sweep_table(run: Run, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -135,7 +132,7 @@ def sweep_table(run: Run, rows: Sequence[Mapping[str, Any]]) -> None:
         tension = " | ".join(
             f"{row[f'{strand}.tension_mean']:.0f} / {row[f'{strand}.tension_max']:.0f}" for strand in ENDS
         )
-        error = [phase_error(run[k], s) for s in (1, 2)]
+        error = [crank_degrees(run[k], s) for s in (1, 2)]
         phase = ", ".join(f"{e.mean():.2f} ± {0.5 * np.ptp(e):.2f}" for e in error)
         stroke = 1e3 * (row["tensioner.extension_max"] - row["tensioner.extension_min"])
         force = ", ".join(f"{row[f'tensioner.force_{part}']:.0f}" for part in ("min", "mean", "max"))
@@ -182,7 +179,7 @@ def sweep_figure(run: Run, rows: Sequence[Mapping[str, Any]]) -> Figure:
             axes[0, 2].plot(SPEEDS, [row[f"{strand}.tension_{part}"] for row in rows], style, color=color, label=name)
     axes[0, 2].set(ylabel="tension: least, mean, most [N]")
     for s, color in ((1, "tab:blue"), (2, "tab:red")):
-        error = [phase_error(run[k], s) for k in range(len(SPEEDS))]
+        error = [crank_degrees(run[k], s) for k in range(len(SPEEDS))]
         name = run[0].drive.sprockets[s].name
         axes[1, 0].plot(SPEEDS, [e.mean() for e in error], color=color, label=name)
         axes[1, 0].fill_between(SPEEDS, [e.min() for e in error], [e.max() for e in error], color=color, alpha=0.2)

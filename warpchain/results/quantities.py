@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 
-from warpchain.results.units import display_unit
+from warpchain.results.units import shown
 
 
 def shown_unit(unit: str, *values: float) -> tuple[str, float]:
     """Unit to show values in, "" for a count or ratio, and the factor to multiply them by; the largest decides."""
-    largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
-    word, factor = display_unit(unit, largest)
+    word, factor = shown(unit, *values)
     return "" if word == "1" else word, factor
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 MILLI, MICRO, KILO, MEGA, GIGA = 1e3, 1e6, 1e-3, 1e-6, 1e-9
 
@@ -39,3 +42,10 @@ def display_unit(unit: str, largest: float) -> tuple[str, float]:
             if abs(largest) >= least:
                 found = word, factor
     return found
+
+
+def shown(unit: str, *values: Any) -> tuple[str, float]:
+    """The unit that values [SI] are shown in together, by the largest that is finite, and the factor to it."""
+    whole = np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0)
+    finite = np.abs(whole[np.isfinite(whole)])
+    return display_unit(unit, float(finite.max()) if finite.size else 0.0)

@@ -10,7 +10,8 @@ from warpchain.drive import Drive
 from warpchain.results.handed_in import HandedIn
 from warpchain.results.rotation import BLOCK, Cuts, order_cuts, rising, turns_of
 from warpchain.results.signals import forward, strand_tension
-from warpchain.view.figures.style import LINES, Array, arrowed, panels, rpm, shown
+from warpchain.results.units import shown
+from warpchain.view.figures.style import LINES, Array, arrowed, panels, rpm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

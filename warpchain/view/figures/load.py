@@ -14,7 +14,8 @@ from warpchain.results.guide_load import GuideLoad
 from warpchain.results.handed_in import HandedIn
 from warpchain.results.run import Trajectory
 from warpchain.results.signals import forward
-from warpchain.view.figures.style import LINES, curve, panels, rpm, shown
+from warpchain.results.units import shown
+from warpchain.view.figures.style import LINES, curve, panels, rpm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,10 +19,10 @@ from warpchain.results.scene import (
     turned,
 )
 from warpchain.results.signals import guide_forces, last_round
-from warpchain.results.units import display_unit
+from warpchain.results.units import display_unit, shown
 from warpchain.view.chosen import part_of
 from warpchain.view.colors import tension_colormap
-from warpchain.view.figures.style import PARTS, about, arrowed, curve, key, panels, shown
+from warpchain.view.figures.style import PARTS, about, arrowed, curve, key, panels
 from warpchain.view.scale import scale_top
 
 if TYPE_CHECKING:

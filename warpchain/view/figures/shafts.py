@@ -11,7 +11,8 @@ from warpchain.results.handed_in import HandedIn
 from warpchain.results.phase import phase_error
 from warpchain.results.rotation import CYCLE, cycle_average, rising, turns_of
 from warpchain.results.signals import strand_tension
-from warpchain.view.figures.style import LINES, Array, arrowed, curve, grid, panels, shown
+from warpchain.results.units import shown
+from warpchain.view.figures.style import LINES, Array, arrowed, curve, grid, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

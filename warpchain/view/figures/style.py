@@ -13,7 +13,6 @@ from warpchain.drive import Drive
 from warpchain.errors import ArchiveError, SimulationError
 from warpchain.files import refusals, whole_file
 from warpchain.results.signals import peak_frames
-from warpchain.results.units import display_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,13 +87,6 @@ def grid(count: int, columns: int, width: float, height: float) -> tuple[Figure,
     for axis in axes[:count]:
         axis.grid(alpha=0.3)
     return figure, axes[:count]
-
-
-def shown(unit: str, *values: Any) -> tuple[str, float]:
-    """The unit that values [SI] are shown in together, by the largest that is finite, and the factor to it."""
-    whole = np.concatenate([np.ravel(each) for each in values]) if values else np.zeros(0)
-    finite = np.abs(whole[np.isfinite(whole)])
-    return display_unit(unit, float(finite.max()) if finite.size else 0.0)
 
 
 def curve(axis: Any, x: NDArray[np.floating], y: NDArray[np.floating], **style: Any) -> None:
