@@ -1,10 +1,16 @@
 """Shared by all tests: quiet Warp, and hypothesis without deadlines (the machine may be slow)."""
 
+import signal
+
 import pytest
 from hypothesis import settings
 
 settings.register_profile("warpchain", deadline=None, max_examples=50)
 settings.load_profile("warpchain")
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a shell's background; commands under test inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the same under nohup
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -123,11 +123,7 @@ def test_the_web_viewer_ends_with_the_process_that_serves_it(tmp_path, end):
     """Whatever ends it: a service manager, a closed terminal, a kill."""
     run = simulate(two_sprockets(duration=0.001, settle="false"))
     command = [sys.executable, "-m", "warpchain", "view", str(write_archive(run, tmp_path / "a.mcap")), "--web"]
-
-    def as_usual():  # under nohup a hang-up is ignored, and children inherit that
-        signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=as_usual) as server:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         url = server.stdout.readline().strip()
         page, data = int(url.split(":")[2].split("/")[0]), int(url.split("%3A")[-1].split("%2F")[0])
         assert listening(page) and listening(data)
