@@ -18,6 +18,8 @@ from warpchain.modal.system import System, system, tension_of
 
 ZERO = 1e-5
 """A mode slower than this much of sqrt(k / m) has no restoring force: rounding gives it that."""
+RESISTED = 1e-7
+"""Of a link's stiffness: more than what rounding gives to a motion that nothing restores."""
 
 
 @dataclass(frozen=True)
@@ -127,8 +129,9 @@ def modes_of(found: System, count: int) -> Modes:
     unit, wanted = np.sqrt(stiff) / found.at.rollers, count
     while True:
         value, vector = eigenpairs(found.mass, found.damping + found.travel, found.stiffness, wanted, unit)
-        zero = np.abs(value) < ZERO * np.sqrt(stiff)
         real = np.abs(value.imag) < 1e-9 * np.abs(value)
+        zero = np.abs(value) < ZERO * np.sqrt(stiff)
+        zero[zero & real] &= ~_resisted(found, vector[:, zero & real])
         swings = np.flatnonzero(~zero & ~real)
         if len(swings) >= count or wanted >= found.at.count:
             break
@@ -161,6 +164,14 @@ def modes_of(found: System, count: int) -> Modes:
         creeping=np.sort(-alone[alone < 0.0]),
         standing=stand(found),
     )
+
+
+def _resisted(found: System, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """(K,) whether motions are slow because oil must leak, not because nothing restores them: K does work on them."""
+    if not len(found.at.chambers):
+        return np.zeros(vector.shape[1], dtype=bool)
+    held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
+    return np.asarray(held > RESISTED * float(found.packed.chains["stiffness"][0]) * (np.abs(vector) ** 2).sum(axis=0))
 
 
 def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
