@@ -228,8 +228,8 @@ def test_a_damped_strand_runs_away_beyond_four_zeta():
     """The share e at which growth begins, between two that are measured, is 4 zeta for a mode that damps by 0.5 to 2 %
     (its other end gives way on a spring and a damper).
 
-    Mathieu's equation itself asks for no more than 4 zeta (1 + zeta^2 / 32) in the tongue's middle. The strand has other
-    modes, which its swinging tension couples: that is of the order e^2, 16 zeta^2 = 0.6 % at 2 %; 0.4 % are found there.
+    Mathieu's equation itself asks for no more than 4 zeta (1 + zeta^2 / 32) in the tongue's middle. The strand has
+    other modes, which its swinging tension couples: of the order e^2, 16 zeta^2 = 0.6 % at 2 %; 0.4 % are found there.
     """
     near = np.array([0.85, 1.15])
     ratio, threshold = [], []
