@@ -82,7 +82,7 @@ def beginning(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> 
     still.lengths = still.lengths * (own / (own - slack))
     still.links["play"] *= float((own / (own - slack)).mean())
     still.chains["stiffness"] -= slack
-    still.links["outer_stiffness"] -= slack
+    still.links["outer_stiffness"] -= np.where(still.links["uneven"] == 1, slack, 0.0)
     return still
 
 
