@@ -1,8 +1,8 @@
-"""Modes of the timing drive at rest, and how they move with the crankshaft's speed.
+"""Modes of the timing drives at rest, and how those of one move with the crankshaft's speed.
 
     python scripts/mode_figures.py [docs/images]
 
-Writes modes-engine.png and campbell-engine.png.
+Writes modes-engine.png, campbell-engine.png and modes-car.png.
 """
 
 import argparse
@@ -14,8 +14,11 @@ from warpchain import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.modal.campbell import campbell
 from warpchain.modal.figures import campbell_figure, shapes_figure
+from warpchain.modal.modes import modes
 
 SHAPES, LINES = 8, 10
+CAR = ("intake cam->exhaust cam 1", "crank->intake cam 1", "intake cam 1", "arm 1")
+CAR_MODES = 30
 FASTEST, POINTS = 600.0, 25  # rad/s
 
 
@@ -30,9 +33,11 @@ def main() -> None:
     """Finds the modes and draws them."""
     folder = parser().parse_args().folder
     found = campbell(load_drive(drive_path("engine")), np.linspace(0.0, FASTEST, POINTS).tolist(), LINES)
+    car = modes(load_drive(drive_path("car")), CAR_MODES)
     for name, figure in (
         ("modes-engine", shapes_figure(found.modes[0].first(SHAPES))),
         ("campbell-engine", campbell_figure(found)),
+        ("modes-car", shapes_figure(car.chosen(np.array([car.names.index(name) for name in CAR])))),
     ):
         if folder is not None:
             figure.savefig(folder / f"{name}.png", dpi=80)

@@ -11,9 +11,10 @@ from warpchain.drive.examples import drive_path
 from warpchain.errors import SimulationError
 from warpchain.modal.campbell import Campbell, assurance, campbell
 from warpchain.modal.figures import campbell_figure, shapes_figure
-from warpchain.modal.modes import modes, modes_of, system
+from warpchain.modal.modes import modes, modes_of
 from warpchain.modal.page import page
 from warpchain.modal.playback import save_recording
+from warpchain.modal.system import system
 
 
 @pytest.fixture(scope="module")

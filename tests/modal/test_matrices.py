@@ -5,11 +5,15 @@ import pytest
 from drives import two_sprockets
 from raw import chain
 
+from warpchain import load_drive
+from warpchain.drive.examples import drive_path
+from warpchain.drive.oil import oil_stiffness, static_pressure
 from warpchain.engine.probe import Probe
 from warpchain.engine.standing import standing
 from warpchain.modal.coordinates import coordinates
-from warpchain.modal.matrices import SPEED, colors, damping, stiffness
+from warpchain.modal.matrices import SPEED, colors, damping, leakage, stiffness
 from warpchain.modal.pencil import eigenpairs, travelling
+from warpchain.modal.system import system
 
 MASS, PITCH, STIFFNESS, DAMPING, TENSION = 0.7, 0.05, 2e7, 300.0, 900.0
 LENGTH = PITCH + TENSION / STIFFNESS
@@ -130,5 +134,30 @@ def test_structure_changes_nothing(mount):
         assert np.abs(own - k).max() < 1e-6 * np.abs(k).max()
         assert np.abs(damping(probe, at, base).toarray() - c).max() < 1e-6 * np.abs(c).max()
         assert np.abs(c).max() > 0.0
+    finally:
+        probe.close()
+
+
+def test_structure_changes_nothing_for_arms_and_oil():
+    """As above, of the example `car` without its contacts' damping: an arm that carries a curved guide, and a chamber
+    of oil, whose damper forces do not show. Steps of 2^-30 m and 2^-26 rad."""
+    drive = load_drive(drive_path("car"))
+    found = system(drive)
+    probe = Probe(found.packed)
+    try:
+        base, at = probe.start(), found.at
+        steps = np.full(at.count, 2.0**-30)
+        steps[2 * at.rollers : at.solid] = 2.0**-26
+        k = plain(at, probe, base, at.moved, steps)
+        c = plain(at, probe, base, at.moving, np.full(at.count, SPEED))
+        assert np.abs(found.stiffness.toarray() - k).max() < 1e-6 * np.abs(k).max()
+        c += leakage(probe, at).toarray()
+        assert np.abs(found.damping.toarray() - c).max() < 1e-6 * np.abs(c).max()
+        arm, oil = at.solid - 1, at.solid
+        assert at.count == oil + 1
+        assert found.stiffness[arm, oil] == pytest.approx(at.strokes[0, arm] * found.stiffness[oil, oil], rel=1e-6)
+        assert oil_stiffness(
+            drive.tensioners[0], static_pressure(drive.tensioners[0]), found.extension[0]
+        ) == pytest.approx(found.stiffness[oil, oil], rel=1e-5)
     finally:
         probe.close()

@@ -3,7 +3,8 @@
 A copy at rest or in motion takes one leapfrog step, whose first kick is half of it: a = (v' - v) / (h / 2), with the
 forces of exactly the given state. The step is 2^21 s, a power of two, so that nothing is rounded, and so long that what
 is bounded by the force that would stop a body within a step (dry friction) is nothing. Contacts are found closed at the
-floor of their impact speed. Where the copies drift to in that step is not read.
+floor of their impact speed. Where the copies drift to in that step is not read, nor what flows into their tensioners:
+the oil's mass is given, and its pressure is that of the given state.
 """
 
 from __future__ import annotations
@@ -33,12 +34,14 @@ class States:
         position, velocity: (copies, N, 2) of the rollers [m], [m/s].
         bodies: (copies, B, 3) centers and angles (x, y, theta) [m], [rad].
         rates: (copies, B, 3) their rates [m/s], [rad/s].
+        oil: (copies, T) logarithm of the mass of oil in each tensioner (`kernels.physics.tensioner`, eq. (6)).
     """
 
     position: Array
     velocity: Array
     bodies: Array
     rates: Array
+    oil: Array
 
 
 @dataclass(frozen=True)
@@ -71,10 +74,15 @@ class Probe:
         self.rollers = int(base.drives["rollers"][0])
         self.sprockets = int(base.drives["sprockets"][0])
         self.body_count = int(base.drives["bodies"][0])
+        self.arms = int(base.drives["arms"][0])
+        self.tensioners = int(base.drives["tensioners"][0])
         self._engine = CpuEngine(base.taken([0] * COPIES), workers)
         self._frames = self._engine.frame_buffer(1)
         self._rollers = self._engine.state.rollers.numpy().reshape(COPIES, STATE_ROWS, self.rollers)
         self._bodies = self._engine.state.bodies.numpy()[: COPIES * self.body_count].reshape(COPIES, self.body_count)
+        oil, pushes = self._engine.state.tensioners.numpy(), self._engine.state.pushes.numpy()
+        self._oil = oil[: COPIES * self.tensioners].reshape(COPIES, self.tensioners)
+        self._pushes = pushes[: COPIES * self.tensioners].reshape(COPIES, self.tensioners)
         self._progress = self._engine.state.progress.numpy()
         self._seat = self._engine.state.seat.numpy()
         self._impact_speed = self._engine.state.impact_speed.numpy()
@@ -85,7 +93,8 @@ class Probe:
         rows, bodies = self.base.rows(0), self.base.bodies
         place = np.column_stack([bodies["center"], bodies["angle"]])
         position = np.ascontiguousarray(rows[0:2].T)
-        return States(position[None], np.zeros_like(position)[None], place[None], np.zeros_like(place)[None])
+        oil = self.base.oil["content"][: self.tensioners]
+        return States(position[None], np.zeros_like(position)[None], place[None], np.zeros_like(place)[None], oil[None])
 
     def packed(self, states: States) -> Packed:
         """The variant in the first of the states, at rest."""
@@ -97,6 +106,10 @@ class Probe:
     def body(self, b: int, angle: float) -> BodyRow:
         """How body `b` is held, and its inertia at an angle [rad]."""
         motion, mount = self.base.motions[b], self.base.mounts[b]
+        arm = b - (self.body_count - self.arms)
+        if arm >= 0:
+            own = 1.0 / float(self.base.arms["inverse_inertia"][arm])
+            return BodyRow(np.array([[0.0], [0.0], [1.0]]), np.diag([0.0, 0.0, own]))
         turns = np.zeros((3, 0)) if motion["prescribed"] else np.array([[0.0], [0.0], [1.0]])
         if not mount["active"]:
             inverse = float(motion["inverse_inertia"])
@@ -112,25 +125,29 @@ class Probe:
         inertia[:2, 2] = inertia[2, :2] = q
         return BodyRow(np.hstack([slides, turns]), inertia)
 
-    def __call__(self, states: States) -> tuple[Array, Array]:
-        """Accelerations of rollers (copies, N, 2) [m/s^2] and of bodies' (x, y, theta) (copies, B, 3).
+    def __call__(self, states: States) -> tuple[Array, Array, Array]:
+        """Accelerations of rollers (copies, N, 2) [m/s^2] and of bodies' (x, y, theta) (copies, B, 3), and
+        the pressures in tensioners (copies, T) [Pa].
 
-        NaN for a copy that has left the drive's box.
+        NaN for accelerations of a copy that has left the drive's box.
         """
         count = len(states.position)
         straight, turned = np.empty_like(states.position), np.empty_like(states.bodies)
+        pressure = np.empty_like(states.oil)
         for first in range(0, count, COPIES):
             part = slice(first, min(first + COPIES, count))
-            some = States(states.position[part], states.velocity[part], states.bodies[part], states.rates[part])
-            straight[part], turned[part] = self._evaluate(some)
-        return straight, turned
+            some = States(**{name: value[part] for name, value in vars(states).items()})
+            straight[part], turned[part], pressure[part] = self._evaluate(some)
+        return straight, turned, pressure
 
-    def _evaluate(self, states: States) -> tuple[Array, Array]:
+    def _evaluate(self, states: States) -> tuple[Array, Array, Array]:
         count = len(states.position)
         rows, bodies = self._rollers[:count], self._bodies[:count]
         rows[:, 0:2], rows[:, 2:4], rows[:, 4:6] = states.position.mT, states.velocity.mT, 0.0
         bodies["center"], bodies["angle"] = states.bodies[..., :2], states.bodies[..., 2]
         bodies["velocity"], bodies["speed"] = states.rates[..., :2], states.rates[..., 2]
+        self._oil[:] = self.base.oil[: self.tensioners]
+        self._oil["content"][:count] = states.oil
         self._seat[:], self._impact_speed[:] = self._start_seat, 0.0
         self._progress["step"], self._progress["diverged"] = 0, 0
         self._progress["diverged"][count:] = 1
@@ -142,11 +159,11 @@ class Probe:
         turned = (after - states.rates) / kick
         gone = self._progress["diverged"][:count] == 1
         straight[gone], turned[gone] = np.nan, np.nan
-        return straight, turned
+        return straight, turned, self._pushes["pressure"][:count]
 
     def contacts(self, states: States) -> NDArray[np.bool_]:
         """Which rollers touch what in the first of the states, (S + G, N): sprockets, then guide-bars."""
-        self._evaluate(States(states.position[:1], states.velocity[:1], states.bodies[:1], states.rates[:1]))
+        self._evaluate(States(**{name: value[:1] for name, value in vars(states).items()}))
         partners = self.sprockets + int(self.base.drives["guides"][0])
         return np.array(self._impact_speed[: partners * self.rollers].reshape(partners, self.rollers) > 0.0)
 

@@ -92,7 +92,8 @@ def quickened(packed: Packed, drives: Sequence[Drive]) -> None:
             if id(drive) not in known:
                 bodies = moving_bodies(drive)
                 other = highest_frequency(drive, damped_links=False) ** 2 - max(body.square for body in bodies)
-                known[id(drive)] = [0.5 * other / body.square for body in bodies[-len(drive.arms) :]]
+                squares = [body.square for body in bodies[-len(drive.arms) :]]
+                known[id(drive)] = [0.5 * other / square if square > 0.0 else 1.0 for square in squares]
             first = int(packed.drives["first_arm"][v])
             arms = packed.arms["inverse_inertia"][first : first + len(drive.arms)]
             arms *= np.maximum(known[id(drive)], 1.0)

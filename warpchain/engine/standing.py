@@ -82,7 +82,7 @@ def beginning(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> 
     still.lengths = still.lengths * (own / (own - slack))
     still.links["play"] *= float((own / (own - slack)).mean())
     still.chains["stiffness"] -= slack
-    still.links["outer_stiffness"] -= slack
+    still.links["outer_stiffness"] -= np.where(still.links["uneven"] == 1, slack, 0.0)
     return still
 
 
@@ -169,10 +169,13 @@ class _Relaxing:
         plain = free & (mounts["active"] == 0) & (motions["inverse_inertia"] > 0.0)
         mounted = free & (mounts["active"] == 1)
         inertia[plain], inertia[mounted] = 1.0 / motions["inverse_inertia"][plain], mounts["inertia"][mounted]
+        arms = int(row["arms"])
+        inertia[len(inertia) - arms :] = 1.0 / packed.arms["inverse_inertia"][:arms]
         self.inertia = inertia
         self.moving = np.where(mounts["inverse_mass"].any(axis=(1, 2)), mounts["mass"], 0.0)
         self.radius = np.full(len(packed.bodies), np.inf)
         self.radius[: len(packed.sprockets)] = packed.sprockets["exact_radius"]
+        self.radius[len(inertia) - arms :] = packed.arms["reach"][:arms]
 
     def run(self, steps: int) -> None:
         for future in self.engine.advance(steps, self._frames):

@@ -21,7 +21,8 @@ from scipy.optimize import linear_sum_assignment
 from warpchain.assembly.orders import Order, orders
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
-from warpchain.modal.modes import Modes, System, modes_of, system
+from warpchain.modal.modes import Modes, modes_of
+from warpchain.modal.system import System, system
 
 SPARE = 10
 """Modes beyond those asked for that are found at each speed, so that those asked for can be followed."""

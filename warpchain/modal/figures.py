@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from warpchain.modal.campbell import Campbell
 from warpchain.modal.modes import Modes
-from warpchain.results.scene import guide_outline
+from warpchain.modal.outlines import moved_lines, still_lines
 from warpchain.view.figures.style import LINES, arrowed, rpm
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def swing(modes: Modes, k: int, phase: float) -> tuple[NDArray[np.float64], NDAr
 
 
 def shapes_figure(modes: Modes) -> Figure:
-    """The first modes, each at both ends of its swing, with how far each sprocket turns."""
+    """The first modes, each at both ends of its swing, with how far each sprocket and arm turns."""
     from matplotlib.figure import Figure
 
     count = min(len(modes), MOST)
@@ -57,8 +57,8 @@ def shapes_figure(modes: Modes) -> Figure:
 
 def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
     drive = modes.drive
-    for g in range(len(drive.guides)):
-        axis.plot(*guide_outline(drive, g).T, color="peru", lw=1.2)
+    for line in still_lines(modes.drive):
+        axis.plot(*line.T, color="peru", lw=1.2)
     ring = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 91))
     closed = np.append(np.arange(len(modes.position)), 0)
     axis.plot(*modes.position[closed].T, color="0.75", lw=0.8)
@@ -71,6 +71,8 @@ def _draw_shape(axis: Any, modes: Modes, k: int) -> None:
             if phase == 0.0:
                 axis.plot(x + radius * ring.real, y + radius * ring.imag, color="0.6", lw=0.8)
             axis.plot([x, x + radius * np.cos(angle)], [y, y + radius * np.sin(angle)], color=color, lw=1.1)
+        for line in moved_lines(modes.drive, bodies):
+            axis.plot(*line.T, color=color, lw=0.8)
     ratio = 100.0 * modes.damping_ratio[k]
     axis.set_title(f"{k + 1}: {modes.frequency[k]:.4g} Hz, {ratio:.2g} %\n{arrowed(modes.names[k])}", fontsize=8)
 

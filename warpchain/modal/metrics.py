@@ -7,7 +7,8 @@ from functools import lru_cache
 from warpchain.drive import Drive
 from warpchain.errors import SimulationError
 from warpchain.modal.campbell import SPARE, matched
-from warpchain.modal.modes import Modes, modes_of, system
+from warpchain.modal.modes import Modes, modes_of
+from warpchain.modal.system import system
 
 PREFIX = "modes."
 

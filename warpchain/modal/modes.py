@@ -10,39 +10,45 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.engine.packed import Packed
-from warpchain.engine.probe import Probe, States
-from warpchain.engine.standing import TOLERANCE, beginning, link_tension, passing_rate, released
-from warpchain.modal.balance import balanced
-from warpchain.modal.coordinates import Array, Coordinates, coordinates
-from warpchain.modal.layout import Layout, layout
-from warpchain.modal.matrices import damping
-from warpchain.modal.pencil import eigenpairs, travelling
+from warpchain.engine.standing import passing_rate
+from warpchain.modal.attached import plungers, stand
+from warpchain.modal.coordinates import Array
+from warpchain.modal.pencil import eigenpairs
+from warpchain.modal.system import System, system, tension_of
 
 ZERO = 1e-5
 """A mode slower than this much of sqrt(k / m) has no restoring force: rounding gives it that."""
+RESISTED = 1e-7
+"""Of a link's stiffness: more than what rounding gives to a motion that nothing restores."""
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a drive of N rollers, S sprockets and B bodies about a standing or steadily running state.
+    """Modes of a drive of N rollers, S sprockets, B bodies (sprockets, then arms) and T tensioners about a standing or
+    steadily running state.
 
     Attributes:
         drive: the drive.
         speed: of the driver [rad/s]; 0 is at rest.
         eigenvalue: (K,) s = -zeta omega + i omega sqrt(1 - zeta^2) [1/s], ascending by size.
         names: (K,) the part that moves most, and the how manieth of its modes this is, such as "motor->conveyor 2".
-        parts: (P,) strands, sprockets (turning, with the rollers on them), and mounts ("NAME.mount") that can move.
+        parts: (P,) strands, sprockets (turning, with the rollers on them), mounts ("NAME.mount") that can move, arms
+            (without plungers), and tensioners (their plungers).
         participation: (K, P) shares of the kinetic energy; they sum to 1.
         across: (K,) share of the rollers' kinetic energy that is transverse to the chain.
         shape: (K, N, 2) complex displacement of the rollers, of unit modal mass [m], the real part the larger.
         bodies: (K, B, 3) complex displacement of the bodies (x, y, theta).
+        stroke: (K, T) complex extension of the tensioners [m].
+        pressure: (K, T) complex pressure of their oil [Pa]; 0 without oil.
+        stored: (K, T) share of the mode's stiffness x* K x that is in a tensioner: in spring, oil and stops.
+        lost: (K, T) share of the mode's damping x* C x that is in a tensioner: in dampers and in the plunger's gap.
         position: (N, 2) where the rollers stand [m].
         placed: (B, 3) where the bodies stand.
         tension: (N,) of the links there [N].
         zeros: how many independent motions have no restoring force; they are not among the K.
         growing: (U,) growth rates of motions that run away without swinging [1/s]: the state is not a stable one.
         creeping: (O,) decay rates of motions that come back without swinging [1/s].
+        standing: how arms and tensioners stand, a line each.
     """
 
     drive: Drive
@@ -54,12 +60,17 @@ class Modes:
     across: Array
     shape: NDArray[np.complex128]
     bodies: NDArray[np.complex128]
+    stroke: NDArray[np.complex128]
+    pressure: NDArray[np.complex128]
+    stored: Array
+    lost: Array
     position: Array
     placed: Array
     tension: Array
     zeros: int
     growing: Array
     creeping: Array
+    standing: tuple[str, ...]
 
     @property
     def frequency(self) -> Array:
@@ -86,70 +97,14 @@ class Modes:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All arrays by name, with `frequency` and `damping_ratio`."""
         others = ("parts", "position", "placed", "tension", "growing", "creeping")
-        result = {name: np.asarray(getattr(self, name)) for name in (*PER_MODE, *others)}
+        tensioned = PER_MODE if self.drive.tensioners else MOVING
+        result = {name: np.asarray(getattr(self, name)) for name in (*tensioned, *others)}
         return {**result, "frequency": self.frequency, "damping_ratio": self.damping_ratio}
 
 
-PER_MODE = ("eigenvalue", "names", "participation", "across", "shape", "bodies")
+MOVING = ("eigenvalue", "names", "participation", "across", "shape", "bodies")
+PER_MODE = (*MOVING, "stroke", "pressure", "stored", "lost")
 """Fields of `Modes` that have a row for each mode."""
-
-
-@dataclass(frozen=True)
-class System:
-    """Small motion of a drive about a state: its matrices, and where it stands.
-
-    Attributes:
-        packed: the drive in that state.
-        state: that state, one copy.
-        at: its free coordinates.
-        layout: which rollers lie where.
-        mass, damping, stiffness: (n, n) M, C (without what travels), K.
-        travel: (n, n) G.
-    """
-
-    drive: Drive
-    speed: float
-    packed: Packed
-    state: States
-    at: Coordinates
-    layout: Layout
-    mass: sp.csc_array
-    damping: sp.csc_array
-    stiffness: sp.csc_array
-    travel: sp.csc_array
-
-
-def system(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> System:
-    """Small motion of a drive at a speed of its driver [rad/s].
-
-    Args:
-        start: the drive as it stands at a speed nearby.
-
-    Raises:
-        DriveError: a chain that does not fit.
-        SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
-    """
-    if start is not None:
-        near, unrest = _about(beginning(drive, speed, start), drive, speed)
-        if unrest < TOLERANCE:
-            return near
-    return _about(released(beginning(drive, speed, start), drive), drive, speed)[0]
-
-
-def _about(packed: Packed, drive: Drive, speed: float) -> tuple[System, float]:
-    """Small motion about the standing state near a packed one, and how far from standing that is, of the tension."""
-    probe = Probe(packed)
-    try:
-        state = probe.start()
-        at = coordinates(probe, state)
-        pull = float(np.abs(_tension(packed, state)).max())
-        state, own, unrest = balanced(probe, at, state, drive.chain.pitch, pull)
-        places = layout(packed.assemblies[0], probe.contacts(state)[: len(drive.sprockets)])
-        travel = travelling(at.rollers, at.mass, passing_rate(drive, speed), places.free_links, at.count)
-        drag = damping(probe, at, state)
-        return System(drive, speed, probe.packed(state), state, at, places, at.masses, drag, own, travel), unrest
-    finally:
-        probe.close()
 
 
 def modes(drive: Drive, count: int = 20, speed: float = 0.0) -> Modes:
@@ -174,8 +129,9 @@ def modes_of(found: System, count: int) -> Modes:
     unit, wanted = np.sqrt(stiff) / found.at.rollers, count
     while True:
         value, vector = eigenpairs(found.mass, found.damping + found.travel, found.stiffness, wanted, unit)
-        zero = np.abs(value) < ZERO * np.sqrt(stiff)
         real = np.abs(value.imag) < 1e-9 * np.abs(value)
+        zero = np.abs(value) < ZERO * np.sqrt(stiff)
+        zero[zero & real] &= ~_resisted(found, vector[:, zero & real])
         swings = np.flatnonzero(~zero & ~real)
         if len(swings) >= count or wanted >= found.at.count:
             break
@@ -185,6 +141,7 @@ def modes_of(found: System, count: int) -> Modes:
     vector = _normal(vector[:, swings], found.mass)
     shape, bodies = found.at.split(vector.T)
     parts, share, across = _participation(found, vector)
+    pushed = plungers(found, vector)
     return Modes(
         drive=found.drive,
         speed=found.speed,
@@ -195,20 +152,26 @@ def modes_of(found: System, count: int) -> Modes:
         across=across,
         shape=shape,
         bodies=bodies,
+        stroke=pushed.stroke,
+        pressure=pushed.pressure,
+        stored=pushed.stored,
+        lost=pushed.lost,
         position=found.state.position[0],
         placed=found.state.bodies[0],
-        tension=_tension(found.packed, found.state, passing_rate(found.drive, found.speed)),
+        tension=tension_of(found.packed, found.state, passing_rate(found.drive, found.speed)),
         zeros=int(zero.sum() + 1) // 2,
         growing=np.sort(alone[alone > 0.0]),
         creeping=np.sort(-alone[alone < 0.0]),
+        standing=stand(found),
     )
 
 
-def _tension(packed: Packed, state: States, rate: float = 0.0) -> Array:
-    """(N,) of the links [N]: what stretches them, and of a running chain what bends it around the sprockets too."""
-    place = state.position[0]
-    length = np.hypot(*(np.roll(place, -1, axis=0) - place).T)
-    return link_tension(packed, place) + float(packed.chains["mass"][0]) * rate**2 * length
+def _resisted(found: System, vector: NDArray[np.complex128]) -> NDArray[np.bool_]:
+    """(K,) whether motions are slow because oil must leak, not because nothing restores them: K does work on them."""
+    if not len(found.at.chambers):
+        return np.zeros(vector.shape[1], dtype=bool)
+    held = np.einsum("ij,ij->j", vector.conj(), found.stiffness @ vector).real
+    return np.asarray(held > RESISTED * float(found.packed.chains["stiffness"][0]) * (np.abs(vector) ** 2).sum(axis=0))
 
 
 def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.complex128]:
@@ -221,21 +184,29 @@ def _normal(vector: NDArray[np.complex128], mass: sp.csc_array) -> NDArray[np.co
 def _participation(found: System, vector: NDArray[np.complex128]) -> tuple[tuple[str, ...], Array, Array]:
     """Names of the parts, their shares of each mode's kinetic energy (K, P), and the transverse share (K,)."""
     drive, at, places = found.drive, found.at, found.layout
-    own = 2 * at.rollers
+    own, plunger = 2 * at.rollers, plungers(found, vector).kinetic
     energy = (vector.conj() * (found.mass @ vector)).real.T
     roller = energy[:, :own].reshape(-1, at.rollers, 2).sum(axis=2)
     parts, shares = [], []
     for k, name in enumerate(drive.strand_names):
         parts.append(name)
         shares.append(roller[:, places.strand == k].sum(axis=1))
+    carried = np.zeros((len(energy), len(drive.sprockets) + len(drive.arms)))
+    for t in range(len(drive.tensioners)):
+        carried[:, drive.tensioner_body(t)] += plunger[:, t]
     for s, sprocket in enumerate(drive.sprockets):
         parts.append(sprocket.name)
         turns = (at.owner == s) & at.turning
-        shares.append(roller[:, places.arc == s].sum(axis=1) + energy[:, own:][:, turns].sum(axis=1))
+        shares.append(roller[:, places.arc == s].sum(axis=1) + energy[:, own : at.solid][:, turns].sum(axis=1))
         slides = (at.owner == s) & ~at.turning
         if slides.any():
             parts.append(f"{sprocket.name}.mount")
-            shares.append(energy[:, own:][:, slides].sum(axis=1))
+            shares.append(energy[:, own : at.solid][:, slides].sum(axis=1) - carried[:, s])
+    for b, arm in enumerate(drive.arms, len(drive.sprockets)):
+        parts.append(arm.name)
+        shares.append(energy[:, own : at.solid][:, at.owner == b].sum(axis=1) - carried[:, b])
+    parts += [tensioner.name for tensioner in drive.tensioners]
+    shares += list(plunger.T)
     place = found.state.position[0]
     along = np.roll(place, -1, axis=0) - np.roll(place, 1, axis=0)
     along /= np.hypot(*along.T)[:, None]

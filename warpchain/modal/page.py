@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from warpchain.modal.campbell import Campbell
 from warpchain.modal.figures import campbell_figure, shapes_figure
 from warpchain.modal.modes import Modes
-from warpchain.modal.text import remarks
+from warpchain.modal.text import pushed, remarks
 from warpchain.view.figures.style import rpm
 
 if TYPE_CHECKING:
@@ -66,11 +66,15 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def _modes_table(modes: Modes) -> str:
     shown = [p for p in range(len(modes.parts)) if len(modes) and modes.participation[:, p].max() >= 0.005]
     head = ["mode", "Hz", "damping", "across", *(modes.parts[p] for p in shown)]
+    tensioned = bool(modes.drive.tensioners)
+    if tensioned:
+        head.append("of stiffness and damping")
     rows = []
     for k, name in enumerate(modes.names):
         share = [f"{modes.participation[k, p]:.0%}" if modes.participation[k, p] >= 0.005 else "" for p in shown]
         first = [f"{k + 1}: {name}", f"{modes.frequency[k]:.4g}", f"{100.0 * modes.damping_ratio[k]:.2g} %"]
-        rows.append([*first, f"{modes.across[k]:.0%}", *share])
+        held = ["; ".join(pushed(modes, k))] if tensioned else []
+        rows.append([*first, f"{modes.across[k]:.0%}", *share, *held])
     return _table(head, rows)
 
 

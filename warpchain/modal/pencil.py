@@ -9,7 +9,8 @@ tension, m_l the mass of a length and v the speed the whole is a travelling stri
 (T - m_l v^2) D2 w at the chain's own spacing. On sprockets rollers keep their places.
 
 Small pencils are solved whole; of large ones the eigenvalues nearest to zero, by Arnoldi's method on the inverse, whose
-matrix is banded but for the sprockets' columns.
+matrix is banded but for the bodies' columns. Coordinates without mass (oil in tensioners) have one finite eigenvalue
+each and one at infinity, which is left out.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ WHOLE = 120
 """Coordinates up to which a pencil is solved whole."""
 SHIFT = 1e-2
 """Where eigenvalues are sought nearest to, of the unit of time; not at zero, which may be one of them."""
+INFINITE = 1e-9
+"""Its inverse is an eigenvalue, of the unit of time, that is none: rounding makes it of one at infinity."""
 
 
 def travelling(rollers: int, mass: float, rate: float, links: NDArray[np.bool_], count: int) -> sp.csc_array:
@@ -59,7 +62,10 @@ def eigenpairs(
     if n <= WHOLE:
         above = np.hstack([np.zeros((n, n)), np.eye(n)])
         below = np.hstack([-k.toarray(), -c.toarray()])
-        value, vector = scipy.linalg.eig(np.vstack([above, below]), scipy.linalg.block_diag(np.eye(n), m.toarray()))
+        right = scipy.linalg.block_diag(np.eye(n), m.toarray())
+        (top, bottom), vector = scipy.linalg.eig(np.vstack([above, below]), right, homogeneous_eigvals=True)
+        finite = np.abs(bottom) > INFINITE * np.abs(top)
+        value, vector = top[finite] / bottom[finite], vector[:, finite]
     else:
         value, vector = _nearest(m, c, k, min(2 * wanted + 8, n))
     upper = np.flatnonzero(value.imag >= 0.0)

@@ -11,7 +11,7 @@ from warpchain.errors import ArchiveError
 from warpchain.files import refusals, whole_file
 from warpchain.modal.figures import swing
 from warpchain.modal.modes import Modes
-from warpchain.results.scene import guide_outline
+from warpchain.modal.outlines import moved_lines, still_lines
 from warpchain.view.rerun.columns import flipped
 
 if TYPE_CHECKING:
@@ -88,9 +88,9 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
     closed = np.append(np.arange(len(modes.position)), 0)
     rest = rr.LineStrips2D([flipped(modes.position[closed])], colors=[REST], radii=[0.5 * width])
     stream.log("drive/chain", rest, static=True)
-    for g, guide in enumerate(drive.guides):
-        bar = rr.LineStrips2D([flipped(guide_outline(drive, g))], colors=[RUBBER], radii=[width])
-        stream.log(f"drive/guides/{guide.name}", bar, static=True)
+    still = [flipped(line) for line in still_lines(modes.drive)]
+    if still:
+        stream.log("drive/still", rr.LineStrips2D(still, colors=[RUBBER], radii=[width]), static=True)
     ring = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 61))
     for frame in range(CYCLES * FRAMES + 1):
         stream.set_time("sim_time", duration=frame * SECONDS / FRAMES)
@@ -104,5 +104,7 @@ def log_modes(stream: rr.RecordingStream, modes: Modes) -> None:
                 rim = np.stack([x + radius * turned.real, y + radius * turned.imag], axis=1)
                 strips += [flipped(rim), flipped(np.array([[x, y], rim[0]]))]
             colors = [CHAIN] + [STEEL] * (len(strips) - 1)
+            carried = [flipped(line) for line in moved_lines(modes.drive, bodies)]
+            strips, colors = strips + carried, colors + [RUBBER] * len(carried)
             radii = [width] + [0.6 * width] * (len(strips) - 1)
             stream.log(entity(modes, k), rr.LineStrips2D(strips, colors=colors, radii=radii))

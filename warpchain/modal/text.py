@@ -29,13 +29,23 @@ def lines(modes: Modes) -> list[str]:
         result.append(
             f"{k:>3}  {name:<{width}}  {frequency:>9.4g}  {100.0 * ratio:>7.2g}%  {across:>6.0%}  "
             + ", ".join(f"{modes.parts[p]} {share[p]:.0%}" for p in np.argsort(-share)[:MOST] if share[p] >= SHOWN)
+            + "".join(f"; {words}" for words in pushed(modes, k - 1))
         )
     return [*result, *remarks(modes)]
 
 
+def pushed(modes: Modes, k: int) -> list[str]:
+    """What of mode k's stiffness and damping is in each tensioner that holds any of it worth mentioning."""
+    return [
+        f"{tensioner.name} holds {modes.stored[k, t]:.0%}, damps {modes.lost[k, t]:.0%}"
+        for t, tensioner in enumerate(modes.drive.tensioners)
+        if modes.stored[k, t] >= SHOWN
+    ]
+
+
 def remarks(modes: Modes) -> list[str]:
-    """Lines on motions that are no modes, where there are any."""
-    result = []
+    """Lines on how arms and tensioners stand, and on motions that are no modes, where there are any."""
+    result = list(modes.standing)
     if modes.zeros:
         result.append(
             f"{modes.zeros} motions have no restoring force (rollers without contact or tension, a sprocket that turns "
