@@ -141,12 +141,14 @@ class Bench:
                 raise StudyError(f"{done}: has other rows than this study asks for in that round; give another folder")
             self._remember(table)
             return table
-        table = self._run(place, f"{name}/", design, progress)
+        before = sum(read_table(round_file(self.folder, k)).num_rows for k in range(number))
+        table = self._run(place, f"{name}/", design, progress, before)
         write_table(done, table)
         return table
 
-    def _run(self, place: Path, prefix: str, design: pa.Table, progress: Report) -> pa.Table:
-        """Runs what is new of a design in a folder of its own; returns all its rows."""
+    def _run(self, place: Path, prefix: str, design: pa.Table, progress: Report, before: int = 0) -> pa.Table:
+        """Runs what is new of a design in a folder of its own, whose recordings call rows by their numbers after those
+        `before`; returns all its rows."""
         import pyarrow as pa
 
         digests = self.digests(design)
@@ -156,7 +158,8 @@ class Bench:
             if digest is None or (digest not in self._known and digest not in asked):
                 new.append(i)
                 asked.add(digest or "")
-        fresh = self._simulated(place, prefix, design.take(pa.array(new, pa.int64())), progress) if new else None
+        chosen = numbered(design.take(pa.array(new, pa.int64())), [before + i for i in new])
+        fresh = self._simulated(place, prefix, chosen, progress) if new else None
         if fresh is not None:
             fresh = fresh.append_column(DIGEST, pa.array([digests[i] for i in new], pa.string()))
             self._remember(fresh)
@@ -168,12 +171,11 @@ class Bench:
     def _simulated(self, place: Path, prefix: str, design: pa.Table, progress: Report) -> pa.Table:
         import pyarrow as pa
 
-        design = design.set_column(0, design.schema.field(0), pa.array(range(design.num_rows), pa.int64()))
         study, cores = self.study, self._workers or available_cores()
         runs = design.num_rows * study.design.copies
         size = study.run.shard or shard_size(study, self.drive, runs, 1, cores, self._memory)
         folder = make_folder(place, study, self.drive, design, size)
-        if folder.design() != design:
+        if folder.design().drop_columns(["variant"]) != design.drop_columns(["variant"]):
             raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
         outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
         assert outcome.table is not None  # all shards are done
@@ -245,10 +247,15 @@ def _with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> 
         at = found.column_names.index(name)
         column = design["variant"] if name == "variant" else design[name]
         found = found.set_column(at, design.schema.field(name), column.combine_chunks())
+    return numbered(found, range(found.num_rows))
+
+
+def numbered(table: pa.Table, numbers: Sequence[int]) -> pa.Table:
+    """A table whose column `variant` has these numbers."""
     import pyarrow as pa
 
-    at = found.column_names.index("variant")
-    return found.set_column(at, found.schema.field(at), pa.array(range(found.num_rows), pa.int64()))
+    at = table.column_names.index("variant")
+    return table.set_column(at, table.schema.field(at), pa.array(numbers, pa.int64()))
 
 
 def open_study(

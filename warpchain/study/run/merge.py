@@ -201,7 +201,7 @@ def summarized(table: pa.Table) -> pa.Table:
 
 
 def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
-    """The variants (row, copy) that are recorded in a second pass, without those recorded already.
+    """The variants (number, copy) that are recorded in a second pass, without those recorded already.
 
     They are the most extreme ones; of a row that was run several times, in the mean, and of its copies the most extreme
     one.

@@ -61,9 +61,11 @@ def run_worst(
     options: Mapping[str, Any] | None = None,
     report: Report | None = None,
 ) -> None:
-    """Simulates variants (row, copy) a second time to record them; see `run_shard`."""
+    """Simulates variants (number, copy) a second time to record them; see `run_shard`."""
     opened = open_folder(folder)
-    numbers, copies = (np.array([task[k] for task in variants], dtype=np.int64) for k in (0, 1))
+    place = {variant: row for row, variant in enumerate(opened.design()["variant"].to_pylist())}
+    numbers = np.array([place[variant] for variant, _ in variants], dtype=np.int64)
+    copies = np.array([copy for _, copy in variants], dtype=np.int64)
     rows = _rows(opened, numbers, copies)
     _write(opened, opened.worst, rows, set(range(len(variants))), options or {}, report or (lambda part: None))
 
