@@ -54,7 +54,8 @@ class ArchiveOptions:
             raise ArchiveError("split_size and split_variants: give one of them")
         if self.exact_positions and self.values != "float32":
             raise ArchiveError('exact_positions: goes with values = "float32"; else positions are exact already')
-        if self.numbers is not None and (len(set(self.numbers)) < len(self.numbers) or min(self.numbers, default=0) < 0):
+        numbers = self.numbers or ()
+        if len(set(numbers)) < len(numbers) or min(numbers, default=0) < 0:
             raise ArchiveError("numbers: allowed are different whole numbers of at least 0")
         for name, data in self.attachments.items():
             if not isinstance(data, bytes):

@@ -29,7 +29,8 @@ PRECISIONS = ("float64", "float32")
 class LazyDrives(Sequence[Drive]):
     """All drives of a run, each read from its attachment when it is asked for.
 
-    `numbers` are what the archive calls the variants, in order. A later file of a set holds its own variants' again. With `gaps` a drive may be missing, until it is asked for.
+    `numbers` are what the archive calls the variants, in order. A later file of a set holds its own variants' again.
+    With `gaps` a drive may be missing, until it is asked for.
     """
 
     def __init__(self, files: Sequence[McapIndex], numbers: Sequence[int], gaps: bool = False) -> None:

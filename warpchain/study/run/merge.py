@@ -111,10 +111,7 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
 
 def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any], progress: bool = False) -> Outcome:
     """The second pass, with a bar of its own, and the whole table; what ended processes have left is swept away."""
-    table = _joined(folder)
-    for name, identity in folder.worst_before:
-        if folder.done(name):
-            table = _with_archives(table, read_table(folder.table_path(name), study=identity))
+    table = runs_of(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
         if not folder.done(folder.worst):
@@ -123,7 +120,7 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
             else:
                 with workers_named(folder):
                     executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
-        table = _with_archives(table, folder.table(folder.worst))
+            table = _with_archives(table, folder.table(folder.worst))
     for name in _archives(table):
         folder.check_archive(name)
     if folder.copies > 1:
@@ -136,6 +133,17 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
     folder.write(folder.results, table)
     sweep(leftovers(folder.path))
     return study_status(folder.path)
+
+
+def runs_of(folder: Folder) -> pa.Table:
+    """All runs of the shards that are done, with the places of what was recorded of them, also in a second pass."""
+    table = _joined(folder, [shard for shard in folder.shards if folder.done(shard)])
+    for name, identity in folder.worst_before:
+        if folder.done(name):
+            table = _with_archives(table, read_table(folder.table_path(name), study=identity))
+    if folder.done(folder.worst):
+        table = _with_archives(table, folder.table(folder.worst))
+    return table
 
 
 def _archives(table: pa.Table) -> list[str]:
@@ -156,12 +164,12 @@ def _run_worst_here(
         run_worst(folder.path, chosen, options, lambda part: bar.update(max(0.0, part * len(chosen) - bar.n)))
 
 
-def _joined(folder: Folder, shards: Sequence[int] | None = None) -> pa.Table:
-    """The tables of all shards, or of some, by variants and their copies."""
+def _joined(folder: Folder, shards: Sequence[int]) -> pa.Table:
+    """The tables of shards, by variants and their copies."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    tables = [folder.table(shard) for shard in (folder.shards if shards is None else shards)]
+    tables = [folder.table(shard) for shard in shards]
     table = pa.concat_tables(tables, promote_options="default").combine_chunks()
     if folder.copies > 1 and COPY not in table.column_names:
         table = table.add_column(1, COPY, pa.array(np.zeros(table.num_rows, dtype=np.int64)))
