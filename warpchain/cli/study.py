@@ -169,6 +169,9 @@ def _tell(outcome: Any) -> int:
     print(f"{done} of {count} shards are done; variants: {counts}")
     for reason, number in outcome.reasons:
         print(f"  {number} like this: {reason}")
+    if outcome.went_on is not None:
+        on, anew = outcome.went_on
+        print(f"of longer runs, {on} went on from where the ones before stood, {anew} began anew")
     if outcome.left and outcome.rate is not None:
         seconds = round(outcome.left / outcome.rate)
         left = f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"

@@ -284,7 +284,7 @@ def _with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> 
 def settings_of(study: Study) -> dict[str, Any]:
     """What decides a row's metrics beside its drive."""
     settings = study.model_dump(mode="json", include={"limits", "metrics", "fatigue"})
-    settings["run"] = study.run.model_dump(mode="json", exclude={"shard"})
+    settings["run"] = study.run.model_dump(mode="json", exclude={"shard", "keep_states"})
     settings["copies"] = [study.design.copies, study.design.replicate_by]
     return settings
 

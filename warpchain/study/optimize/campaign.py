@@ -138,7 +138,7 @@ def _fixed(study: Study, name: str) -> object:
     """What of a study may not change: of the search all but how long it goes on, and of runs all but shards."""
     if name == "optimize":
         return (study.optimize or Search()).model_copy(update={"count": 1, "recommend": 1})
-    return study.run.model_copy(update={"shard": None}) if name == "run" else getattr(study, name)
+    return study.run.model_copy(update={"shard": None, "keep_states": False}) if name == "run" else getattr(study, name)
 
 
 def _line(results: Results, goals: Goals) -> str:

@@ -24,6 +24,7 @@ from warpchain.study.spec import Study
 
 if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
+    from warpchain.engine.states import Kept
 
 Report = Callable[[float], None]
 """Called with the part of the shard's work that is done, 0 to 1."""
@@ -43,6 +44,9 @@ class Variant:
     trajectory: Trajectory | None = None
     info: RunInfo | None = None
     archive: tuple[str, int] | None = None
+    begin: Kept | None = None
+    kept: Kept | None = None
+    gone_on: bool = False
 
     def fail(self, error: WarpchainError) -> None:
         """Makes it infeasible."""
@@ -193,6 +197,7 @@ def _attempt(
 ) -> WarpchainError | None:
     """Simulates variants in one call; returns a refusal of a drive, of the settings or of the machine's memory."""
     from warpchain.engine.simulation import simulate
+    from warpchain.engine.states import States
     from warpchain.results.run import Record
 
     def tell(phase: str, done: float, total: float) -> None:
@@ -204,6 +209,9 @@ def _attempt(
     recorded = [i for i, variant in enumerate(variants) if variant.recorded]
     if archive is not None:
         options = {**options, "archive_options": _numbered(variants, options.get("archive_options"))}
+    states = None
+    if study.run.keep_states or any(variant.begin is not None for variant in variants):
+        states = States(study.run.keep_states, [variant.begin for variant in variants])
     try:
         run = simulate(
             [variant.drive for variant in variants if variant.drive is not None],
@@ -217,6 +225,7 @@ def _attempt(
             archive=archive,
             overwrite=True,
             limits=study.limits,
+            states=states,
             **options,
         )
     except (DriveError, SimulationError) as error:
@@ -227,6 +236,8 @@ def _attempt(
         raise KeyboardInterrupt
     for i, (variant, row) in enumerate(zip(variants, run.metrics.to_pylist(), strict=True)):
         variant.metrics = {name: value for name, value in row.items() if value is not None}
+        if states is not None:
+            variant.kept, variant.gone_on = states.kept[i], states.used[i]
         if archive is not None:
             variant.archive = (archive.name, variant.row["variant"])
         elif variant.recorded:

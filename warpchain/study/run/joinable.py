@@ -15,7 +15,7 @@ from warpchain.study.spec.parts import Design
 
 BEGINNINGS: Mapping[str, Any] = {"phase": 0.0}
 """Keys of `run` that say how a drive begins, and what stands for none; they become hidden factors."""
-FREE = ("shard", "device")
+FREE = ("shard", "device", "keep_states")
 """Run settings that may differ."""
 WANTED = ("objectives", "bounds", "optimize")
 """Fields of a study that no run depends on."""

@@ -21,9 +21,10 @@ from warpchain.results.judgement import common_reasons
 from warpchain.results.replicates import COPY, summary
 from warpchain.study.columns import ARCHIVED, OUTCOME
 from warpchain.study.results import STATUSES, read_results
-from warpchain.study.run.folder import Folder, open_folder
+from warpchain.study.run.folder import REPLICATES, Folder, open_folder
 from warpchain.study.run.recordings import with_recorded_objectives
 from warpchain.study.run.shards import run_worst
+from warpchain.study.run.stood import went_on
 from warpchain.study.spec import Study
 from warpchain.study.store import read_table
 
@@ -34,8 +35,6 @@ LATEST = 20
 """Shards that the rate of a study is taken from."""
 PARTIAL = "partial.parquet"
 """The table of an unfinished study, as far as it is."""
-REPLICATES = "replicates.parquet"
-"""The table of all runs, of a study that runs rows several times."""
 REASONS = 3
 """Most reasons that an outcome tells."""
 
@@ -52,6 +51,8 @@ class Outcome:
         left: number of variants of the shards that are not done.
         rate: variants a second, as the latest shards came in; None where too few are there to tell.
         table: the whole table's file, once there is one.
+        went_on: of a study with another duration or window than before, (runs that went on from where the ones before
+            stood, runs that began anew); None of others.
     """
 
     folder: Path
@@ -61,6 +62,7 @@ class Outcome:
     left: int
     rate: float | None
     table: Path | None
+    went_on: tuple[int, int] | None = None
 
 
 def study_status(out: str | os.PathLike[str]) -> Outcome:
@@ -81,7 +83,8 @@ def study_status(out: str | os.PathLike[str]) -> Outcome:
     table = folder.results if folder.results.exists() else None
     often = tuple((reason, number) for _, reason, number in common_reasons(ended)[:REASONS])
     left = folder.runs - sum(folder.size(shard) for shard in done)
-    return Outcome(folder.path, counts, often, (len(done), len(folder.shards)), left, _rate(folder, done), table)
+    shards = len(done), len(folder.shards)
+    return Outcome(folder.path, counts, often, shards, left, _rate(folder, done), table, went_on(folder))
 
 
 def _rate(folder: Folder, done: Sequence[int]) -> float | None:

@@ -20,6 +20,7 @@ from warpchain.results.replicates import COPY
 from warpchain.study.columns import ADJUSTED, ARCHIVED, OUTCOME, RUN_COLUMNS
 from warpchain.study.run.batch import Report, Variant, simulate_variants
 from warpchain.study.run.folder import Folder, open_folder
+from warpchain.study.run.stood import begin_with, write_states
 from warpchain.study.run.tasks import Numbers
 from warpchain.study.spec import Study
 
@@ -88,10 +89,14 @@ def _write(
     options = {**options, "archive_options": ArchiveOptions(attachments=folder.mark(shard))}
     found = enumerate(rows.to_pylist())
     variants = [Variant(row, reason=row["reason"], recorded=i in recorded, copy=row.pop(COPY, 0)) for i, row in found]
+    if isinstance(shard, int):
+        begin_with(folder, variants)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands of offset links need no line each
         simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
     table = results_table(study, rows, variants)
+    if isinstance(shard, int) and (study.run.keep_states or any(variant.gone_on for variant in variants)):
+        write_states(folder, shard, variants)
     folder.write(folder.table_path(shard), table, shard if isinstance(shard, int) else None)
 
 
