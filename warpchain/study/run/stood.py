@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from warpchain.engine.states import Kept
 from warpchain.errors import StudyError
 from warpchain.study.run.batch import Variant
 from warpchain.study.run.folder import Folder
 from warpchain.study.store import read_table
+
+if TYPE_CHECKING:
+    from warpchain.engine.states import Kept
 
 ROW, COPY, STATE, GONE_ON = "variant", "replicate", "state", "gone_on"
 """Columns of a shard's table of states."""
@@ -62,6 +64,8 @@ def begin_with(folder: Folder, variants: Sequence[Variant]) -> None:
 
 
 def _read(data: bytes) -> Kept | None:
+    from warpchain.engine.states import Kept
+
     try:
         return Kept.from_bytes(data)
     except ValueError:
