@@ -16,6 +16,7 @@ from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic, quickened
+from warpchain.engine.states import GROUPS, Keeper, States
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_observe import collect
@@ -437,3 +438,67 @@ def test_block_kernel_settles_an_arm(fibers):
     assert abs(int(ours["steps"][0]) - int(theirs["steps"][0])) <= 0.2 * theirs["steps"][0]
     # within what the tolerance leaves: micrometers
     np.testing.assert_allclose(state.bodies.numpy()["angle"], serial.bodies()["angle"], atol=1e-4)
+
+
+class Blocks:
+    """Blocks of fibers as an engine whose states can be kept (`engine.states`)."""
+
+    def __init__(self, packed, shape):
+        self.packed, self.shape = packed, shape
+        self.ensemble, self.state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, 2))
+        self.sums, self.tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+
+    def single_engines(self):
+        return [(self, 0)]
+
+    def held(self):
+        return {"state": self.state, "sums": self.sums, "tallies": self.tallies}
+
+    def fetch(self, array):
+        return array.numpy().copy()
+
+    def put(self, array, values):
+        array.numpy()[...] = values
+
+    def advance(self, steps):
+        kernel = block_kernel(kind_of(self.packed, self.shape), 4, self.packed.frame)
+        none = wp.empty(1, dtype=self.packed.real, device="cpu")
+        order = wp.array([0, 1], dtype=wp.int32, device="cpu")
+        inputs = [self.ensemble, self.state, self.sums, self.tallies, none, order, steps, 0]
+        wp.launch(kernel, dim=2 * self.shape.threads, inputs=inputs, block_dim=self.shape.threads, device="cpu")
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("drives", [marine, bending_rk4, arms])
+def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, precision):
+    """A window of 320 steps from step 33 that becomes 640: kept at step 352, and so on from there."""
+    variants = drives()
+    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), False)
+    short, long = (
+        [Schedule(drive.run.step, 33 + steps, 33, 33 + steps, 0) for drive in variants] for steps in (320, 640)
+    )
+
+    def engine(schedules):
+        return Blocks(pack(variants, schedules).at_precision(precision), shape)
+
+    def kept(of, schedules, states, upto):
+        keeper = Keeper(states, variants, schedules, precision)
+        settled, left = np.zeros(2, dtype=Settling.numpy_dtype()), np.zeros(2)
+        keeper.prepare(of.packed, settled, left)
+        keeper.restore(of)
+        of.advance(upto)
+        keeper.take(of, of.state.progress.numpy())
+        return states
+
+    first = kept(engine(short), short, States(), 352)
+    whole, on = engine(long), engine(long)
+    at_once = kept(whole, long, States(), 672)
+    gone_on = kept(on, long, States(begin=first.kept), 320)
+    assert gone_on.used == [True, True]
+    assert [one.data for one in gone_on.kept] == [one.data for one in at_once.kept]
+    for each in (whole, on):
+        each.advance(2)
+    for group in whole.held():
+        for name in GROUPS[group]:
+            mine, theirs = (getattr(of.held()[group], name).numpy().tobytes() for of in (on, whole))
+            assert mine == theirs, f"{group}.{name}"

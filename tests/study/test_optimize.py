@@ -301,8 +301,11 @@ def test_found_designs_can_be_played_and_are_drives(whole):
         row = found.results.table.slice(one.row, 1).to_pylist()[0]
         assert drive.get_value("sprockets.s1.load.torque") == row["torque"]
         archive, number = place
+        assert number == one.variant
         run = warpchain.read_archive(archive)
-        assert run.metrics["tension_max"][number].as_py() == row["tension_max"]  # the same drive, the same run
+        assert (
+            run.metrics["tension_max"][run.row_of(number)].as_py() == row["tension_max"]
+        )  # the same drive, the same run
         assert one.measured["tension_max"] == row["tension_max"]
         mean, deviation = one.believed["tension_max"]
         assert np.isfinite(mean) and deviation >= 0.0

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pypdfium2 as pdfium
 import pytest
 from PIL import Image
 
@@ -201,12 +202,50 @@ def test_the_front_is_that_of_the_variants_that_are_kept(page):
     assert abs(page.value("warpchain.front()") - len(front)) <= 2
 
 
-def test_it_is_drawn_and_can_be_printed(page):
+def test_it_is_drawn(page):
     page.box("#parallel")
     page.settled()
     pixels = page.picture()
     colored = (np.ptp(pixels, axis=2) > 40).sum()
     assert colored > 5000  # lines of 400 variants; a page without them has some hundred pixels of links
-    data = page.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)["data"]
-    assert base64.b64decode(data).startswith(b"%PDF") and len(data) > 50_000
+
+
+def test_in_print_it_is_a_report_to_hand_on(page):
+    """A4 landscape; tables whole and with their heads on every page, charts with their headings, no controls."""
+    page.value("document.querySelector('#clear').click()")
+    page.settled()
+    typed = 'document.querySelector(\'input[data-column="tension_max"][data-end="at most"]\')'
+    page.value(f"(() => {{ const i = {typed}; i.value = '30'; i.onchange(); }})()")
+    page.settled()
+    data = base64.b64decode(page.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)["data"])
+    document = pdfium.PdfDocument(data)
+    assert all(sheet.get_size() == pytest.approx((841.9, 595.3), abs=1.0) for sheet in document)
+    texts = [sheet.get_textpage().get_text_range().split("\r\n") for sheet in document]
+    assert 8 <= len(texts) <= 20
+    lines = [line.strip() for text in texts for line in text]
+    for heading in (
+        "Recommended designs",
+        "Pareto front",
+        "Explore the variants",
+        "The chosen variants",
+        "Correlation",
+    ):
+        assert heading in lines
+    for control in ("clear all", "copy", "axes and limits", "save the chosen as CSV", "color by", "across", "up"):
+        assert not any(line == control or line.startswith(f"{control} ") for line in lines)
+    assert not any("Draw along an axis" in line for line in lines)
+    assert "Kept: tension_max at most 30 kN. Red dots are on their Pareto front." in lines
+    assert "Play one: warpchain study play out/study VARIANT" in lines
+    for text in texts:  # no text squeezed letter under letter, and no heading left alone at a page's end
+        assert sum(len(line.strip()) == 1 and line.strip().isalpha() for line in text) < 20
+        assert text[-1].strip() not in (
+            "Recommended designs",
+            "Pareto front",
+            "Effects and interactions",
+            "tension_max",
+        )
+    for sheet in document:  # no sheet without ink
+        assert (np.asarray(sheet.render(scale=0.5).to_pil().convert("L")) < 200).mean() > 0.002
+    page.value("document.querySelector('#clear').click()")
+    page.settled()
     assert page.value("getComputedStyle(document.querySelector('#tip')).display") == "none"

@@ -33,6 +33,10 @@ def without_archives(rows):
     return [{name: value for name, value in row.items() if not name.startswith("archive")} for row in rows]
 
 
+def rows_of(folder):
+    return without_archives(table_of(folder))
+
+
 def edit(source, *changes):
     text = source.read_text()
     for old, new in changes:
@@ -74,6 +78,58 @@ def test_another_window_runs_all_again_and_the_old_table_stays_until_then(tmp_pa
     run_study(source, out)
     run_study(source, tmp_path / "new")
     assert table_of(out) == table_of(tmp_path / "new") != old
+    assert parquet.read_table(out / "results.before-1.parquet").to_pylist() == old
+    assert study_status(out).went_on == (0, 4) and study_status(tmp_path / "new").went_on is None
+
+
+STEADY = ("step = 1e-5", "step = 1e-5\nwindow = [0.0, 0.0032]\nkeep_states = true")
+LONGER = ("window = [0.0, 0.0032]", "window = [0.0, 0.0064]"), ("duration = 0.0032", "duration = 0.0064")
+
+
+def test_a_longer_window_goes_on_from_where_runs_stood(tmp_path, capsys):
+    """320 steps become 640: what is not recorded goes on, to the very table that a new study has; and once more."""
+    record = "[record]\nevery = 5\n"
+    text = SAMPLED.replace("KIND", "sobol").replace("replicates = 1", "replicates = 2")
+    source = write_study(tmp_path, record, shard=3, text=text.replace("duration = 0.0005", "duration = 0.0032"))
+    out = tmp_path / "out"
+    edit(source, STEADY)
+    run_study(source, out)
+    first = table_of(out)
+    states = sorted((out / "shards").glob("*.states.parquet"))
+    assert len(states) == 3
+    edit(source, *LONGER)
+    status, told, _ = run(capsys, "study", "run", source, "-o", out, "--grow", "--quiet")
+    assert status == 0 and "of longer runs, 7 went on from where the ones before stood, 1 began anew" in told
+    run_study(source, tmp_path / "new")
+    assert rows_of(out) == rows_of(tmp_path / "new")
+    copies = [parquet.read_table(folder / "replicates.parquet").to_pylist() for folder in (out, tmp_path / "new")]
+    same = [without_archives(rows) for rows in copies]
+    assert same[0] == same[1]
+    assert parquet.read_table(out / "results.before-1.parquet").to_pylist() == first
+    edit(source, ("window = [0.0, 0.0064]", "window = [0.0064, 0.0096]"), ("duration = 0.0064", "duration = 0.0096"))
+    edit(source, ("keep_states = true", "keep_states = false"))
+    run_study(source, out, grow=True)  # a later window takes the states without their sums
+    assert study_status(out).went_on == (7, 1)
+    run_study(source, tmp_path / "newest")
+    assert rows_of(out) == rows_of(tmp_path / "newest")
+    assert len(list((out / "shards").glob("*.states.parquet"))) == 9
+
+
+def test_states_that_are_damaged_or_of_other_notes_are_no_help(tmp_path):
+    text = SAMPLED.replace("KIND", "sobol").replace("duration = 0.0005", "duration = 0.0032")
+    source = write_study(tmp_path, shard=2, text=text)
+    out = tmp_path / "out"
+    edit(source, STEADY)
+    run_study(source, out)
+    (out / "shards" / "00001.states.parquet").write_bytes(b"no table")
+    edit(source, *LONGER)
+    run_study(source, out, grow=True)
+    assert study_status(out).went_on == (2, 2)
+    edit(source, ("window = [0.0, 0.0064]", "window = [0.0, 0.0096]"), ("duration = 0.0064", "duration = 0.0096"))
+    run_study(source, out, grow=True)  # one and a half times as long: its batches end elsewhere
+    assert study_status(out).went_on == (0, 4)
+    run_study(source, tmp_path / "new")
+    assert table_of(out) == table_of(tmp_path / "new")
 
 
 def test_killed_at_any_file_operation_it_grows_on_to_the_same_table(tmp_path, monkeypatch):

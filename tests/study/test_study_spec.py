@@ -177,7 +177,7 @@ EXPECTED = [
     (kind('kind = "factorial"\ncount = 4'), 'design.count = 4: not with kind "factorial"'),
     (kind('kind = "factorial"'), "factors.torque.points: missing; must be an integer of at least 2; needed in a"),
     (kind('kind = "table"'), "design.file: missing; must be a text that is not empty; needed with kind"),
-    (kind('kind = "table"\nfile = "a.csv"'), 'factors.torque.range = [1.0, 2.0]: not with a table, which'),
+    (kind('kind = "table"\nfile = "a.csv"', FACTOR + "range = [1, 2]\npoints = 3"), "factors.torque.points = 3: only"),
     (kind('kind = "central-composite"\naxial = "star"'), 'design.axial = "star": must be "face", '),
     (kind('kind = "central-composite"', FACTOR + "levels = [1, 2]"), "factors.torque.levels = [1, 2]: a central"),
     (kind('kind = "plackett-burman"', FACTOR + "levels = [1, 2, 3]"), "factors.torque.levels = [1, 2, 3]: a Plackett"),

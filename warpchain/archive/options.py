@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from warpchain.errors import ArchiveError
@@ -22,6 +22,7 @@ class ArchiveOptions:
         split_size: begin another file when one has reached this size [bytes]; None does not.
         split_variants: recorded variants in one file; None puts all into one. Not together with `split_size`.
         encoders: threads that lay out and compress chunks; None takes one a core, four at most.
+        numbers: what the archive calls the run's variants, one each; None calls them 0, 1, 2, ...
         seed: of the design whose variants these are; goes into the metadata.
         attachments: further files to put into the archive, by name, such as {"study.toml": b"..."}.
 
@@ -35,6 +36,7 @@ class ArchiveOptions:
     split_size: int | None = None
     split_variants: int | None = None
     encoders: int | None = None
+    numbers: Sequence[int] | None = None
     seed: int | None = None
     attachments: Mapping[str, bytes] = field(default_factory=dict)
 
@@ -52,6 +54,9 @@ class ArchiveOptions:
             raise ArchiveError("split_size and split_variants: give one of them")
         if self.exact_positions and self.values != "float32":
             raise ArchiveError('exact_positions: goes with values = "float32"; else positions are exact already')
+        numbers = self.numbers or ()
+        if len(set(numbers)) < len(numbers) or min(numbers, default=0) < 0:
+            raise ArchiveError("numbers: allowed are different whole numbers of at least 0")
         for name, data in self.attachments.items():
             if not isinstance(data, bytes):
                 raise ArchiveError(f"attachments: {name!r} is {type(data).__name__}; allowed are bytes")

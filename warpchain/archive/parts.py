@@ -89,7 +89,7 @@ class Parts:
         overwrite: bool,
         salvage: bool,
     ) -> None:
-        self._salvage = salvage
+        self._salvage, self._numbers = salvage, numbers_of(options, drives)
         self._options, self._info = options, replace(info, seed=info.seed if options.seed is None else options.seed)
         self._per_part = options.split_variants or schema.MOST_VARIANTS
         split = options.split_size is not None or options.split_variants is not None
@@ -103,7 +103,8 @@ class Parts:
         self._head = {
             "format_version": schema.FORMAT_VERSION,
             "variants": str(len(drives)),
-            "recorded": " ".join(map(str, recorded)),
+            "recorded": " ".join(str(self._numbers[variant]) for variant in recorded),
+            **({} if options.numbers is None else {"numbers": " ".join(map(str, self._numbers))}),
             "set": uuid.uuid4().hex,
         }
         self._parts: list[Part] = []
@@ -111,7 +112,7 @@ class Parts:
         self._target = Target(path, overwrite, split)
         try:
             first = self._open()
-            for variant, drive in enumerate(drives):
+            for variant, drive in zip(self._numbers, drives, strict=True):
                 attach_drive(first.file, variant, drive)
             for name, data in options.attachments.items():
                 first.file.attachment(name, media_type(name), data)
@@ -157,6 +158,8 @@ class Parts:
         for part in self._parts[:-1]:
             if not part.file.finished:
                 self._finish_part(part, {"ended": "continued"})
+        if self._options.numbers is not None:
+            metrics = _numbered(metrics, self._numbers)
         last.file.attachment(schema.METRICS_ATTACHMENT, media_type(schema.METRICS_ATTACHMENT), _arrow_bytes(metrics))
         end = {"ended": info.ended, "wall_time": repr(float(info.wall_time)), "parts": str(len(self._parts))}
         self._finish_part(last, end)
@@ -213,6 +216,27 @@ def _made(info: RunInfo) -> dict[str, str]:
     texts = {name: repr(value) if isinstance(value, float) else str(value) for name, value in made.items()}
     versions = [f"{name} {version(name)}" for name in ("warp-lang", "numpy", "mcap", "protobuf")]
     return texts | {"versions": ", ".join([f"python {platform.python_version()}", *versions])}
+
+
+def numbers_of(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequence[int]:
+    """What an archive calls each variant.
+
+    Raises:
+        ArchiveError: not one number a variant.
+    """
+    if options.numbers is None:
+        return range(len(drives))
+    if len(options.numbers) != len(drives):
+        raise ArchiveError(f"numbers: there are {len(options.numbers)} for {len(drives)} variants; give one each")
+    return options.numbers
+
+
+def _numbered(metrics: pa.Table, numbers: Sequence[int]) -> pa.Table:
+    """Metrics whose column `variant` has these numbers."""
+    import pyarrow as pa
+
+    at = metrics.column_names.index("variant")
+    return metrics.set_column(at, metrics.schema.field(at), pa.array(numbers, pa.int64()))
 
 
 def _arrow_bytes(table: pa.Table) -> bytes:

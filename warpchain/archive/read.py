@@ -29,7 +29,7 @@ RECOVERED = "recovered"
 class Archive(Run):
     """A run that lies in an archive: drives and trajectories are read when they are asked for.
 
-    `archive[i]` is variant i's whole trajectory; `read` and `blocks` give parts of it.
+    `archive[i]` is the whole trajectory of the variant that it calls i; `read` and `blocks` give parts of it.
     """
 
     trajectories: Tracks = field(repr=False)
@@ -130,10 +130,13 @@ def read_archive(path: str | Path) -> Archive:
         info, variants = _info(head, end), int(head["variants"])
         if variants < 1:
             raise ValueError(f"variants = {variants}")
+        numbers = [int(word) for word in head["numbers"].split()] if "numbers" in head else range(variants)
+        if len(numbers) != variants or len(set(numbers)) < variants or min(numbers) < 0:
+            raise ValueError(f"numbers = {head['numbers'][:40]} for {variants} variants")
     except (KeyError, ValueError) as error:
         raise ArchiveError(f"{files[0].path}: is damaged (metadata: {error}); see warpchain recover") from None
-    drives = LazyDrives(files, variants, gaps=info.ended == RECOVERED)
-    metrics = _metrics(last, variants, info.ended)
+    drives = LazyDrives(files, numbers, gaps=info.ended == RECOVERED)
+    metrics = _metrics(last, numbers, info.ended)
     return Archive(drives, metrics, Tracks(files, drives, gaps=info.ended == RECOVERED), info)
 
 
@@ -190,17 +193,17 @@ def _check_set(
         raise ArchiveError(f"{path}: {len(files)} of its {end['parts']} files are there")
 
 
-def _metrics(file: McapIndex, variants: int, ended: str) -> pa.Table:
+def _metrics(file: McapIndex, numbers: Sequence[int], ended: str) -> pa.Table:
     """The metrics table; a recovered archive has lost it and has only the column `variant`."""
     import pyarrow as pa
 
     if ended == RECOVERED and schema.METRICS_ATTACHMENT not in file.attachments:
-        return pa.table({"variant": pa.array(range(variants), pa.int64())})
+        return pa.table({"variant": pa.array(numbers, pa.int64())})
     data = file.attachment(schema.METRICS_ATTACHMENT)
     try:
         table = plain_table(data)
-        if table.num_rows != variants or "variant" not in table.column_names:
-            raise ValueError(f"{table.num_rows} rows for {variants} variants")
+        if table.num_rows != len(numbers) or "variant" not in table.column_names:
+            raise ValueError(f"{table.num_rows} rows for {len(numbers)} variants")
         table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError, TypeError, MemoryError, StopIteration, struct.error) as error:
         line = (str(error).splitlines() or [type(error).__name__])[0]

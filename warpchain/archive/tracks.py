@@ -29,13 +29,14 @@ PRECISIONS = ("float64", "float32")
 class LazyDrives(Sequence[Drive]):
     """All drives of a run, each read from its attachment when it is asked for.
 
-    A later file of a set holds its own variants' again. With `gaps` a drive may be missing, until it is asked for.
+    `numbers` are what the archive calls the variants, in order. A later file of a set holds its own variants' again.
+    With `gaps` a drive may be missing, until it is asked for.
     """
 
-    def __init__(self, files: Sequence[McapIndex], count: int, gaps: bool = False) -> None:
-        self._files, self._count = files, count
+    def __init__(self, files: Sequence[McapIndex], numbers: Sequence[int], gaps: bool = False) -> None:
+        self._files, self.numbers, self._count = files, numbers, len(numbers)
         self._held: dict[int, Drive] = {}
-        for variant in range(0 if gaps else count):
+        for variant in () if gaps else numbers:
             if schema.drive_attachment(variant) not in files[0].attachments:
                 raise ArchiveError(f"{files[0].path}: lacks its attachment {schema.drive_attachment(variant)}")
 
@@ -49,9 +50,13 @@ class LazyDrives(Sequence[Drive]):
     def __getitem__(self, index: int | slice) -> Drive | tuple[Drive, ...]:
         if isinstance(index, slice):
             return tuple(self[k] for k in range(*index.indices(self._count)))
-        variant = index + self._count if index < 0 else index
-        if not 0 <= variant < self._count:
+        place = index + self._count if index < 0 else index
+        if not 0 <= place < self._count:
             raise IndexError(f"drive {index} of {self._count}")
+        return self.of(self.numbers[place])
+
+    def of(self, variant: int) -> Drive:
+        """The drive of the variant of a number."""
         if variant not in self._held:
             name = schema.drive_attachment(variant)
             file = next((file for file in self._files if name in file.attachments), self._files[0])
@@ -87,7 +92,7 @@ class Tracks(Mapping[int, Trajectory]):
         gaps: whether frames may be missing, as in a recovered archive.
     """
 
-    def __init__(self, files: tuple[McapIndex, ...], drives: Sequence[Drive], gaps: bool) -> None:
+    def __init__(self, files: tuple[McapIndex, ...], drives: LazyDrives, gaps: bool) -> None:
         self.files, self._drives, self._gaps = files, drives, gaps
         self._held: weakref.WeakValueDictionary[int, Trajectory] = weakref.WeakValueDictionary()
         self._last: Trajectory | None = None
@@ -107,9 +112,9 @@ class Tracks(Mapping[int, Trajectory]):
                     topics = numbers.setdefault(named[0], {})
                     if topics.setdefault(named[1], channel.id) != channel.id:
                         raise ArchiveError(f"{file.path}: has two channels {channel.topic}; {SEE}")
-            here = {}
+            here, known = {}, set(self._drives.numbers)
             for variant, topics in numbers.items():
-                if variant >= len(self._drives):
+                if variant not in known:
                     raise ArchiveError(f"{file.path}: has frames of variant {variant} of {len(self._drives)}")
                 if "rollers" in topics and "state" in topics:
                     place = Place(file, file.channels[topics["rollers"]], topics)
@@ -120,6 +125,11 @@ class Tracks(Mapping[int, Trajectory]):
                     place.chunks.append(chunk)
         held = {variant: [place for place in places if place.chunks] for variant, places in found.items()}
         return {variant: held[variant] for variant in sorted(held) if held[variant]}
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """What the archive calls the run's variants, recorded or not."""
+        return self._drives.numbers
 
     def __contains__(self, variant: object) -> bool:
         return variant in self._places
@@ -140,7 +150,7 @@ class Tracks(Mapping[int, Trajectory]):
     def layout(self, variant: int) -> FrameLayout:
         """How a variant's frames lie in its chunks."""
         place = self._places[variant][0]
-        facts, drive = place.rollers.metadata, self._drives[variant]
+        facts, drive = place.rollers.metadata, self._drives.of(variant)
         try:
             channels, precision, values = facts["channels"].split(), facts["precision"], facts["values"]
         except KeyError as missing:
@@ -168,7 +178,7 @@ class Tracks(Mapping[int, Trajectory]):
         for name in form.channels:
             if name in channels:
                 joined[name] = _joined(held.get(name, []), form.kind(name), form.shape(name))
-        return Trajectory(self._drives[variant], **joined)
+        return Trajectory(self._drives.of(variant), **joined)
 
     def blocks(
         self,
@@ -178,7 +188,7 @@ class Tracks(Mapping[int, Trajectory]):
         channels: Sequence[str] = NAMES,
     ) -> Iterator[Trajectory]:
         """Part of a trajectory chunk by chunk, as views."""
-        layout, drive = self.layout(variant), self._drives[variant]
+        layout, drive = self.layout(variant), self._drives.of(variant)
         low = 0 if start is None else max(0, int(start * 1e9) - 1)
         high = 2**63 if end is None else max(0, int(end * 1e9) + 2)
         following = 0 if start is None else None

@@ -18,7 +18,7 @@ from warpchain.archive import schema
 from warpchain.archive.layout import Form, FrameLayout, frame_layout, message_record
 from warpchain.archive.mcap_write import Chunk, make_chunk
 from warpchain.archive.options import ArchiveOptions
-from warpchain.archive.parts import Parts
+from warpchain.archive.parts import Parts, numbers_of
 from warpchain.archive.pipeline import Pipeline
 from warpchain.archive.read import read_archive
 from warpchain.archive.scene import scene_update
@@ -44,7 +44,7 @@ COLOR_SAMPLES = 4096
 
 @dataclass
 class _Track:
-    """A variant being written: its frames' layout, and those that wait for their chunk to fill."""
+    """A variant being written, by its number: its frames' layout, and those that wait for their chunk to fill."""
 
     variant: int
     layout: FrameLayout
@@ -91,7 +91,8 @@ class ArchiveWriter:
         salvage: bool = False,
     ) -> None:
         self.options = options or ArchiveOptions()
-        self._position = {variant: k for k, variant in enumerate(recorded)}
+        self._numbers = numbers_of(self.options, drives)
+        self._position = {self._numbers[variant]: k for k, variant in enumerate(recorded)}
         self._tracks: dict[int, _Track] = {}
         self._waiting = 0
         self._ended = self._told = False
@@ -116,7 +117,8 @@ class ArchiveWriter:
             raise self._parts.refusal(error) from None
 
     def _append(self, variant: int, chunk: Trajectory) -> None:
-        track = self._tracks.get(variant) or self._begin(variant, chunk)
+        number = self._numbers[variant]
+        track = self._tracks.get(number) or self._begin(number, chunk)
         size = track.layout.size
         per_chunk = max(1, CHUNK // size)
         start, total = 0, len(chunk.time)
@@ -252,8 +254,12 @@ def write_archive(run: Run, path: str | Path, overwrite: bool = False, options: 
     Raises:
         ArchiveError: an existing file, a folder or disk that refuses.
     """
-    with ArchiveWriter(path, run.drives, list(run), run.info, options, overwrite) as writer:
-        for variant in run:
-            writer.append(variant, run[variant])
+    options = options or ArchiveOptions()
+    if options.numbers is None and list(run.numbers) != list(range(len(run.drives))):
+        options = replace(options, numbers=run.numbers)
+    rows = {variant: run.row_of(variant) for variant in run}
+    with ArchiveWriter(path, run.drives, list(rows.values()), run.info, options, overwrite) as writer:
+        for variant, row in rows.items():
+            writer.append(row, run[variant])
         writer.finish(run.metrics, run.info)
     return Path(path)

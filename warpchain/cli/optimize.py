@@ -17,6 +17,14 @@ def add_optimize(commands: Any) -> None:
     parser = add_command(commands, "optimize", text, "warpchain optimize STUDY.toml -o DIR")
     parser.add_argument("study", metavar="STUDY.toml", type=Path, help="study file with [[objectives]]")
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder of its rounds")
+    parser.add_argument(
+        "--known",
+        metavar="DIR",
+        type=Path,
+        action="append",
+        default=[],
+        help="a study's folder whose rows are not run again where they are asked for (repeatable)",
+    )
     parser.add_argument("--workers", metavar="N", type=whole_number, help="CPU threads; default all cores")
     parser.add_argument("--memory", metavar="GIB", type=gibibytes, default="2", help="memory of a shard (default 2)")
     parser.add_argument("--quiet", action="store_true", help="no progress")
@@ -35,6 +43,7 @@ def _optimize(arguments: argparse.Namespace) -> int:
             arguments.output,
             workers=arguments.workers,
             memory=arguments.memory,
+            known=arguments.known,
             progress=not quiet and sys.stderr.isatty(),
             tell=None if quiet else lambda line: print(f"warpchain: {line}", file=sys.stderr),
         )

@@ -62,9 +62,10 @@ def add_commands(commands: Any) -> None:
     status.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
     status.set_defaults(study_run=_status)
 
-    text = "make the whole table of a study whose shards are done"
+    text = "make the whole table of a study whose shards are done, or one study of several"
     merge = commands.add_parser("merge", help=text, description=text[0].upper() + text[1:] + ".")
-    merge.add_argument("folder", metavar="DIR", type=Path, help="the study's folder")
+    merge.add_argument("folder", metavar="DIR", type=Path, nargs="+", help="the study's folder, or several")
+    merge.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder to make of several, which stay")
     merge.set_defaults(study_run=_merge)
 
     for parser in (run, plan, merge):
@@ -143,10 +144,22 @@ def _status(arguments: argparse.Namespace) -> int:
 
 def _merge(arguments: argparse.Namespace) -> int:
     from warpchain.engine.start import start_warp
-    from warpchain.study.run import merge_study
+    from warpchain.study.run import join_studies, merge_study
 
+    folders, output = arguments.folder, arguments.output
+    options = {"workers": arguments.workers, "memory": arguments.memory}
+    if (len(folders) > 1) != (output is not None):
+        raise StudyError("merge: give one folder, or several and -o, the folder to make of them")
     start_warp(precompiled=False)
-    return _tell(merge_study(arguments.folder, workers=arguments.workers, memory=arguments.memory))
+    if output is None:
+        return _tell(merge_study(folders[0], **options))
+    joined = join_studies(folders, output, **options)
+    rows = " + ".join(map(str, joined.rows))
+    print(f"{rows} rows, {joined.together} of them different; which became which: {joined.mapping}")
+    told = _tell(joined.outcome)
+    if joined.outcome.left:
+        print(f"run what none of them had: warpchain study run {output}/study.toml -o {output}")
+    return told
 
 
 def _tell(outcome: Any) -> int:
@@ -156,6 +169,9 @@ def _tell(outcome: Any) -> int:
     print(f"{done} of {count} shards are done; variants: {counts}")
     for reason, number in outcome.reasons:
         print(f"  {number} like this: {reason}")
+    if outcome.went_on is not None:
+        on, anew = outcome.went_on
+        print(f"of longer runs, {on} went on from where the ones before stood, {anew} began anew")
     if outcome.left and outcome.rate is not None:
         seconds = round(outcome.left / outcome.rate)
         left = f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"

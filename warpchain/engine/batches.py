@@ -14,6 +14,14 @@ from warpchain.kernels.sums import STRAND_EVERY
 Rows = Mapping[str, NDArray[Any]]
 
 
+def note_steps(start: NDArray[Any] | int, end: NDArray[Any] | int) -> NDArray[np.int64]:
+    """(..., notes) steps at which a window's notes are taken, if it is long enough for batches (`kernels.batches`)."""
+    first, last = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end))
+    batches, every = int(BATCHES), int(STRAND_EVERY)
+    reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
+    return np.asarray(-(-reached // every) * every)
+
+
 def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
     """(V, batches) time that each batch stands for [s], nan where the window is too short for batches.
 
@@ -22,8 +30,7 @@ def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
     """
     batches, every = int(BATCHES), int(STRAND_EVERY)
     start, end = drives["window_start"].astype(np.int64)[:, None], drives["window_end"].astype(np.int64)[:, None]
-    reached = start - (start - end) * np.arange(1, batches) // batches  # rounded up
-    noted = -(-reached // every) * every
+    noted = note_steps(drives["window_start"], drives["window_end"])
     half = 0.5  # the first and the last step of a window stand for half a step
     edges = np.concatenate([start + half, noted, end + half], axis=1)
     steps = np.diff(edges, axis=1)

@@ -102,6 +102,22 @@ class CpuEngine:
         """The window's sums, by name as in `kernels.sum_structs.Sums`."""
         return {name: np.array(getattr(self.cpu_sums, name).numpy(), copy=True) for name in SUMS}
 
+    def single_engines(self) -> list[tuple[CpuEngine, int]]:
+        """The engines that this one is made of, with the number of each one's first variant."""
+        return [(self, 0)]
+
+    def held(self) -> dict[str, Any]:
+        """What variants change, by the groups of `engine.states`."""
+        return {"state": self.state, "sums": self.cpu_sums}
+
+    def fetch(self, array: wp.array) -> NDArray[Any]:
+        """A copy of one of these arrays."""
+        return np.array(array.numpy(), copy=True)
+
+    def put(self, array: wp.array, values: NDArray[Any]) -> None:
+        """Sets one of these arrays."""
+        array.numpy()[...] = values
+
     def frame_buffer(self, values: int) -> wp.array:
         """A buffer for a launch's frames."""
         return wp.empty(max(values, 1), dtype=self.packed.real, device="cpu")

@@ -348,6 +348,25 @@ class GpuEngine:
             )
             return {name: np.array(getattr(sums, name).numpy(), copy=True) for name in SUMS}
 
+    def single_engines(self) -> list[tuple[GpuEngine, int]]:
+        """The engines that this one is made of, with the number of each one's first variant."""
+        return [(self, 0)]
+
+    def held(self) -> dict[str, Any]:
+        """What variants change, by the groups of `engine.states`."""
+        return {"state": self.state, "sums": self.gpu_sums, "tallies": self.tallies}
+
+    def fetch(self, array: wp.array) -> NDArray[Any]:
+        """A copy of one of these arrays."""
+        return self._read(array)
+
+    def put(self, array: wp.array, values: NDArray[Any]) -> None:
+        """Sets one of these arrays."""
+        with wp.ScopedStream(self.stream):
+            array.assign(values)
+        wp.synchronize_stream(self.stream)
+        self._progress = self._read(self.state.progress)
+
     def frame_buffer(self, values: int) -> FrameBuffer:
         """A buffer for a launch's frames."""
         with _memory_named(self.device, self.packed):

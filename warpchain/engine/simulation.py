@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.devices import Engine
     from warpchain.engine.packed import Packed
+    from warpchain.engine.states import Keeper, States
     from warpchain.results.schedule import Schedule
 
 MEMORY = 2 * 2**30
@@ -60,6 +61,7 @@ def simulate(
     limits: Limits | None = None,
     replicates: int = 1,
     replicate_by: str = "phase",
+    states: States | None = None,
 ) -> Run:
     """Simulates drives, all at once, and returns their metrics and the recorded trajectories.
 
@@ -86,6 +88,7 @@ def simulate(
             k of drive d is variant d * replicates + k, and `run.summary` has mean, standard error and n of each drive.
         replicate_by: "phase", copies begin at other phases within a tooth of the driver; "nudge", with every roller
             displaced by some 1e-9 pitches.
+        states: keeps where variants stand, so that longer runs go on from there (`warpchain.engine.states`).
 
     Returns:
         The run. If the user interrupts (Ctrl-C), what was computed until then, with `run.info.ended` "interrupted".
@@ -104,6 +107,7 @@ def simulate(
     from warpchain.engine.pack import pack
     from warpchain.engine.packed import real_of
     from warpchain.engine.start import start_warp
+    from warpchain.engine.states import Keeper
     from warpchain.results.channels import frame_of
 
     start_warp()
@@ -121,19 +125,26 @@ def simulate(
     _warn(LayoutWarning, layout_line(layouts))
     devices = chosen_devices(device, packed)[: len(chosen)]
     info = _run_info(devices, precision, schedules)
+    kind = f"{precision} {devices[0].partition(':')[0]}"
+    keeper = None if states is None else Keeper(states, chosen, schedules, kind)
     begun = time.monotonic()
     steps = launch_steps(devices, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
     recorder = Recorder(chosen, schedules, packed, info, recording)
     engine = None
     try:
         with reporter(progress) as report, interruptible() as stop:
-            settled = _settle(packed, chosen, devices, cores, steps, report, stop)
+            settling = chosen if keeper is None else keeper.unsettled()
+            settled = _settle(packed, settling, devices, cores, steps, report, stop)
             left = net_force(packed, settled["residual"])
             nudge(packed, chosen)
+            if keeper is not None:
+                keeper.prepare(packed, settled, left)
             steps = launch_steps(devices, packed, recorder.launch_steps(steps, frame_bytes(devices)))
             buffer_values = recorder.layout(steps)
             engine = engine_on(devices, packed.at_precision(precision), cores)
-            _march(engine, steps, buffer_values, recorder, report, stop)
+            if keeper is not None:
+                keeper.restore(engine)
+            _march(engine, steps, buffer_values, recorder, report, stop, keeper)
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
         steps_done, diverged = _ends(engine)
         causes = causes_of(engine, chosen, diverged)
@@ -245,7 +256,15 @@ def _settle(
     return settle(packed, drives, devices, cores, steps, run)
 
 
-def _march(engine: Engine, steps: int, buffer_values: int, recorder: Recorder, report: Report, stop: Stop) -> None:
+def _march(
+    engine: Engine,
+    steps: int,
+    buffer_values: int,
+    recorder: Recorder,
+    report: Report,
+    stop: Stop,
+    keeper: Keeper | None = None,
+) -> None:
     """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
     drives = engine.packed.drives
     rollers = drives["rollers"].astype(float)
@@ -261,11 +280,13 @@ def _march(engine: Engine, steps: int, buffer_values: int, recorder: Recorder, r
     before = engine.progress()
     turn = 0
     while ((before["step"] <= drives["steps"]) & (before["diverged"] == 0)).any() and not stop.asked:
-        futures = engine.advance(steps, buffers[turn])
+        futures = engine.advance(steps if keeper is None else keeper.most(before, steps), buffers[turn])
         if taken is not None:
             recorder.take(taken[0].numpy(), *taken[1:])
         _await(futures, stop, tick)
         after = engine.progress()
+        if keeper is not None:
+            keeper.take(engine, after)
         taken = (buffers[turn], before, after)
         before, turn = after, 1 - turn
     if taken is not None:

@@ -25,6 +25,7 @@ from warpchain.results.formulas import (
     displacement_std,
     error_of,
     flowed,
+    friction_power,
     impact_impulse,
     mean,
     peak_factor,
@@ -297,6 +298,13 @@ NOISE = Column(
     "noise proxy: sqrt(2 m E), the blow that would lose the energy E which a tooth passing loses",
     impact_impulse,
 )
+RUBBED = Group(
+    "chain",
+    (Column("friction_power", "W", "power that friction takes in joints, on teeth and on guide-bars", friction_power),),
+    where=lambda drive, index: (
+        drive.chain.rubs or any(rubs_on(drive, k) for k in range(len(drive.sprockets) + len(drive.guides)))
+    ),
+)
 RUN = Group(
     "chain",
     (
@@ -399,6 +407,7 @@ MEASURED = (
 """What the sums of the window give. Groups that stand together go thing by thing: all of one, then all of the next."""
 DESIGN = (
     (Group("chain", (PEAK_FACTOR,)),),
+    (RUBBED,),
     (Group("strand", (PEAK_FACTOR, VIBRATION)),),
     (Group("partner", (PER_REVOLUTION,)),),
     (Group("chain", (PER_REVOLUTION,)),),

@@ -6,6 +6,7 @@ driver's revolutions, n_s a sprocket's tooth passings, m a roller's mass:
     peak factor    = largest over mean tension                                                                (a)
     contact energy per revolution = E / n_d, a wear index: what the contacts have to take up                  (b)
     impact impulse = sqrt(2 m E / n_s), of the blow that would lose E / n_s, a proxy of noise                 (c)
+    friction power = what rubs in joints, on teeth and on guide-bars, over the window's length                (d)
 
 (b) is the work of normal impacts; what sliding takes, where things rub, is in `joints.friction` and `PART.friction`.
 
@@ -269,6 +270,15 @@ def per_revolution(of: Judged) -> Values:
     prefixes = [of.prefix] if of.prefix else [f"{name}." for name in partner_names(drive)]
     dissipated = sum(np.ma.getdata(of.metrics[f"{prefix}dissipated"]) for prefix in prefixes)
     return where(revolutions != 0.0, dissipated / revolutions)
+
+
+def friction_power(of: Judged) -> Values:
+    """(d) [W], of all that rubs together."""
+    drive = of.drives[0]
+    names = ["joints.friction", *(f"{name}.friction" for name in partner_names(drive))]
+    rubbed = sum(np.ma.getdata(of.metrics[name]) for name in names if name in of.metrics)
+    length = np.ma.getdata(of.metrics["window_end"]) - np.ma.getdata(of.metrics["window_start"])
+    return np.asarray(rubbed / length)
 
 
 def impact_impulse(of: Judged) -> Values:

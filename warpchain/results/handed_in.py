@@ -242,4 +242,4 @@ def handed_in(run: Run, variant: int | None = None, wear: Wear | None = None) ->
     """
     index = next(iter(run), 0) if variant is None else variant
     trajectory = run[index]
-    return HandedIn(trajectory, *window_of(run.metrics.to_pylist()[index], trajectory), wear)
+    return HandedIn(trajectory, *window_of(run.metrics.to_pylist()[run.row_of(index)], trajectory), wear)

@@ -127,7 +127,7 @@ def add_objectives(run: Run, woehler: Woehler | None = None) -> pa.Table:
     from warpchain.results.metrics import table_of
 
     rows = run.metrics.to_pylist()
-    for variant, row in enumerate(rows):
-        if row.get("tension_mean") is not None and run.ok[variant] and variant in run:
+    for variant, ok, row in zip(run.numbers, run.ok, rows, strict=True):
+        if row.get("tension_mean") is not None and ok and variant in run:
             row.update(from_trajectory(run[variant], row["window_start"], row["window_end"], woehler))
     return table_of(rows)

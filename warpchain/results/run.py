@@ -215,6 +215,15 @@ class Run(Mapping[int, Trajectory]):
         return html(self)
 
     @property
+    def numbers(self) -> Sequence[int]:
+        """What variants are called, in the order of `drives` and `metrics`: 0, 1, ..., but in a study's archives."""
+        return getattr(self.trajectories, "numbers", range(len(self.drives)))
+
+    def row_of(self, variant: int) -> int:
+        """The row of the metrics, and the drive's place, of a variant."""
+        return self.numbers.index(variant)
+
+    @property
     def ok(self) -> NDArray[np.bool_]:
         """(V,) whether each variant is judged ok; True where the metrics do not tell."""
         if "status" not in self.metrics.column_names:

@@ -128,7 +128,8 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
         "<tr>" + "".join(f"<td{k}>{escape(_cell(v))}</td>" for v, k in zip(row, kinds, strict=True)) + "</tr>"
         for row in rows
     )
-    return f'<div class="wide"><table>\n<tr>{head}</tr>\n' + "\n".join(lines) + "\n</table></div>"
+    top = f"<thead><tr>{head}</tr></thead>"  # which a table's every page has in print
+    return f'<div class="wide"><table>\n{top}\n' + "\n".join(lines) + "\n</table></div>"
 
 
 def picture(figure: Figure, words: str) -> str:

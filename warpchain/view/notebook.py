@@ -130,7 +130,7 @@ def _run(run: Run) -> str:
                 status_html(str(row.get("status", ""))),
                 *(value_text(row[name], unit_of(name)) for name in shown),
             ]
-            for v, row in enumerate(rows[:ROWS])
+            for v, row in zip(run.numbers, rows[:ROWS], strict=False)
         ]
         right = table_html(("variant", "status", *shown), held, about)
         if len(rows) > ROWS:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.drive.toml import value_text
 from warpchain.errors import StudyError
 from warpchain.study.design import values as values_of
 from warpchain.study.design.values import Array, Dimension, dimensions, tied
@@ -219,7 +220,25 @@ def _read(study: Study, source: str | Path) -> dict[str, list[Any]]:
                 raise StudyError(
                     f"{path}: column {name}, row {i}: {shown}; must be a finite number, a text or a switch"
                 )
+    for factor in study.factors:
+        outside = next((i for i, v in enumerate(columns.get(factor.name, ())) if not _of_factor(factor, v)), None)
+        if outside is not None:
+            value, said = columns[factor.name][outside], "range" if factor.range else factor.kind
+            raise StudyError(
+                f"{path}: column {factor.name}, row {outside}: {value_text(value)}; must be of the factor's "
+                f"{said} = {value_text(getattr(factor, str(said)))}"
+            )
     return columns
+
+
+def _of_factor(factor: Factor, value: Any) -> bool:
+    """Whether a value is one that a factor can take, as far as it says which."""
+    if factor.values is not None:
+        return value in factor.column(factor.values)
+    if factor.range is None:
+        return True
+    slack = 1e-9 * (factor.range[1] - factor.range[0])
+    return isinstance(value, (int, float)) and factor.range[0] - slack <= value <= factor.range[1] + slack
 
 
 def distribution(factor: Factor) -> dict[str, str]:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive import Drive, dumps_drive
+from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
 from warpchain.study.columns import ARCHIVED
@@ -27,7 +27,7 @@ from warpchain.study.run.batch import Variant, _build
 from warpchain.study.run.folder import make_folder
 from warpchain.study.run.prepare import read_study, shard_size
 from warpchain.study.run.runner import run_folder
-from warpchain.study.spec import Study
+from warpchain.study.spec import Study, load_study
 from warpchain.study.store import read_table, write_table
 from warpchain.study.surrogate import Surrogate, fit_surrogate
 from warpchain.version import installed
@@ -95,12 +95,7 @@ class Bench:
 
     def digests(self, design: pa.Table) -> list[str | None]:
         """Identity of each row of a design; None of one that gives no drive."""
-        study = self.study
-        settings = study.model_dump(mode="json", include={"limits", "metrics", "fatigue"})
-        settings["run"] = study.run.model_dump(mode="json", exclude={"shard"})
-        settings["copies"] = [study.design.copies, study.design.replicate_by]
-        settings["warpchain"] = installed()
-        common = json.dumps(settings, sort_keys=True)
+        common = json.dumps({**settings_of(self.study), "warpchain": installed()}, sort_keys=True)
         texts = [None if v.drive is None else dumps_drive(v.drive) for v in self._variants(design)]
         return [text and hashlib.sha256(f"{common}\n{text}".encode()).hexdigest() for text in texts]
 
@@ -141,12 +136,15 @@ class Bench:
                 raise StudyError(f"{done}: has other rows than this study asks for in that round; give another folder")
             self._remember(table)
             return table
-        table = self._run(place, f"{name}/", design, progress)
+        before = sum(read_table(round_file(self.folder, k)).num_rows for k in range(number))
+        table = self._run(place, f"{name}/", design, progress, before)
+        place.mkdir(parents=True, exist_ok=True)  # not there yet where all rows were known
         write_table(done, table)
         return table
 
-    def _run(self, place: Path, prefix: str, design: pa.Table, progress: Report) -> pa.Table:
-        """Runs what is new of a design in a folder of its own; returns all its rows."""
+    def _run(self, place: Path, prefix: str, design: pa.Table, progress: Report, before: int = 0) -> pa.Table:
+        """Runs what is new of a design in a folder of its own, whose recordings call rows by their numbers after those
+        `before`; returns all its rows."""
         import pyarrow as pa
 
         digests = self.digests(design)
@@ -156,7 +154,8 @@ class Bench:
             if digest is None or (digest not in self._known and digest not in asked):
                 new.append(i)
                 asked.add(digest or "")
-        fresh = self._simulated(place, prefix, design.take(pa.array(new, pa.int64())), progress) if new else None
+        chosen = numbered(design.take(pa.array(new, pa.int64())), [before + i for i in new])
+        fresh = self._simulated(place, prefix, chosen, progress) if new else None
         if fresh is not None:
             fresh = fresh.append_column(DIGEST, pa.array([digests[i] for i in new], pa.string()))
             self._remember(fresh)
@@ -168,12 +167,11 @@ class Bench:
     def _simulated(self, place: Path, prefix: str, design: pa.Table, progress: Report) -> pa.Table:
         import pyarrow as pa
 
-        design = design.set_column(0, design.schema.field(0), pa.array(range(design.num_rows), pa.int64()))
         study, cores = self.study, self._workers or available_cores()
         runs = design.num_rows * study.design.copies
         size = study.run.shard or shard_size(study, self.drive, runs, 1, cores, self._memory)
         folder = make_folder(place, study, self.drive, design, size)
-        if folder.design() != design:
+        if folder.design().drop_columns(["variant"]) != design.drop_columns(["variant"]):
             raise StudyError(f"{place}: has other rows than this study asks for in that round; give another folder")
         outcome = run_folder(folder, workers=self._workers, memory=self._memory, progress=progress)
         assert outcome.table is not None  # all shards are done
@@ -196,9 +194,44 @@ class Bench:
         results = read_results(table, self._factors)
         return with_recorded_objectives(results, place).table if results.ok.any() else table
 
+    def learn(self, folder: str | os.PathLike[str]) -> int:
+        """Takes rows that another study of the same drive and runs has run as known; returns how many.
+
+        Raises:
+            StudyError: no table there, other factors, or other run settings, limits or replicates.
+        """
+        import pyarrow as pa
+
+        path = Path(folder)
+        other = load_study(path / "study.toml")
+        if load_drive(path / "drive.toml") != self.drive:
+            raise StudyError(f"{path}: another drive than {self.source} has")
+        mine, theirs = settings_of(self.study), settings_of(other)
+        differing = [name for name in mine if mine[name] != theirs[name]]
+        if differing:
+            raise StudyError(f"{path}: its {', '.join(differing)} are not those of {self.source}")
+        table = read_table(path / "results.parquet")
+        missing = [name for name in (*self._factors, *self.study.wanted) if name not in table.column_names]
+        if missing:
+            raise StudyError(f"{path / 'results.parquet'}: has no column {missing[0]}, which {self.source} needs")
+        design = table_of_rows(self.study, table.select(self._factors).to_pylist())
+        if ARCHIVED[0] in table.column_names:  # recordings stay where they are
+            for name, kind in zip(ARCHIVED, (pa.string(), pa.int64()), strict=True):
+                nothing = pa.nulls(table.num_rows, kind)
+                table = table.set_column(table.column_names.index(name), table.schema.field(name), nothing)
+        if DIGEST in table.column_names:
+            table = table.drop_columns([DIGEST])
+        self._remember(table.append_column(DIGEST, pa.array(self.digests(design), pa.string())))
+        return int(table.num_rows)
+
     @property
     def _factors(self) -> list[str]:
         return [factor.name for factor in self.study.factors]
+
+    @property
+    def shown(self) -> list[str]:
+        """Names of the factors that results are held against: all but hidden ones."""
+        return [factor.name for factor in self.study.factors if not factor.hidden]
 
     def _remember(self, table: pa.Table) -> None:
         for k, digest in enumerate(table[DIGEST].to_pylist()):
@@ -216,7 +249,7 @@ class Bench:
         if self.folder is None:
             raise StudyError("results: this study was opened without a folder")
         rounds = rounds_done(self.folder)
-        return read_results(together(self.folder, rounds) if rounds else self.folder / "results.parquet", self._factors)
+        return read_results(together(self.folder, rounds) if rounds else self.folder / "results.parquet", self.shown)
 
     def surrogate(self, metric: str, kind: str = "gaussian", logarithm: bool = False) -> Surrogate:
         """What stands for a metric between the rows that were run: `predict(rows) -> mean, sd`; see `fit_surrogate`."""
@@ -245,10 +278,23 @@ def _with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> 
         at = found.column_names.index(name)
         column = design["variant"] if name == "variant" else design[name]
         found = found.set_column(at, design.schema.field(name), column.combine_chunks())
+    return numbered(found, range(found.num_rows))
+
+
+def settings_of(study: Study) -> dict[str, Any]:
+    """What decides a row's metrics beside its drive."""
+    settings = study.model_dump(mode="json", include={"limits", "metrics", "fatigue"})
+    settings["run"] = study.run.model_dump(mode="json", exclude={"shard", "keep_states"})
+    settings["copies"] = [study.design.copies, study.design.replicate_by]
+    return settings
+
+
+def numbered(table: pa.Table, numbers: Sequence[int]) -> pa.Table:
+    """A table whose column `variant` has these numbers."""
     import pyarrow as pa
 
-    at = found.column_names.index("variant")
-    return found.set_column(at, found.schema.field(at), pa.array(range(found.num_rows), pa.int64()))
+    at = table.column_names.index("variant")
+    return table.set_column(at, table.schema.field(at), pa.array(numbers, pa.int64()))
 
 
 def open_study(

@@ -13,7 +13,7 @@ process, `optimize.count` can be raised, and the same study gives the same rows,
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.study.columns import ARCHIVED
 from warpchain.study.design.rows import table_of_rows
-from warpchain.study.optimize.bench import Bench, Report, make_run
+from warpchain.study.optimize.bench import Bench, Report, make_run, numbered
 from warpchain.study.optimize.goals import Goals, goals_of
 from warpchain.study.optimize.recommend import Recommended, recommend
 from warpchain.study.optimize.rounds import round_file, together
@@ -64,6 +64,7 @@ def optimize(
     memory: int = MEMORY,
     progress: Report = False,
     tell: Callable[[str], object] | None = None,
+    known: Sequence[str | os.PathLike[str]] = (),
 ) -> Found:
     """Looks for the designs that a study file wants, or goes on with it.
 
@@ -74,6 +75,7 @@ def optimize(
         memory: budget of a shard [bytes].
         progress: True shows a bar for each round; see `Bench.evaluate`.
         tell: called with a line after each round.
+        known: folders of studies and searches whose rows are not run again where they are asked for.
 
     Raises:
         StudyError: an error of the study, a folder of another one, a package that is missing, or no row that is ok.
@@ -82,6 +84,8 @@ def optimize(
     bench = Bench(source, out, workers=workers, memory=memory)
     search = bench.study.optimize or Search()
     optimizer = bench.optimizer
+    for other in known:
+        bench.learn(other)
     folder = _made(Path(out), bench)
     rounds = 0
     while optimizer.told < search.count:
@@ -98,10 +102,10 @@ def optimize(
         rounds += 1
         gathered = together(folder, rounds)
         write_table(folder / "results.parquet", gathered)
-        results = read_results(gathered, bench._factors)
+        results = read_results(gathered, bench.shown)
         if tell is not None:
             tell(f"round {rounds}: {_line(results, optimizer.goals)}")
-    results = read_results(folder / "results.parquet", bench._factors)
+    results = read_results(folder / "results.parquet", bench.shown)
     chosen = tuple(recommend(results, optimizer.goals, search.recommend))
     drives, archives = _recorded(folder, bench, results, chosen)
     return Found(folder, optimizer.goals, results, rounds, chosen, drives, archives)
@@ -134,7 +138,7 @@ def _fixed(study: Study, name: str) -> object:
     """What of a study may not change: of the search all but how long it goes on, and of runs all but shards."""
     if name == "optimize":
         return (study.optimize or Search()).model_copy(update={"count": 1, "recommend": 1})
-    return study.run.model_copy(update={"shard": None}) if name == "run" else getattr(study, name)
+    return study.run.model_copy(update={"shard": None, "keep_states": False}) if name == "run" else getattr(study, name)
 
 
 def _line(results: Results, goals: Goals) -> str:
@@ -160,7 +164,7 @@ def _recorded(
     place = folder / "recommended" / f"{len(results.status):04d}"
     rows = results.table.select(bench._factors).take([one.row for one in chosen]).to_pylist()
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
-    design = table_of_rows(study, rows)
+    design = numbered(table_of_rows(study, rows), [one.variant for one in chosen])
     table = read_table(make_run(study, bench.drive, place, design, bench._workers, bench._memory))
     files = []
     for k, drive in enumerate(bench.drives(rows), 1):

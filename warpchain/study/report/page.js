@@ -65,7 +65,7 @@
     const xs = panel.series.flatMap((s) => [s.x, s.low_x, s.high_x].filter(Boolean));
     const ys = panel.series.flatMap((s) => (s.kind === "bars" ? [s.y, [0]] : [s.y, s.low, s.high]).filter(Boolean));
     const x = along(panel.x, xs, inner.left, inner.right), y = along(panel.y, ys, inner.bottom, inner.top);
-    if (panel.title) make("text", { x: inner.left, y: 15, class: "head" }, svg, panel.title);
+    if (panel.title) make("text", { x: Math.max(2, Math.min(inner.left, width - 6.7 * panel.title.length)), y: 15, class: "head" }, svg, panel.title);
     const marks = (axis, scale, most) => (axis.words ? axis.words.map((w, k) => [k, w]) : ticks(scale.low, scale.high, most).map((v) => [v, plain(v)]));
     for (const [v, word] of marks(panel.x, x, 4)) {
       const px = x.at(v);
@@ -80,7 +80,7 @@
     }
     if (panel.x.label) make("text", { x: (inner.left + inner.right) / 2, y: height - 8, "text-anchor": "middle", class: "axis" }, svg, panel.x.label);
     if (panel.y.label) {
-      const most = Math.floor((height - 10) / 6), lines = [""], middle = (inner.top + inner.bottom) / 2;
+      const middle = (inner.top + inner.bottom) / 2, most = Math.floor((2 * Math.min(middle, height - middle)) / 6.2), lines = [""];
       for (const part of panel.y.label.split(/(?<=[._ ]|->)/)) { if ((lines[lines.length - 1] + part).length > most) lines.push(""); lines[lines.length - 1] += part; }
       lines.slice(0, 2).forEach((line, n) => make("text", { x: 11 + 12 * n, y: middle, "text-anchor": "middle", class: "axis", transform: `rotate(-90 ${11 + 12 * n} ${middle})` }, svg, line));
     }
@@ -124,6 +124,7 @@
     for (const panel of JSON.parse(box.querySelector("script").textContent)) {
       const place = html("figure", box);
       place.style.maxWidth = `${panel.width || 340}px`;
+      if ((panel.width || 340) > 400) place.className = "broad";
       const view = frame(panel, place);
       for (const s of panel.series) drawn[s.kind](view, s, s.color || ACCENT);
       const named = panel.series.filter((s) => s.label);
@@ -388,6 +389,13 @@
     const tally = html("b", line, "");
     tally.id = "tally";
     views.push(() => { tally.textContent = `${kept} of ${count} variants`; });
+    const told = html("p", parent, null, "print");
+    views.push(() => {
+      const ends = (c, [low, high]) => [[low, "at least"], [high, "at most"]].filter(([v]) => Number.isFinite(v)).map(([v, words]) => `${words} ${plain(v)}${c.unit ? " " + c.unit : ""}`).join(" and ");
+      const kinds = (c, [low, high]) => c.words.filter((_, n) => n >= low && n <= high).join(" or ");
+      const held = [...filters].map(([index, range]) => `${columns[index].name} ${columns[index].words ? kinds(columns[index], range) : ends(columns[index], range)}`);
+      told.textContent = held.length ? `Kept: ${held.join("; ")}. Red dots are on their Pareto front.` : "All are kept. Red dots are on their Pareto front.";
+    });
     const clear = html("button", line, "clear all");
     clear.id = "clear";
     clear.onclick = () => { filters.clear(); marked = -1; refresh(); };
@@ -428,9 +436,9 @@
       order.sort((a, b) => rank(a) - rank(b) || sign * (columns[index].values[a] - columns[index].values[b]) || a - b);
       if (marked >= 0) { order.splice(0, 0, ...order.splice(order.indexOf(marked) < 0 ? order.length : order.indexOf(marked), 1)); if (order[0] !== marked) order.unshift(marked); }
       table.replaceChildren();
-      const head = html("tr", table);
+      const head = html("tr", html("thead", table));
       for (const word of ["variant", "front", "play it", ...shown.map((i) => columns[i].name + (columns[i].unit ? ` [${columns[i].unit}]` : ""))]) {
-        const cell = html("th", head);
+        const cell = html("th", head, null, word === "play it" ? "play" : "");
         word.split(/(?<=[._])/).forEach((part, n) => { if (n) html("wbr", cell); cell.append(part); });
       }
       for (const k of order.slice(0, 15)) {
@@ -461,6 +469,7 @@
   html("h3", home, "Scatter matrix");
   matrix(home);
   html("h3", home, "The chosen variants");
+  if (rows.folder) html("p", home, `Play one: warpchain study play ${rows.folder} VARIANT`, "print lead");
   listing(home);
   choose();
   for (const view of views) view();

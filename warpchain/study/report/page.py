@@ -12,7 +12,20 @@ from warpchain.errors import StudyError
 from warpchain.files import read_text
 from warpchain.view.html import STYLE, Section, bullets, heading, number, section, table, text
 
-__all__ = ["Section", "bullets", "chart", "data", "heading", "number", "page", "place", "section", "table", "text"]
+__all__ = [
+    "Section",
+    "bullets",
+    "chart",
+    "data",
+    "heading",
+    "hint",
+    "number",
+    "page",
+    "place",
+    "section",
+    "table",
+    "text",
+]
 
 _HERE = Path(__file__).parent
 
@@ -44,6 +57,11 @@ def chart(panels: Sequence[Mapping[str, Any]], words: str) -> str:
         return ""
     inside = f'<script type="application/json">{data(panels)}</script>'
     return f'<div class="panels" role="group" aria-label="{escape(words)}">{inside}</div>'
+
+
+def hint(words: str) -> str:
+    """What one can do with the page, which is not printed."""
+    return f'<p class="muted screen">{escape(words)}</p>'
 
 
 def place(name: str, words: str = "") -> str:

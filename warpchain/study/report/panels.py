@@ -53,6 +53,11 @@ class Axis:
         """SI values as they are shown."""
         return rounded(np.asarray(values, dtype=float) * self.factor)
 
+    def words(self, label: str) -> str:
+        """A group of values as `Effect.labels` has it, "8" or "8 to 10", as it is shown."""
+        ends = [f"{self.factor * float(end):.4g}" for end in label.split(" to ")]
+        return f"{' to '.join(ends)} {self.unit}".rstrip()
+
 
 def distributions(results: Results, metrics: Sequence[str]) -> list[Panel]:
     """A histogram of each metric over the variants that are ok, with its median."""

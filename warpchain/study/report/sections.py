@@ -99,7 +99,7 @@ def report_html(
         _summary(results, effects, notes or {}),
         designs,
         front_section(results, chosen, not wanted.senses),
-        page.section("explore", "Explore the variants", page.text(EXPLORE, muted=True), page.place("work", "variants")),
+        page.section("explore", "Explore the variants", page.hint(EXPLORE), page.place("work", "variants")),
         _inputs(results),
         ends,
         page.section(
@@ -157,8 +157,9 @@ def _verdict(results: Results, metric: str, effects: list[Effect]) -> str:
     if not telling:
         return f"{line}; no factor stands out of the scatter."
     best = max(telling, key=lambda effect: effect.explained)
+    axis = panels.Axis(results, best.factor) if results.numeric(best.factor) else None
     least, most = (
-        f"{quantity(float(best.means[g]), unit)} ({best.labels[g]})"
+        f"{quantity(float(best.means[g]), unit)} ({best.labels[g] if axis is None else axis.words(best.labels[g])})"
         for g in (int(best.means.argmin()), int(best.means.argmax()))
     )
     return (

@@ -6,7 +6,7 @@ A row that gives no drive, and a drive that cannot be assembled or stepped, fail
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ from warpchain.study.spec import Study
 
 if TYPE_CHECKING:
     from warpchain.archive.options import ArchiveOptions
+    from warpchain.engine.states import Kept
 
 Report = Callable[[float], None]
 """Called with the part of the shard's work that is done, 0 to 1."""
@@ -43,6 +44,9 @@ class Variant:
     trajectory: Trajectory | None = None
     info: RunInfo | None = None
     archive: tuple[str, int] | None = None
+    begin: Kept | None = None
+    kept: Kept | None = None
+    gone_on: bool = False
 
     def fail(self, error: WarpchainError) -> None:
         """Makes it infeasible."""
@@ -193,6 +197,7 @@ def _attempt(
 ) -> WarpchainError | None:
     """Simulates variants in one call; returns a refusal of a drive, of the settings or of the machine's memory."""
     from warpchain.engine.simulation import simulate
+    from warpchain.engine.states import States
     from warpchain.results.run import Record
 
     def tell(phase: str, done: float, total: float) -> None:
@@ -202,6 +207,11 @@ def _attempt(
     if not variants:
         return None
     recorded = [i for i, variant in enumerate(variants) if variant.recorded]
+    if archive is not None:
+        options = {**options, "archive_options": _numbered(variants, options.get("archive_options"))}
+    states = None
+    if study.run.keep_states or any(variant.begin is not None for variant in variants):
+        states = States(study.run.keep_states, [variant.begin for variant in variants])
     try:
         run = simulate(
             [variant.drive for variant in variants if variant.drive is not None],
@@ -215,6 +225,7 @@ def _attempt(
             archive=archive,
             overwrite=True,
             limits=study.limits,
+            states=states,
             **options,
         )
     except (DriveError, SimulationError) as error:
@@ -225,8 +236,10 @@ def _attempt(
         raise KeyboardInterrupt
     for i, (variant, row) in enumerate(zip(variants, run.metrics.to_pylist(), strict=True)):
         variant.metrics = {name: value for name, value in row.items() if value is not None}
+        if states is not None:
+            variant.kept, variant.gone_on = states.kept[i], states.used[i]
         if archive is not None:
-            variant.archive = (archive.name, i)
+            variant.archive = (archive.name, variant.row["variant"])
         elif variant.recorded:
             variant.trajectory, variant.info = run[i], run.info
     return None
@@ -251,8 +264,15 @@ def _held(study: Study, variants: Sequence[Variant], memory: int) -> bool:
     return 2 * size <= memory
 
 
+def _numbered(variants: Sequence[Variant], options: ArchiveOptions | None) -> ArchiveOptions:
+    """How an archive is written that calls its variants by their numbers in the study."""
+    from warpchain.archive.options import ArchiveOptions
+
+    return replace(options or ArchiveOptions(), numbers=[variant.row["variant"] for variant in variants])
+
+
 def _archive(variants: Sequence[Variant], path: Path, options: ArchiveOptions | None) -> None:
-    """Writes the trajectories that are held, as an archive of their variants alone."""
+    """Writes the trajectories that are held, as an archive of their variants alone, by their numbers in the study."""
     from warpchain.archive import write_archive
     from warpchain.results.metrics import table_of
     from warpchain.results.run import Run
@@ -264,6 +284,6 @@ def _archive(variants: Sequence[Variant], path: Path, options: ArchiveOptions | 
     metrics = table_of([variant.metrics or {} for variant in held])
     trajectories = {i: v.trajectory for i, v in enumerate(held) if v.trajectory is not None}
     assert held[0].info is not None  # comes with the trajectory
-    write_archive(Run(drives, metrics, trajectories, held[0].info), path, True, options)
-    for i, variant in enumerate(held):
-        variant.archive, variant.trajectory = (path.name, i), None
+    write_archive(Run(drives, metrics, trajectories, held[0].info), path, True, _numbered(held, options))
+    for variant in held:
+        variant.archive, variant.trajectory = (path.name, variant.row["variant"]), None

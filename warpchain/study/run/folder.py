@@ -5,6 +5,7 @@
     plan.json                how rows are cut into shards, and digests of the files above and of itself
     shards/NNNNN.parquet     inputs and metrics of a shard's rows: it is done when this is there
     shards/NNNNN.mcap        its recorded variants
+    shards/NNNNN.states.parquet  where its runs stood at the end of their windows, if that is kept
     results.parquet          the whole table, once all shards are done
     replicates.parquet       the same with a row for each run, of a study that runs rows several times
 
@@ -38,6 +39,8 @@ FIXED = ("study.toml", "drive.toml", "design.parquet")
 """The files that a plan stands on."""
 MARK = "study.json"
 """Name of the attachment that says which study and which shard an archive belongs to."""
+REPLICATES = "replicates.parquet"
+"""The table of all runs, of a study that runs rows several times."""
 WORST = "worst"
 """Name of the shard that records the worst variants in a second pass."""
 
@@ -56,6 +59,7 @@ class Folder:
         digests: SHA-256 of the files that the plan stands on.
         grown: what the plans run, where there is more than one or each row is run several times.
         plans: number of plans.
+        before: what ran before the study began anew, with another duration or window.
     """
 
     path: Path
@@ -67,6 +71,7 @@ class Folder:
     digests: Mapping[str, str] = field(default_factory=dict)
     grown: tuple[Part, ...] = ()
     plans: int = 1
+    before: tuple[Part, ...] = ()
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -117,6 +122,10 @@ class Folder:
         numbers = range(first, self.plans - 1)
         names = [f"{WORST}.{number}" if number else WORST for number in numbers]
         return [(name, part.identity) for name, part in zip(names, self.parts, strict=False)]
+
+    def states_path(self, shard: int) -> Path:
+        """Where a shard's runs stood at the end of their windows, of a study that keeps that."""
+        return self.path / "shards" / f"{shard_name(shard)}.states.parquet"
 
     def done(self, shard: int | str) -> bool:
         """Whether a shard is done."""
@@ -269,9 +278,11 @@ def open_folder(path: Path) -> Folder:
         StudyError: there is none, or it is damaged.
     """
     parts: list[Part] = []
+    before: list[Part] = []
     number = 0
     while not number or (path / plan_file("plan.json", number)).exists():
         rows, part, restart = _read_plan(path, number, parts)
+        before = parts if restart else before
         parts = [part] if restart else [*parts, part]
         number += 1
     names = {name: plan_file(name, number - 1) for name in ("study.toml", "drive.toml")} | {"drive.toml": "drive.toml"}
@@ -279,7 +290,7 @@ def open_folder(path: Path) -> Folder:
         _check(path, part.digests, name)
     study, drive = load_study(path / names["study.toml"]), load_drive(path / "drive.toml")
     grown = () if number == 1 and study.design.copies == 1 else tuple(parts)
-    return Folder(path, study, drive, rows, part.shard, part.identity, part.digests, grown, number)
+    return Folder(path, study, drive, rows, part.shard, part.identity, part.digests, grown, number, tuple(before))
 
 
 def _read_plan(path: Path, number: int, before: Sequence[Part]) -> tuple[int, Part, bool]:

@@ -1,9 +1,10 @@
 """Grows a study in its folder: more points of its design, more replicates, other windows; nothing that was run is lost.
 
 What is added is a plan of its own, with shards that follow those that are there. More rows and more copies only add
-runs. Another duration or window runs all rows again, since a run's state is not kept; the table before stays until the
-new one is whole. A Latin hypercube of n points grows to k n: each old point lies in a stratum of its own among the k n,
-and new points fill the others, so that it is one again.
+runs. Another duration or window runs all rows once more: from where the runs before stood, if that was kept
+(`run.keep_states`, `engine.states`), else from the beginning; the tables before stay, as `results.before-K.parquet`. A
+Latin hypercube of n points grows to k n: each old point lies in a stratum of its own among the k n, and new points fill
+the others, so that it is one again.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from typing import Any
 
 from warpchain.drive.toml import value_text
 from warpchain.errors import StudyError
+from warpchain.files import refusals, whole_file
 from warpchain.study.design import make_design
-from warpchain.study.run.folder import Folder, differences, open_folder, plan_file, write_plan
+from warpchain.study.run.folder import REPLICATES, Folder, differences, open_folder, plan_file, write_plan
 from warpchain.study.run.tasks import Block
 from warpchain.study.spec import Study, dumps_study, load_study
 from warpchain.study.spec.parts import SAMPLED
@@ -29,7 +31,8 @@ def growable(known: Study, other: Study) -> bool:
     alike = design.model_copy(update={"count": other.design.count, "replicates": other.design.replicates,
                                       "replicate_by": other.design.replicate_by})  # fmt: skip
     ways = design.copies == 1 or (design.replicate_by or "phase") == (other.design.replicate_by or "phase")
-    same = {"duration": other.run.duration, "window": other.run.window, "shard": other.run.shard}
+    free = ("duration", "window", "shard", "keep_states")
+    same = {name: getattr(other.run, name) for name in free}
     counts = design.count == other.design.count or (
         design.kind in SAMPLED and (design.count or 0) < (other.design.count or 0)
     )
@@ -64,7 +67,7 @@ def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
             "give another folder"
         )
     rows, copies = design.num_rows, study.design.copies
-    same = {"shard": folder.study.run.shard}
+    same = {name: getattr(folder.study.run, name) for name in ("shard", "keep_states")}
     restart = study.run.model_copy(update=same) != folder.study.run
     blocks = [Block((0, rows), (0, copies))] if restart else [
         Block((0, folder.rows), (folder.copies, copies)), Block((folder.rows, rows), (0, copies))]  # fmt: skip
@@ -75,10 +78,20 @@ def grown(folder: Folder, study: Study, source: Path, shard: int) -> Folder:
         "after": folder.identity,
     }
     fixed = study.model_copy(update={"study": study.study.model_copy(update={"drive": "drive.toml"})})
+    if restart:
+        for table in (folder.results, folder.path / REPLICATES):
+            _keep_as_it_is(table, table.with_name(f"{table.stem}.before-{number}.parquet"))
     write_text(path / plan_file("study.toml", number), dumps_study(fixed))
     write_table(path / plan_file("design.parquet", number), design)
     write_plan(path, number, {**facts, "restart": True} if restart else facts)
     return open_folder(path)
+
+
+def _keep_as_it_is(table: Path, other: Path) -> None:
+    """A copy of a table, if it is there, under a name that nothing writes to."""
+    if table.exists() and not other.exists():
+        with refusals(other, StudyError), whole_file(other) as file:
+            file.write(table.read_bytes())
 
 
 def _counts(folder: Folder) -> tuple[int, ...]:

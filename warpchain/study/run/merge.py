@@ -21,9 +21,10 @@ from warpchain.results.judgement import common_reasons
 from warpchain.results.replicates import COPY, summary
 from warpchain.study.columns import ARCHIVED, OUTCOME
 from warpchain.study.results import STATUSES, read_results
-from warpchain.study.run.folder import Folder, open_folder
+from warpchain.study.run.folder import REPLICATES, Folder, open_folder
 from warpchain.study.run.recordings import with_recorded_objectives
 from warpchain.study.run.shards import run_worst
+from warpchain.study.run.stood import went_on
 from warpchain.study.spec import Study
 from warpchain.study.store import read_table
 
@@ -34,8 +35,6 @@ LATEST = 20
 """Shards that the rate of a study is taken from."""
 PARTIAL = "partial.parquet"
 """The table of an unfinished study, as far as it is."""
-REPLICATES = "replicates.parquet"
-"""The table of all runs, of a study that runs rows several times."""
 REASONS = 3
 """Most reasons that an outcome tells."""
 
@@ -52,6 +51,8 @@ class Outcome:
         left: number of variants of the shards that are not done.
         rate: variants a second, as the latest shards came in; None where too few are there to tell.
         table: the whole table's file, once there is one.
+        went_on: of a study with another duration or window than before, (runs that went on from where the ones before
+            stood, runs that began anew); None of others.
     """
 
     folder: Path
@@ -61,6 +62,7 @@ class Outcome:
     left: int
     rate: float | None
     table: Path | None
+    went_on: tuple[int, int] | None = None
 
 
 def study_status(out: str | os.PathLike[str]) -> Outcome:
@@ -81,7 +83,8 @@ def study_status(out: str | os.PathLike[str]) -> Outcome:
     table = folder.results if folder.results.exists() else None
     often = tuple((reason, number) for _, reason, number in common_reasons(ended)[:REASONS])
     left = folder.runs - sum(folder.size(shard) for shard in done)
-    return Outcome(folder.path, counts, often, (len(done), len(folder.shards)), left, _rate(folder, done), table)
+    shards = len(done), len(folder.shards)
+    return Outcome(folder.path, counts, often, shards, left, _rate(folder, done), table, went_on(folder))
 
 
 def _rate(folder: Folder, done: Sequence[int]) -> float | None:
@@ -111,10 +114,7 @@ def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memo
 
 def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any], progress: bool = False) -> Outcome:
     """The second pass, with a bar of its own, and the whole table; what ended processes have left is swept away."""
-    table = _joined(folder)
-    for name, identity in folder.worst_before:
-        if folder.done(name):
-            table = _with_archives(table, read_table(folder.table_path(name), study=identity))
+    table = runs_of(folder)
     if folder.study.record.worst is not None:
         chosen = worst_variants(folder.study, table)
         if not folder.done(folder.worst):
@@ -123,7 +123,7 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
             else:
                 with workers_named(folder):
                     executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
-        table = _with_archives(table, folder.table(folder.worst))
+            table = _with_archives(table, folder.table(folder.worst))
     for name in _archives(table):
         folder.check_archive(name)
     if folder.copies > 1:
@@ -136,6 +136,17 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
     folder.write(folder.results, table)
     sweep(leftovers(folder.path))
     return study_status(folder.path)
+
+
+def runs_of(folder: Folder) -> pa.Table:
+    """All runs of the shards that are done, with the places of what was recorded of them, also in a second pass."""
+    table = _joined(folder, [shard for shard in folder.shards if folder.done(shard)])
+    for name, identity in folder.worst_before:
+        if folder.done(name):
+            table = _with_archives(table, read_table(folder.table_path(name), study=identity))
+    if folder.done(folder.worst):
+        table = _with_archives(table, folder.table(folder.worst))
+    return table
 
 
 def _archives(table: pa.Table) -> list[str]:
@@ -156,12 +167,12 @@ def _run_worst_here(
         run_worst(folder.path, chosen, options, lambda part: bar.update(max(0.0, part * len(chosen) - bar.n)))
 
 
-def _joined(folder: Folder, shards: Sequence[int] | None = None) -> pa.Table:
-    """The tables of all shards, or of some, by variants and their copies."""
+def _joined(folder: Folder, shards: Sequence[int]) -> pa.Table:
+    """The tables of shards, by variants and their copies."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    tables = [folder.table(shard) for shard in (folder.shards if shards is None else shards)]
+    tables = [folder.table(shard) for shard in shards]
     table = pa.concat_tables(tables, promote_options="default").combine_chunks()
     if folder.copies > 1 and COPY not in table.column_names:
         table = table.add_column(1, COPY, pa.array(np.zeros(table.num_rows, dtype=np.int64)))
@@ -201,7 +212,7 @@ def summarized(table: pa.Table) -> pa.Table:
 
 
 def worst_variants(study: Study, table: pa.Table) -> list[tuple[int, int]]:
-    """The variants (row, copy) that are recorded in a second pass, without those recorded already.
+    """The variants (number, copy) that are recorded in a second pass, without those recorded already.
 
     They are the most extreme ones; of a row that was run several times, in the mean, and of its copies the most extreme
     one.

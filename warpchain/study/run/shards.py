@@ -20,6 +20,7 @@ from warpchain.results.replicates import COPY
 from warpchain.study.columns import ADJUSTED, ARCHIVED, OUTCOME, RUN_COLUMNS
 from warpchain.study.run.batch import Report, Variant, simulate_variants
 from warpchain.study.run.folder import Folder, open_folder
+from warpchain.study.run.stood import begin_with, write_states
 from warpchain.study.run.tasks import Numbers
 from warpchain.study.spec import Study
 
@@ -61,9 +62,11 @@ def run_worst(
     options: Mapping[str, Any] | None = None,
     report: Report | None = None,
 ) -> None:
-    """Simulates variants (row, copy) a second time to record them; see `run_shard`."""
+    """Simulates variants (number, copy) a second time to record them; see `run_shard`."""
     opened = open_folder(folder)
-    numbers, copies = (np.array([task[k] for task in variants], dtype=np.int64) for k in (0, 1))
+    place = {variant: row for row, variant in enumerate(opened.design()["variant"].to_pylist())}
+    numbers = np.array([place[variant] for variant, _ in variants], dtype=np.int64)
+    copies = np.array([copy for _, copy in variants], dtype=np.int64)
     rows = _rows(opened, numbers, copies)
     _write(opened, opened.worst, rows, set(range(len(variants))), options or {}, report or (lambda part: None))
 
@@ -86,10 +89,14 @@ def _write(
     options = {**options, "archive_options": ArchiveOptions(attachments=folder.mark(shard))}
     found = enumerate(rows.to_pylist())
     variants = [Variant(row, reason=row["reason"], recorded=i in recorded, copy=row.pop(COPY, 0)) for i, row in found]
+    if isinstance(shard, int):
+        begin_with(folder, variants)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # thousands of offset links need no line each
         simulate_variants(study, folder.drive, variants, folder.archive_path(shard), options, report)
     table = results_table(study, rows, variants)
+    if isinstance(shard, int) and (study.run.keep_states or any(variant.gone_on for variant in variants)):
+        write_states(folder, shard, variants)
     folder.write(folder.table_path(shard), table, shard if isinstance(shard, int) else None)
 
 

@@ -11,7 +11,7 @@ from warpchain.drive.copies import WAYS
 from warpchain.drive.part import BARE, Direction, Part, Positive, Problem, Text, Value, allowed, elements, get, numbers
 from warpchain.drive.parts import Step
 from warpchain.results.channels import DEFAULT, NAMES
-from warpchain.study.spec.factor import Texts, _plain
+from warpchain.study.spec.factor import Switch, Texts, _plain
 
 SAMPLED = ("latin-hypercube", "sobol", "halton")
 KINDS = ("factorial", *SAMPLED, "central-composite", "plackett-burman", "table")
@@ -154,6 +154,7 @@ class RunOptions(Part):
         device: as in `simulate`; None is the best there is.
         window: (start, end) over which metrics are taken [s].
         shard: number of variants in a shard; None sizes shards to memory and device.
+        keep_states: keep where each run stands at its window's end, so that a longer one goes on from there.
     """
 
     duration: Positive | None = None
@@ -162,6 +163,7 @@ class RunOptions(Part):
     device: Text | None = None
     window: Window | None = None
     shard: Count | None = None
+    keep_states: Switch = False
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:

@@ -123,9 +123,8 @@ def design_rules(node: Any) -> Iterator[Problem]:
         if given == "expression":
             continue
         if kind == "table":
-            if given is not None:
-                key = next(key for key in (given, "distribution", "range") if get(factor, key) is not None)
-                yield Problem(("factors", i, key), get(factor, key), "not with a table, which has the values")
+            if get(factor, "points") is not None:
+                yield Problem(("factors", i, "points"), get(factor, "points"), "only in a factorial design")
             continue
         if given is None:
             text = "missing; give range, a distribution, levels, choice or expression"

@@ -73,7 +73,7 @@ def sweeps(sources: Sequence[Run | str | Path], signal: str = "displacement") ->
         raise SimulationError(f"signal {signal!r}: allowed are {', '.join(SIGNALS)}")
     label, values_of = SIGNALS[signal]
     runs = [source if isinstance(source, Run) else read_archive(source) for source in sources]
-    found = [run[variant] for run in runs for variant in run if run.ok[variant]]
+    found = [run[variant] for run in runs for variant in run if run.ok[run.row_of(variant)]]
     for trajectory in found:
         for channel in ("position", "tension", "sprocket_speed"):
             if getattr(trajectory, channel) is None:

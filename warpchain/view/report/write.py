@@ -18,7 +18,7 @@ def report_html(
 ) -> str:
     """The page of a recorded variant, as text; `report` has the arguments."""
     chosen = recorded(source, variant)
-    row = chosen.run.metrics.to_pylist()[chosen.index]
+    row = chosen.run.metrics.to_pylist()[chosen.run.row_of(chosen.index)]
     found = HandedIn(chosen.trajectory, *window_of(row, chosen.trajectory), wear)
     return html.page(title or heading(found), list(sections(found, row, chosen.run)))
 

@@ -50,12 +50,12 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
     if not inputs or not metrics:
         return [], 0
     chosen = _most_telling(inputs, metrics)
-    recorded = set(run)
-    everything = np.arange(len(run.drives))
+    everything = np.asarray(run.numbers)
+    recorded, played = ({run.row_of(variant) for variant in variants} for variants in (run, shown))
     groups = [
-        Dots("other variants", OTHERS, 2.5, _rows(set(everything.tolist()) - recorded)),
-        Dots("recorded variants", RECORDED, 3.5, _rows(recorded - set(shown))),
-        Dots("shown variants", SHOWN, 5.0, _rows(shown)),
+        Dots("other variants", OTHERS, 2.5, _rows(set(range(len(everything))) - recorded)),
+        Dots("recorded variants", RECORDED, 3.5, _rows(recorded - played)),
+        Dots("shown variants", SHOWN, 5.0, _rows(played)),
     ]
     charts = [
         log_scatter(
@@ -67,8 +67,8 @@ def log_ensemble(stream: rr.RecordingStream, run: Run, shown: Collection[int]) -
     return charts, len(metrics)
 
 
-def _rows(variants: Collection[int]) -> NDArray[np.intp]:
-    return np.array(sorted(set(variants)), dtype=np.intp)
+def _rows(rows: Collection[int]) -> NDArray[np.intp]:
+    return np.array(sorted(rows), dtype=np.intp)
 
 
 def _varied_metrics(run: Run) -> Values:

@@ -1,0 +1,113 @@
+"""What a search found, as a table and a figure: the front, the designs to recommend, and the drive as it is drawn.
+
+    warpchain optimize warpchain/study/examples/car-tensioner.toml -o out/car
+    python scripts/search_figure.py out/car docs/images/car-tensioner.png
+
+Prints the table of docs/optimization.md. The drive as drawn is run once more with the study's settings.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from warpchain import Record, load_drive, simulate
+from warpchain.results.objectives import add_objectives
+from warpchain.results.quantities import quantity, shown_unit
+from warpchain.study.analysis.pareto import non_dominated
+from warpchain.study.optimize.goals import Goals, goals_of
+from warpchain.study.optimize.recommend import Recommended, recommend
+from warpchain.study.results import Results, read_results
+from warpchain.study.spec import Study, load_study
+
+BLUE, RED, GRAY, ORANGE = "#1f77b4", "#d1495b", "#b4bcc4", "#e08a00"
+LETTERS = "ABCDEFGH"
+
+
+def as_drawn(folder: Path, study: Study) -> dict[str, float]:
+    """The base drive: values of factors that have a place in it, and its metrics, run as the study runs its rows."""
+    record = Record("all", study.record.rate, study.record.channels)
+    run = study.run
+    done = simulate(
+        load_drive(folder / "drive.toml"),
+        duration=run.duration,
+        step=run.step,
+        window=run.window,
+        precision=run.precision,
+        device=run.device,
+        record=record,
+    )
+    drive = load_drive(folder / "drive.toml")
+    own = {factor.name: drive.get_value(factor.path) for factor in study.factors if factor.path is not None}
+    return {**own, **add_objectives(done).to_pylist()[0]}
+
+
+def table(results: Results, goals: Goals, chosen: list[Recommended], drawn: dict[str, float]) -> None:
+    """Prints the designs, a column each, beside the drive as it is drawn."""
+    names = [f"{LETTERS[k]}: variant {one.variant}" for k, one in enumerate(chosen)]
+    print("| | as drawn | " + " | ".join(names) + " |\n" + "|---" * (2 + len(names)) + "|")
+    for name in results.factors:
+        unit = results.unit(name)
+        values = [quantity(float(results.table[name][one.row].as_py()), unit) for one in chosen]
+        own = quantity(drawn[name], unit) if name in drawn else "\N{EN DASH}"
+        print(f"| {name} | {own} | {' | '.join(values)} |")
+    for metric in goals.metrics:
+        unit = results.unit(metric)
+        values = [quantity(one.believed[metric][0], unit, one.believed[metric][1]) for one in chosen]
+        print(f"| {metric} | {quantity(drawn[metric], unit)} | {' | '.join(values)} |")
+
+
+def figure(results: Results, goals: Goals, chosen: list[Recommended], drawn: dict[str, float]) -> Figure:
+    """The rows over two objectives, and the factors along the front."""
+    first, second = (objective.metric for objective in goals.objectives[:2])
+    measured = goals.measured(results)
+    kept = np.flatnonzero(measured.kept)
+    front = kept[non_dominated(measured.costs[kept])]
+    front = front[np.argsort(results.values(first)[front])]
+    axis = {name: shown_unit(results.unit(name), float(np.nanmax(results.values(name)))) for name in
+            (first, second, *results.factors)}  # fmt: skip
+    x, y = (axis[name][1] * results.values(name) for name in (first, second))
+    drawing = Figure(figsize=(11.0, 4.6), layout="constrained")
+    grid = drawing.add_gridspec(len(results.factors), 2, width_ratios=(1.6, 1.0))
+    left = drawing.add_subplot(grid[:, 0])
+    left.plot(x[~measured.kept], y[~measured.kept], "o", ms=4, color=GRAY, label="beyond a limit")
+    left.plot(x[measured.kept], y[measured.kept], "o", ms=4, color=BLUE, label="keeps the limits")
+    left.plot(x[front], y[front], "o-", ms=5, lw=1, color=RED, label="front")
+    place = [axis[name][1] * drawn[name] for name in (first, second)]
+    left.plot(*place, "*", ms=14, color="black", label="as drawn")
+    for k, one in enumerate(chosen):
+        left.plot(x[one.row], y[one.row], "o", ms=13, mfc="none", mec=ORANGE, mew=2)
+        left.annotate(LETTERS[k], (x[one.row], y[one.row]), (8, 8), textcoords="offset points", weight="bold")
+    left.set(xlabel=f"{first} [{axis[first][0]}]", ylabel=f"{second} [{axis[second][0]}]")
+    left.legend(fontsize=8)
+    below = None
+    for k, name in enumerate(results.factors):
+        below = drawing.add_subplot(grid[k, 1], sharex=below)
+        below.plot(x[front], axis[name][1] * results.values(name)[front], "o-", ms=4, lw=1, color=RED)
+        below.set(ylabel=f"{name} [{axis[name][0]}]")
+        below.tick_params(labelbottom=k == len(results.factors) - 1)
+    assert below is not None  # a study has a factor
+    below.set(xlabel=f"along the front: {first} [{axis[first][0]}]")
+    for one_axis in drawing.axes:
+        one_axis.grid(alpha=0.3)
+    return drawing
+
+
+def main() -> None:
+    """Prints the table and draws the figure."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="of a search with two objectives or more")
+    parser.add_argument("figure", type=Path, help="file of the figure")
+    arguments = parser.parse_args()
+    study = load_study(arguments.folder / "study.toml")
+    results = read_results(arguments.folder / "results.parquet", [f.name for f in study.factors if not f.hidden])
+    goals = goals_of(study)
+    chosen = recommend(results, goals, 4 if study.optimize is None else study.optimize.recommend)
+    drawn = as_drawn(arguments.folder, study)
+    table(results, goals, chosen, drawn)
+    figure(results, goals, chosen, drawn).savefig(arguments.figure, dpi=100)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,289 @@
+"""Several studies' folders as one: the rows of all, each once, numbered through; the folders stay as they are.
+
+Studies can be joined that run the same: one drive, the same factors with whatever ranges, the same run settings. A row
+whose factors have the values of one before it is the same drive and run, so it is taken once, with the copies that
+either has. Drives that differ in nothing but how they begin (`run.phase`) get a hidden factor for that: rows
+whose other factors are equal then count as runs of one design.
+
+The joined folder is a study's whose design is a table (`rows.parquet`): a first plan holds what was run, a second what
+was not. `merged.parquet` says which row was which, and recordings are written anew under the new numbers.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from warpchain.drive import dumps_drive
+from warpchain.engine.simulation import MEMORY
+from warpchain.errors import StudyError
+from warpchain.results.replicates import COPY
+from warpchain.results.run import Run, RunInfo, Trajectory
+from warpchain.study.columns import ARCHIVED
+from warpchain.study.design import make_design
+from warpchain.study.run.folder import Folder, open_folder, plan_file, write_plan
+from warpchain.study.run.joinable import joined_study, start_of
+from warpchain.study.run.merge import Outcome, finish, runs_of, study_status
+from warpchain.study.run.tasks import blocks_of
+from warpchain.study.spec import Study, dumps_study
+from warpchain.study.store import write_table, write_text
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+ROWS, MERGED = "rows.parquet", "merged.parquet"
+"""The joined design's table, and what its rows were before."""
+Task = tuple[int, int]
+"""Row and copy."""
+
+
+@dataclass(frozen=True)
+class Joined:
+    """What became of the folders.
+
+    Attributes:
+        outcome: how the joined study stands.
+        rows: number of rows of each folder.
+        together: number of rows of the joined study.
+        mapping: file that says which row was which: columns `folder`, `before`, `variant`.
+    """
+
+    outcome: Outcome
+    rows: tuple[int, ...]
+    together: int
+    mapping: Path
+
+
+@dataclass
+class _Pool:
+    """Rows of several folders.
+
+    Attributes:
+        rows: values by factor of each joined row.
+        place: number of the joined row with these values.
+        runs: folder and row there that a joined run is taken from.
+        numbers: (joined row of each row) of each folder.
+    """
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    place: dict[tuple[Any, ...], int] = field(default_factory=dict)
+    runs: dict[Task, tuple[int, int]] = field(default_factory=dict)
+    numbers: list[list[int]] = field(default_factory=list)
+
+
+def join_studies(
+    folders: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    memory: int = MEMORY,
+) -> Joined:
+    """Makes one study's folder of several; none of them is changed.
+
+    What none of them has run yet is left to `run_study(OUT/study.toml, OUT)`.
+
+    Args:
+        folders: two or more, finished or not.
+        out: the folder to make; it appears whole or not at all.
+        workers, memory: for the worst variants, where they are still to be recorded; see `run_study`.
+
+    Raises:
+        StudyError: fewer than two folders, studies that do not run the same (one line for each key that differs), an
+            existing `out`, or a folder or disk that refuses.
+    """
+    target = Path(out)
+    if len(folders) < 2:
+        raise StudyError("merge: needs at least two folders")
+    opened = [open_folder(Path(folder)) for folder in folders]
+    if target.exists():
+        raise StudyError(f"{target}: is there already; give a new folder")
+    study = joined_study(opened, ROWS)
+    pool = _pooled(opened, study)
+    chosen = {pool.numbers[f][v] for f, folder in enumerate(opened) for v in folder.study.record.variants}
+    study = study.model_copy(update={"record": study.record.model_copy(update={"variants": tuple(sorted(chosen))})})
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        place = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+    except OSError as error:
+        raise StudyError(f"{target}: cannot be made ({error.strerror or error})") from None
+    try:
+        place.chmod(0o777 & ~_umask())
+        _write(place, opened, study, pool)
+        outcome = study_status(place)
+        if not outcome.left:
+            finish(open_folder(place), None, {"workers": workers, "memory": memory})
+        place.rename(target)
+    except OSError as error:
+        raise StudyError(f"{target}: cannot be written ({error.strerror or error})") from None
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+    return Joined(study_status(target), tuple(f.rows for f in opened), len(pool.rows), target / MERGED)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _pooled(opened: Sequence[Folder], study: Study) -> _Pool:
+    """The rows of all folders, each once, and where its runs are."""
+    pool = _Pool()
+    names = [factor.name for factor in study.factors]
+    for f, folder in enumerate(opened):
+        numbers = []
+        for row in folder.design().to_pylist():
+            values = {name: row[name] if name in row else start_of(folder.drive, name) for name in names}
+            key = tuple(values[name] for name in names)
+            if key not in pool.place:
+                pool.place[key] = len(pool.rows)
+                pool.rows.append(values)
+            numbers.append(pool.place[key])
+        pool.numbers.append(numbers)
+        for shard in folder.shards:
+            if folder.done(shard):
+                for row, copy in zip(*(part.tolist() for part in folder.tasks(shard)), strict=True):
+                    pool.runs.setdefault((numbers[row], copy), (f, row))
+    return pool
+
+
+def _write(place: Path, opened: Sequence[Folder], study: Study, pool: _Pool) -> None:
+    """Writes the joined folder, but for the whole table."""
+    import pyarrow as pa
+
+    (place / "shards").mkdir()
+    given = [factor.name for factor in study.factors if factor.kind != "expression"]
+    columns = {name: [row[name] for row in pool.rows] for name in given}
+    write_table(place / ROWS, pa.table(columns))
+    copies = study.design.copies
+    done = sorted(pool.runs)
+    every = ((row, copy) for row in range(len(pool.rows)) for copy in range(copies))
+    missing = [task for task in every if task not in pool.runs]
+    write_text(place / "drive.toml", dumps_drive(opened[0].drive))
+    write_text(place / "study.toml", dumps_study(study))
+    design = make_design(study, place / "study.toml")
+    size = max(folder.shard for folder in opened)
+    parts = [blocks_of(tasks, copies) for tasks in (done, missing) if tasks]
+    after = ""
+    for number, blocks in enumerate(parts):
+        if number:
+            write_text(place / plan_file("study.toml", number), dumps_study(study))
+        write_table(place / plan_file("design.parquet", number), design)
+        listed = [[*block.rows, *block.copies] for block in blocks]
+        facts = {"rows": len(pool.rows), "shard": size, "blocks": listed, **({"after": after} if number else {})}
+        write_plan(place, number, facts)
+        after = open_folder(place).identity
+    begun = [f for f, folder in enumerate(opened) if any(map(folder.done, folder.shards))]
+    tables = {f: _renumbered(opened[f], pool, f, design) for f in begun}
+    joined = open_folder(place)
+    for shard in joined.parts[0].shards if done else ():
+        _write_shard(joined, shard, opened, tables, pool)
+    write_table(place / MERGED, _mapping(opened, pool))
+
+
+def _mapping(opened: Sequence[Folder], pool: _Pool) -> pa.Table:
+    """Which row was which."""
+    import pyarrow as pa
+
+    before = [v for folder in opened for v in folder.design()["variant"].to_pylist()]
+    names = [str(folder.path) for folder in opened for _ in range(folder.rows)]
+    return pa.table({"folder": names, "before": before, "variant": [v for part in pool.numbers for v in part]})
+
+
+def _renumbered(folder: Folder, pool: _Pool, f: int, design: pa.Table) -> pa.Table:
+    """A folder's runs with their joined numbers and factors, and their rows there in `before`."""
+    import pyarrow as pa
+
+    table = runs_of(folder)
+    row_of = {variant: row for row, variant in enumerate(folder.design()["variant"].to_pylist())}
+    rows = [row_of[variant] for variant in table["variant"].to_pylist()]
+    numbers = pa.array([pool.numbers[f][row] for row in rows], pa.int64())
+    table = table.append_column("before", pa.array(rows, pa.int64()))
+    table = table.set_column(table.column_names.index("variant"), table.schema.field("variant"), numbers)
+    if COPY not in table.column_names:
+        table = table.add_column(1, COPY, pa.array([0] * table.num_rows, pa.int64()))
+    inputs = design.take(numbers)
+    for name in inputs.column_names[1:-2]:
+        field_, values = inputs.schema.field(name), inputs[name]
+        if name in table.column_names:
+            table = table.set_column(table.column_names.index(name), field_, values)
+        else:
+            table = table.add_column(table.column_names.index("status"), field_, values)
+    return table
+
+
+def _write_shard(
+    joined: Folder, shard: int, opened: Sequence[Folder], tables: Mapping[int, pa.Table], pool: _Pool
+) -> None:
+    """Writes a shard of what was run: its recordings under their new numbers, then its table."""
+    import pyarrow as pa
+
+    wanted = list(zip(*(part.tolist() for part in joined.tasks(shard)), strict=True))
+    pieces, order = [], []
+    for f, table in tables.items():
+        keys = zip(*(table[name].to_pylist() for name in ("before", COPY)), strict=True)
+        mine = {key: i for i, key in enumerate(keys)}
+        chosen = [(k, pool.runs[task]) for k, task in enumerate(wanted) if pool.runs[task][0] == f]
+        pieces.append(table.take(pa.array([mine[row, wanted[k][1]] for k, (_, row) in chosen], pa.int64())))
+        order += [(k, f) for k, _ in chosen]
+    table = pa.concat_tables(pieces, promote_options="permissive").combine_chunks()
+    place = sorted(range(len(order)), key=lambda i: order[i][0])
+    table, owners = table.take(pa.array(place, pa.int64())), [order[i][1] for i in place]
+    if set(ARCHIVED) <= set(table.column_names):
+        table = _with_recordings(joined, shard, table, [opened[f] for f in owners])
+    table = table.drop_columns(["before"] if joined.copies > 1 else ["before", COPY])
+    joined.write(joined.table_path(shard), table.replace_schema_metadata(None), shard)
+
+
+class _Recordings(Mapping[int, Trajectory]):
+    """Trajectories of a shard's recorded rows, read when they are asked for."""
+
+    def __init__(self, places: Sequence[tuple[Path, int]]) -> None:
+        self.places = places
+
+    def __getitem__(self, k: int) -> Trajectory:
+        from warpchain.archive import read_archive
+
+        path, number = self.places[k]
+        return read_archive(path)[number]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(len(self.places)))
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+
+def _with_recordings(joined: Folder, shard: int, table: pa.Table, owners: Sequence[Folder]) -> pa.Table:
+    """The shard's table with its own archive, which is written from those of the folders."""
+    import pyarrow as pa
+
+    from warpchain.archive import read_archive, write_archive
+    from warpchain.archive.options import ArchiveOptions
+
+    names, places = (table[name].to_pylist() for name in ARCHIVED)
+    rows = [k for k, name in enumerate(names) if name is not None]
+    path = joined.archive_path(shard)
+    if rows:
+        for k in rows:
+            owners[k].check_archive(names[k])
+        held = [(owners[k].path / names[k], places[k]) for k in rows]
+        archives = [read_archive(file) for file, _ in held]
+        drives = [archive.drives[archive.row_of(n)] for archive, (_, n) in zip(archives, held, strict=True)]
+        lines = [archive.metrics.slice(archive.row_of(n), 1) for archive, (_, n) in zip(archives, held, strict=True)]
+        metrics = pa.concat_tables(lines, promote_options="permissive").combine_chunks()
+        numbers = [table["variant"][k].as_py() for k in rows]
+        info: RunInfo = archives[0].info
+        run = Run(drives, metrics, _Recordings(held), info)
+        write_archive(run, path, True, ArchiveOptions(numbers=numbers, attachments=joined.mark(shard)))
+    files = [f"shards/{path.name}" if name is not None else None for name in names]
+    numbers_ = [v if name is not None else None for v, name in zip(table["variant"].to_pylist(), names, strict=True)]
+    for name, values, kind in ((ARCHIVED[0], files, pa.string()), (ARCHIVED[1], numbers_, pa.int64())):
+        at = table.column_names.index(name)
+        table = table.set_column(at, table.schema.field(name), pa.array(values, kind))
+    return table

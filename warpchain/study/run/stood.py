@@ -1,0 +1,85 @@
+"""Where a study's runs stood at the end of their windows: kept shard by shard, and gone on from by longer runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from warpchain.errors import StudyError
+from warpchain.study.run.batch import Variant
+from warpchain.study.run.folder import Folder
+from warpchain.study.store import read_table
+
+if TYPE_CHECKING:
+    from warpchain.engine.states import Kept
+
+ROW, COPY, STATE, GONE_ON = "variant", "replicate", "state", "gone_on"
+"""Columns of a shard's table of states."""
+
+
+def write_states(folder: Folder, shard: int, variants: Sequence[Variant]) -> None:
+    """Writes the states of a shard's runs, and which of them went on from one.
+
+    Raises:
+        StudyError: a folder or disk that refuses.
+    """
+    import pyarrow as pa
+
+    table = pa.table(
+        {
+            ROW: pa.array([variant.row["variant"] for variant in variants], pa.int64()),
+            COPY: pa.array([variant.copy for variant in variants], pa.int64()),
+            GONE_ON: pa.array([variant.gone_on for variant in variants], pa.bool_()),
+            STATE: pa.array([variant.kept and variant.kept.to_bytes() for variant in variants], pa.large_binary()),
+        }
+    )
+    folder.write(folder.states_path(shard), table, shard)
+
+
+def begin_with(folder: Folder, variants: Sequence[Variant]) -> None:
+    """Gives runs the states of those before that a study with another duration or window had.
+
+    A table of states that cannot be read is no help; the runs then begin anew.
+    """
+    wanted = {(variant.row["variant"], variant.copy): variant for variant in variants if not variant.recorded}
+    if not folder.before or not wanted:
+        return
+    numbers = folder.design()[ROW].to_pylist()
+    for part in folder.before:
+        for shard in part.shards:
+            path = folder.states_path(shard)
+            if not path.exists():
+                continue
+            tasks = zip(*(values.tolist() for values in part.tasks(shard)), strict=True)
+            if wanted.keys().isdisjoint((numbers[row], copy) for row, copy in tasks):
+                continue
+            try:
+                rows = read_table(path, None, part.identity or None).to_pylist()
+            except StudyError:
+                continue
+            for row in rows:
+                variant = wanted.get((row[ROW], row[COPY]))
+                if variant is not None and row[STATE] is not None:
+                    variant.begin = _read(row[STATE])
+
+
+def _read(data: bytes) -> Kept | None:
+    from warpchain.engine.states import Kept
+
+    try:
+        return Kept.from_bytes(data)
+    except ValueError:
+        return None
+
+
+def went_on(folder: Folder) -> tuple[int, int] | None:
+    """(runs that went on from a state, runs that began anew) of the shards that are done; None where none could."""
+    if not folder.before:
+        return None
+    done = [shard for shard in folder.shards if folder.done(shard)]
+    flags: list[Any] = []
+    for shard in done:
+        if folder.states_path(shard).exists():
+            flags += read_table(folder.states_path(shard), [GONE_ON]).column(0).to_pylist()
+    runs = sum(folder.size(shard) for shard in done)
+    return sum(map(bool, flags)), runs - sum(map(bool, flags))
