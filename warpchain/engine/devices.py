@@ -49,9 +49,11 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
         return ("cpu",)
     if device is not None and device != "cuda" and not (device.startswith("cuda:") and device[5:].isdigit()):
         raise SimulationError(f'device = {device!r}: allowed are "cpu", "cuda" (all GPUs), "cuda:0" (one), or None')
+    names = _gpus()
+    if device is None and not names:
+        return ("cpu",)
     from warpchain.engine.gpu import OLDEST, refusal
 
-    names = _gpus()
     reason = refusal(packed)
     if device is None:
         names = {name: arch for name, arch in names.items() if arch >= OLDEST}
