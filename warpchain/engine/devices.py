@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import numpy as np
@@ -106,6 +107,26 @@ def engine_on(devices: Sequence[str], packed: Packed, cores: int) -> Engine:
     if len(parts) == 1:
         return GpuEngine(packed, parts[0][0])
     return SeveralEngines(packed, parts, GpuEngine)
+
+
+@contextmanager
+def loading(devices: Sequence[str], packed: Packed, precision: str) -> Iterator[None]:
+    """Loads the CPU's kernel of steps while what stands within, such as settling, is done with another one.
+
+    Where nothing is cached they are then compiled side by side.
+    """
+    if tuple(devices) != ("cpu",):
+        yield
+        return
+    import warp as wp
+
+    from warpchain.engine.cpu import kernel_of
+
+    kernel = kernel_of("advance", packed, precision)
+    with ThreadPoolExecutor(1) as pool:
+        loaded = pool.submit(wp.load_module, kernel.module, device="cpu")
+        yield
+        loaded.result()
 
 
 def launch_steps(devices: Sequence[str], packed: Packed, wanted: int) -> int:

@@ -268,13 +268,17 @@ def _kind(name: str) -> type:
 def _column(kind: type, values: Any, missing: NDArray[np.bool_] | None) -> pa.Array:
     """Values of a kind as a column, null where they are missing.
 
-    Numbers go in as they lie in memory: `pyarrow.array` would load pandas for them, wherever that is installed.
+    They go in as they lie in memory: `pyarrow.array` would load pandas, wherever that is installed.
     """
     import pyarrow as pa
 
     arrow = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}[kind]
+    if kind is str and None not in values:
+        words = [word.encode() for word in values]
+        ends = np.cumsum([0, *map(len, words)], dtype=np.int32)
+        return pa.StringArray.from_buffers(len(words), pa.py_buffer(ends), pa.py_buffer(b"".join(words)))
     if missing is None:
-        return pa.array(list(values), arrow)
+        return pa.array(values, arrow)
     numbers = np.ascontiguousarray(values, dtype=kind)
     held = np.packbits(numbers, bitorder="little") if kind is bool else numbers
     valid = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
