@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.engine.packed import Packed
+from warpchain.engine.speeds import Choice, quickest
 from warpchain.engine.start import start_warp
 from warpchain.errors import SimulationError
 
@@ -41,7 +42,7 @@ class Engine(Protocol):
 
 
 def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
-    """The devices that `device` names: "cpu", "cuda" for all GPUs, "cuda:1" for one, None for the best there is.
+    """The devices that `device` names: "cpu", "cuda" for all GPUs, "cuda:1" for one, None for GPUs or else the CPU.
 
     Raises:
         SimulationError: for an unknown name, no such GPU, one that is too old, or an ensemble that a GPU cannot run.
@@ -57,8 +58,7 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
 
     reason = refusal(packed)
     if device is None:
-        names = {name: arch for name, arch in names.items() if arch >= OLDEST}
-        return tuple(names) if names and reason is None else ("cpu",)
+        return usable_gpus() if reason is None and usable_gpus() else ("cpu",)
     if not names:
         raise SimulationError(
             f"device = {device!r}: no NVIDIA GPU with a driver is here (see nvidia-smi); install the driver, "
@@ -76,6 +76,28 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
     if reason is not None:
         raise SimulationError(reason)
     return wanted
+
+
+def usable_gpus() -> tuple[str, ...]:
+    """The GPUs that are here and new enough."""
+    names = _gpus()
+    if not names:
+        return ()
+    from warpchain.engine.gpu import OLDEST
+
+    return tuple(name for name, arch in names.items() if arch >= OLDEST)
+
+
+def devices_for(device: str | None, packed: Packed, precision: str, cores: int) -> Choice:
+    """The devices that an ensemble runs on: those that `device` names; for None what is estimated to finish first.
+
+    Raises:
+        SimulationError: as `chosen_devices`.
+    """
+    devices = chosen_devices(device, packed)[: packed.variants]
+    if device is not None or devices == ("cpu",):
+        return Choice(devices, None)
+    return quickest(devices, packed, precision, cores)
 
 
 def _gpus() -> dict[str, int]:

@@ -71,7 +71,8 @@ def simulate(
 
     Args:
         drives: one drive or many.
-        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for the best there is.
+        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for what is estimated to finish first
+            (`info.choice` tells why). Results on different devices differ in their last bits.
         precision: "float64" or "float32".
         duration: simulated time [s]; None takes each drive's own.
         step: time step [s], or "auto"; None takes each drive's own.
@@ -101,7 +102,7 @@ def simulate(
         LayoutWarning: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
         SuspectWarning: variants that are not "ok": which, why, and what to change.
     """
-    from warpchain.engine.devices import chosen_devices, engine_on, frame_bytes, launch_steps, loading
+    from warpchain.engine.devices import devices_for, engine_on, frame_bytes, launch_steps, loading
     from warpchain.engine.ends import causes_of, engaged, layout_line, layouts_of, net_force
     from warpchain.engine.nudge import nudge
     from warpchain.engine.pack import pack
@@ -122,8 +123,8 @@ def simulate(
     real_of(precision)  # an unknown precision ends here
     layouts = layouts_of(chosen, packed.assemblies)
     _warn(LayoutWarning, layout_line(layouts))
-    devices = chosen_devices(device, packed)[: len(chosen)]
-    info = _run_info(devices, precision, schedules)
+    devices, why = devices_for(device, packed, precision, cores)
+    info = replace(_run_info(devices, precision, schedules), choice=why)
     begun = time.monotonic()
     steps = launch_steps(devices, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
     recorder = Recorder(chosen, schedules, packed, info, recording)
