@@ -168,7 +168,7 @@ def _run(commands: Any) -> None:
     parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
     parser.add_argument(
         "--device",
-        help='where to run: "cpu", "cuda" (all GPUs), "cuda:1" (one); default what is estimated to finish first',
+        help='where to run: "cpu", "cuda" (all GPUs), "cuda:1" (one); default what should finish first',
     )
     parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
     parser.add_argument("--duration", type=number, metavar="SECONDS", help="simulated time; default the drive's own")

@@ -279,7 +279,7 @@ def _column(kind: type, values: Any, missing: NDArray[np.bool_] | None) -> pa.Ar
         return pa.StringArray.from_buffers(len(words), pa.py_buffer(ends), pa.py_buffer(b"".join(words)))
     if missing is None:
         return pa.array(values, arrow)
-    numbers = np.ascontiguousarray(values, dtype=kind)
+    numbers: NDArray[Any] = np.ascontiguousarray(values, dtype=kind)
     held = np.packbits(numbers, bitorder="little") if kind is bool else numbers
     valid = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
     return pa.Array.from_buffers(arrow, len(numbers), [valid, pa.py_buffer(held)])
