@@ -43,6 +43,9 @@ WORTH_MEASURING = 20.0
 PLAIN = 4.0
 """One device that is this many times faster than the next by its class is chosen without measuring."""
 
+ALIKE = 1.05
+"""Times that differ by less are taken for equal."""
+
 FILE = "warpchain-devices.json"
 
 
@@ -139,10 +142,11 @@ def _chosen(
 
 
 def _told(found: Mapping[tuple[str, ...], float]) -> Choice:
-    """The choice that takes least; the plainest of equal ones."""
-    best, *rest = sorted(found, key=lambda devices: found[devices])
-    others = ", ".join(f"{found[devices]:.2g} s on {','.join(devices)}" for devices in rest)
-    return Choice(best, f"{found[best]:.2g} s estimated, {others}")
+    """The choice that takes least; the plainest of those that take about as little."""
+    least = ALIKE * min(found.values())
+    best = next(devices for devices, seconds in found.items() if seconds <= least)
+    others = [f"{seconds:.2g} s on {','.join(devices)}" for devices, seconds in found.items() if devices != best]
+    return Choice(best, f"{found[best]:.2g} s estimated against {' and '.join(others)}")
 
 
 def machine(gpus: Sequence[str]) -> dict[str, Any]:
