@@ -50,7 +50,7 @@ def test_the_status_says_whether_a_case_is_slower(guard, monkeypatch, tmp_path, 
 
 
 def test_a_commit_that_is_none_is_told_in_one_line(guard, tmp_path):
-    with pytest.raises(SystemExit, match=r"^no-such-commit: .*invalid reference: no-such-commit$"):
-        with guard.checkout(tmp_path, "a", "no-such-commit"):
-            pass
+    refused = pytest.raises(SystemExit, match=r"^no-such-commit: .*invalid reference: no-such-commit$")
+    with refused, guard.checkout(tmp_path, "a", "no-such-commit"):
+        pass
     assert not (tmp_path / "a").exists()
