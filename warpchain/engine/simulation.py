@@ -253,19 +253,19 @@ def _settle(
 def _march(engine: Engine, steps: int, buffer_values: int, recorder: Recorder, report: Report, stop: Stop) -> None:
     """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
     drives = engine.packed.drives
-    rollers = drives["rollers"].astype(float)
-    total = float(((drives["steps"] + 1) * rollers).sum())
+    rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
+    total = float(((last + 1) * rollers).sum())
     buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
     taken: tuple[Any, Any, Any] | None = None
 
     def tick() -> None:
         state = engine.progress()
-        done = np.where(state["diverged"] == 1, drives["steps"] + 1, state["step"])
+        done = np.where(state["diverged"] == 1, last + 1, state["step"])
         report("simulating", float((done * rollers).sum()), total)
 
     before = engine.progress()
     turn = 0
-    while ((before["step"] <= drives["steps"]) & (before["diverged"] == 0)).any() and not stop.asked:
+    while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.asked:
         futures = engine.advance(steps, buffers[turn])
         _load_ahead()
         if taken is not None:
