@@ -1,6 +1,6 @@
 """Speed of one commit on the CPU beside another's, in one run: what a change has cost.
 
-    python scripts/bench_guard.py main HEAD
+    python scripts/bench_guard.py main~1 main
 
 Checks both out into a temporary folder, runs each in processes of its own, in turns A B A B, and takes of each case the
 best of the rounds in CPU time, so that others on the machine hardly count: the time loop of two drives, bare and with
