@@ -1,20 +1,26 @@
 """GPU benchmark: 1e9 roller-steps a second, beside hand-written CUDA C++ doing the same work, compiled on the spot.
 
-    python scripts/bench_gpu.py [table] [joints] [recording] [rollers] [gpus] [headline]
+    python scripts/bench_gpu.py [table] [joints] [recording] [rollers] [gpus] [headline] [kinds]
 
-`table`: the time loop bare and with metrics, by precision and number of variants, two drives, each beside
-chain_reference.cu in the same run. `joints`: with joint friction beside without.
+`table`: the time loop bare and with metrics, by precision and number of variants, one alone among them, two drives,
+each beside chain_reference.cu in the same run. `joints`: with joint friction beside without.
 `recording`: whole runs without records, with 16 variants in full, and with metrics over the whole run.
 `rollers`: by length of chain. `gpus`: on one GPU and on all. `headline`: 10,000 variants of the
-marine drive, two simulated seconds each, metrics for all. Without names: all of them. Each case is run several times
+marine drive, two simulated seconds each, metrics for all, equal but for a load and different in five values. `kinds`:
+8,000 two-sprocket drives of 224 kinds beside 8,000 of one. Without names: all of them. Each case is run several times
 and the best counts; compilation is timed apart. Without nvcc the reference is left out, with a message.
+
+`--limit FILE.cu` compiles and runs another CUDA program beside the table, one that prints lines such as
+`CUDA f64 V=1056 N=118 steps=4000 ... 85.6 Groller-steps/s`.
 """
 
 import argparse
+import re
 import shutil
 import subprocess
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -95,14 +101,36 @@ def difference(drive: Drive, steps: int, folder: Path) -> float:
     return float(np.abs(ours - theirs).max())
 
 
-def table() -> None:
+LIMIT_LINE = re.compile(r"^CUDA f(64|32) V=(\d+) .*?([\d.]+) Groller-steps/s")
+
+
+def limits(source: Path | None, folder: Path) -> dict[tuple[str, int], float]:
+    """What another CUDA program reaches, 1e9 roller-steps a second by precision and variants; empty without one."""
+    if source is None or shutil.which("nvcc") is None:
+        return {}
+    program = folder / "limit"
+    subprocess.run(["nvcc", "-O3", "-arch=native", "-o", str(program), str(source)], check=True)
+    lines = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout.splitlines()
+    return limit_rates(lines)
+
+
+def limit_rates(lines: list[str]) -> dict[tuple[str, int], float]:
+    """The rates in such a program's lines; others do not count."""
+    found = [match for match in map(LIMIT_LINE.match, lines) if match]
+    return {(f"float{match[1]}", int(match[2])): float(match[3]) for match in found}
+
+
+def table(limit: Path | None = None) -> None:
     """The time loop beside the reference."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for title, drive in DRIVES.items():
             print(f"\n{title}: {drive.chain.links} rollers; 1e9 roller-steps/s, 2,000 steps")
-            print("precision  variants     CUDA     bare  of CUDA   us/step  metrics  of bare   GiB  first launch s")
+            print(
+                "precision  variants     CUDA     bare  of CUDA   us/step  metrics  of bare   GiB  first launch  limit"
+            )
             times = reference(drive, 2000, folder)
+            most = limits(limit, folder) if len(drive.sprockets) == 2 else {}
             for precision in ("float64", "float32"):
                 for variants in VARIANTS:
                     work = variants * drive.chain.links * 2000 / 1e9
@@ -112,7 +140,7 @@ def table() -> None:
                     print(
                         f"{precision:9s} {variants:9d} {work / theirs:8.2f} {work / best:8.2f} {theirs / best:8.2f} "
                         f"{best / 2000 * 1e6:9.3f} {work / measured:8.2f} {best / measured:8.2f} {taken:5.2f} "
-                        f"{first:9.2f}",
+                        f"{first:9.2f} {most.get((precision, variants), np.nan):12.2f}",
                         flush=True,
                     )
             if times:
@@ -170,25 +198,76 @@ def gpus() -> None:
     print(f"\n{title}: one GPU {one:.2f} s, {count} GPUs {every:.2f} s, {one / every:.2f}x")
 
 
+def different(drive: Drive, count: int) -> list[Drive]:
+    """Marine drives that differ in five values, two of which move rollers to other places."""
+    x, y = drive.sprockets[1].center
+    return [
+        drive.with_values(
+            {
+                "sprockets.camshaft.load.torque": 8000.0 + 0.2 * k,
+                "sprockets.tightener.center": [x - 1e-7 * k, y],
+                "chain.elongation": 1e-8 * k,
+                "chain.roller_mass": drive.chain.roller_mass * (1.0 + 1e-6 * k),
+                "chain.damping": drive.chain.damping * (1.0 + 1e-5 * k),
+            }
+        )
+        for k in range(count)
+    ]
+
+
 def headline() -> None:
     """10,000 variants of the marine drive, with its friction."""
     drive = load_drive(drive_path("marine"))
+    loads = [drive.with_values({"sprockets.camshaft.load.torque": 8000.0 + 0.2 * k}) for k in range(10_000)]
+    for title, drives in (("that differ in a load", loads), ("that differ in five values", different(drive, 10_000))):
+        for precision in ("float64", "float32"):
+            told = f"10,000 variants of the marine drive {title}, 2 s each, {precision}"
+            whole(told, drives, precision, None)
+
+
+def whole(title: str, drives: list[Drive], precision: str, duration: float | None) -> float:
+    """Times a run from a list of drives to the table of metrics, prints it, and returns its seconds."""
+    options: dict[str, Any] = {"device": DEVICE, "precision": precision, "record": Record(variants="none")}
+    simulate(drives, duration=0.001, **options)  # compiles
     begin = time.perf_counter()
-    drives = [drive.with_values({"sprockets.camshaft.load.torque": 8000.0 + 0.2 * k}) for k in range(10_000)]
-    made = time.perf_counter() - begin
-    for precision in ("float64", "float32"):
-        simulate(drives, device=DEVICE, precision=precision, duration=0.001, record=Record(variants="none"))  # compiles
-        begin = time.perf_counter()
-        run = simulate(drives, device=DEVICE, precision=precision, record=Record(variants="none"))
-        total = time.perf_counter() - begin
-        diverged = sum(run.metrics["diverged"].to_pylist())
-        mean = np.mean(run.metrics["tension_mean"].to_numpy())
-        print(
-            f"\n10,000 variants of the marine drive, 2 s each, {precision}: {total:.2f} s, of which packing "
-            f"{total - run.info.wall_time:.2f} s (drives made in {made:.2f} s); {diverged} diverged, "
-            f"mean tension {mean:.0f} N",
-            flush=True,
+    run = simulate(drives, duration=duration, **options)
+    total = time.perf_counter() - begin
+    diverged = sum(run.metrics["diverged"].to_pylist())
+    mean = np.mean(run.metrics["tension_mean"].to_numpy())
+    print(
+        f"\n{title}: {total:.2f} s, of which packing and the table {total - run.info.wall_time:.2f} s; "
+        f"{diverged} diverged, mean tension {mean:.0f} N",
+        flush=True,
+    )
+    return total
+
+
+def kinds_of(base: Drive) -> list[Drive]:
+    """Two-sprocket drives of 224 kinds: 14 numbers of teeth by 16 of links."""
+    return [
+        base.with_values(
+            {
+                "chain.links": links,
+                "sprockets.driver.teeth": teeth,
+                "sprockets.driven.teeth": teeth,
+                "sprockets.driven.center": [(links - teeth) / 2 * base.chain.pitch + 0.0004, 0.0],
+            }
         )
+        for teeth in range(20, 34)
+        for links in range(104, 136, 2)
+    ]
+
+
+def kinds() -> None:
+    """8,000 drives of many kinds beside 8,000 of one, 1 s each."""
+    base = DRIVES["two equal 30-tooth sprockets"]
+    many = kinds_of(base)
+    drives = [many[k % len(many)] for k in range(8_000)]
+    for precision in ("float64", "float32"):
+        one = whole(f"8,000 variants of one kind, 1 s each, {precision}", [base] * 8_000, precision, 1.0)
+        all_ = whole(f"8,000 variants of {len(many)} kinds, 1 s each, {precision}", drives, precision, 1.0)
+        work = sum(drive.chain.links for drive in drives) / (8_000 * base.chain.links)
+        print(f"{all_ / one:.2f} times as long, for {work:.2f} times the roller-steps", flush=True)
 
 
 def joints() -> None:
@@ -210,13 +289,14 @@ def joints() -> None:
                     )
 
 
-PARTS = {
+PARTS: dict[str, Callable[..., None]] = {
     "table": table,
     "joints": joints,
     "recording": recording,
     "rollers": rollers,
     "gpus": gpus,
     "headline": headline,
+    "kinds": kinds,
 }
 
 
@@ -231,17 +311,18 @@ def parser() -> argparse.ArgumentParser:
     """The command's words."""
     made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.add_argument("parts", nargs="*", type=part, help=", ".join(PARTS))
+    made.add_argument("--limit", metavar="FILE.cu", type=Path, help="another CUDA program to hold the table against")
     return made
 
 
 def main() -> None:
     """Runs the parts that are named."""
-    chosen = parser().parse_args().parts or list(PARTS)
+    asked = parser().parse_args()
     wp.config.log_level = wp.LOG_ERROR
     wp.init()
     print(wp.get_device(DEVICE).name)
-    for name in chosen:
-        PARTS[name]()
+    for name in asked.parts or list(PARTS):
+        PARTS[name](*([asked.limit] if name == "table" else []))
 
 
 if __name__ == "__main__":

@@ -50,4 +50,5 @@ def device(request, monkeypatch):
         return chosen(wanted or request.param, packed)
 
     monkeypatch.setattr(devices, "chosen_devices", forced)
+    monkeypatch.setattr(devices, "quickest", lambda gpus, *_: devices.Choice(tuple(gpus), None))
     return request.param

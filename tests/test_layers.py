@@ -33,7 +33,7 @@ KERNEL_LEVELS = (
     ("integrate",),
     ("physics",),
     ("sums", "relaxation", "frames"),
-    ("batches", "tension_bins", "slip"),
+    ("batches", "tension_bins", "slip", "modules"),
     ("cpu", "gpu"),
 )
 STUDY_LEVELS = (

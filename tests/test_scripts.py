@@ -91,4 +91,4 @@ def test_words_that_a_script_does_not_know_are_refused(load, capsys):
         with pytest.raises(SystemExit) as left:
             load(ROOT / "scripts" / f"{name}.py").parser().parse_args(words)
         assert left.value.code == 2
-    assert "'tables': allowed are table, joints, recording, rollers, gpus, headline" in capsys.readouterr().err
+    assert "'tables': allowed are table, joints, recording, rollers, gpus, headline, kinds" in capsys.readouterr().err

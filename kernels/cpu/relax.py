@@ -4,6 +4,7 @@ from functools import cache
 
 import warp as wp
 
+from ..modules import own_module
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..rows import STATE_ROWS, accessors
 from ..structs import Drive, types
@@ -87,7 +88,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         stiffness = wp.float64(chain.stiffness)
         return relative_residual(wp.float64(worst), wp.float64(tension), wp.float64(chain.mass), gravity, stiffness)
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module=own_module("relax", Real, capacity))
     def relax(
         ensemble: kinds.Ensemble,
         state: kinds.State,

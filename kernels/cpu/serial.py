@@ -10,6 +10,7 @@ from typing import Any
 import warp as wp
 
 from ..integrate import leapfrog_kick, rk4_stage
+from ..modules import own_module
 from ..rows import STATE_ROWS
 from ..structs import DIVERGENCE_CHECK, types
 from ..sum_structs import Sums
@@ -33,7 +34,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
     evaluate = evaluating(Real, capacity).evaluate
     inside, bodies_sound = part.inside, moving(Real).bodies_sound
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module=own_module("advance", Real, capacity, frame))
     def advance(
         ensemble: kinds.Ensemble,
         state: kinds.State,

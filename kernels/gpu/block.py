@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from ..modules import own_module
 from ..structs import types
 from ..sum_structs import Sums, Tallies
 from ..sums import add_hub_force
@@ -163,7 +164,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             progress.diverged = now.diverged
             state.progress[mine.variant] = progress
 
-    @wp.kernel(enable_backward=False, module="unique", grid_stride=False, launch_bounds=(threads, blocks))
+    @wp.kernel(
+        enable_backward=False,
+        module=own_module("advance_block", kind, blocks, frame),
+        grid_stride=False,
+        launch_bounds=(threads, blocks),
+    )
     def advance_block(
         ensemble: kinds.Ensemble,
         state: kinds.State,

@@ -4,6 +4,7 @@ from functools import cache
 
 import warp as wp
 
+from ..modules import own_module
 from ..physics.body import pose_of
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import types
@@ -136,7 +137,12 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             set_velocity(shared, j, v)
             move(shared, j, h * v[0], h * v[1])
 
-    @wp.kernel(enable_backward=False, module="unique", grid_stride=False, launch_bounds=(threads, blocks))
+    @wp.kernel(
+        enable_backward=False,
+        module=own_module("relax_block", kind, blocks),
+        grid_stride=False,
+        launch_bounds=(threads, blocks),
+    )
     def relax_block(
         ensemble: kinds.Ensemble,
         state: kinds.State,

@@ -151,6 +151,7 @@ def _info(head: Mapping[str, str], end: Mapping[str, str]) -> RunInfo:
         wall_time=float(end["wall_time"]),
         step=float(head["step"]) if "step" in head else None,
         seed=int(head["seed"]) if "seed" in head else None,
+        choice=head.get("choice"),
     )
 
 

@@ -59,6 +59,22 @@ def chains(_: argparse.Namespace) -> int:
     return DONE
 
 
+def devices(arguments: argparse.Namespace) -> int:
+    from warpchain.engine.devices import usable_gpus
+    from warpchain.engine.simulation import available_cores
+    from warpchain.engine.speeds import lines, measured
+    from warpchain.engine.start import start_warp
+
+    start_warp(precompiled=False)
+    gpus = usable_gpus()
+    if arguments.calibrate:
+        for precision in ("float64", "float32"):
+            measured(gpus, precision, available_cores())
+    for line in lines(gpus):
+        print(line)
+    return DONE
+
+
 def fit(arguments: argparse.Namespace) -> int:
     from warpchain.cli.fit import fit_file
 
@@ -119,6 +135,8 @@ def run(arguments: argparse.Namespace) -> int:
     row = run.metrics.to_pylist()[0]
     for line in _summary(drive, row, run.info.wall_time):
         print(line)
+    if run.info.choice:
+        print(f"device: {run.info.device}, {run.info.choice}")
     print(f"archive: {arguments.output}; look at it with: warpchain view {arguments.output}")
     if run.info.ended != "complete":
         print(f"interrupted: the archive holds what was recorded until then ({len(run[0].time)} frames)")

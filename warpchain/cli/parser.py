@@ -63,6 +63,12 @@ def _chains(commands: Any) -> None:
     _add(commands, "chains", do.chains, "list the chains of ISO 606 that size = names", "warpchain chains")
 
 
+def _devices(commands: Any) -> None:
+    text = "list the devices that runs can take, and how fast they were measured to be"
+    parser = _add(commands, "devices", do.devices, text, "warpchain devices --calibrate")
+    parser.add_argument("--calibrate", action="store_true", help="measure them now, as runs do once where it pays")
+
+
 def _fit(commands: Any) -> None:
     parser = _add(
         commands,
@@ -161,7 +167,8 @@ def _run(commands: Any) -> None:
     parser.add_argument("-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="the archive to write")
     parser.add_argument("--set", metavar="PATH=VALUE", action="append", default=[], help="change a value of the drive")
     parser.add_argument(
-        "--device", help='where to run: "cpu", "cuda" (all GPUs), "cuda:1" (one); default the best there is'
+        "--device",
+        help='where to run: "cpu", "cuda" (all GPUs), "cuda:1" (one); default what should finish first',
     )
     parser.add_argument("--precision", default="float64", choices=["float64", "float32"], help="default float64")
     parser.add_argument("--duration", type=number, metavar="SECONDS", help="simulated time; default the drive's own")
@@ -334,6 +341,7 @@ def _study(commands: Any) -> None:
 COMMANDS = (
     _check,
     _chains,
+    _devices,
     _fit,
     _modes,
     _tensioner,

@@ -15,12 +15,18 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.engine.arrays import SUMS, empty_sums, upload_ensemble, upload_state
-from warpchain.engine.packed import Packed
+from warpchain.engine.packed import Packed, real_of
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu import relax, serial
 
 CAPACITIES = (264, 1032, 4104, 16392, 65544)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
+
+
+def kernel_of(name: str, packed: Packed, precision: str) -> Any:
+    """The kernel "advance" or "relax" for an ensemble at a precision, not loaded; for one thread at a time."""
+    form = real_of(precision), _capacity(packed)
+    return relax.relax_kernel(*form) if name == "relax" else serial.advance_kernel(*form, packed.frame)
 
 
 class CpuEngine:
@@ -49,8 +55,7 @@ class CpuEngine:
     def _kernel(self, name: str) -> Any:
         """The compiled kernel, loaded before any thread launches it."""
         if name not in self._kernels:
-            form = self.packed.real, self.capacity
-            kernel = relax.relax_kernel(*form) if name == "relax" else serial.advance_kernel(*form, self.packed.frame)
+            kernel = kernel_of(name, self.packed, self.packed.precision)
             wp.load_module(kernel.module, device="cpu")
             self._kernels[name] = kernel
         return self._kernels[name]

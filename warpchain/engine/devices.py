@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.engine.packed import Packed
+from warpchain.engine.speeds import Choice, quickest
 from warpchain.engine.start import start_warp
 from warpchain.errors import SimulationError
 
@@ -41,7 +43,7 @@ class Engine(Protocol):
 
 
 def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
-    """The devices that `device` names: "cpu", "cuda" for all GPUs, "cuda:1" for one, None for the best there is.
+    """The devices that `device` names: "cpu", "cuda" for all GPUs, "cuda:1" for one, None for GPUs or else the CPU.
 
     Raises:
         SimulationError: for an unknown name, no such GPU, one that is too old, or an ensemble that a GPU cannot run.
@@ -50,13 +52,14 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
         return ("cpu",)
     if device is not None and device != "cuda" and not (device.startswith("cuda:") and device[5:].isdigit()):
         raise SimulationError(f'device = {device!r}: allowed are "cpu", "cuda" (all GPUs), "cuda:0" (one), or None')
+    names = _gpus()
+    if device is None and not names:
+        return ("cpu",)
     from warpchain.engine.gpu import OLDEST, refusal
 
-    names = _gpus()
     reason = refusal(packed)
     if device is None:
-        names = {name: arch for name, arch in names.items() if arch >= OLDEST}
-        return tuple(names) if names and reason is None else ("cpu",)
+        return usable_gpus() if reason is None and usable_gpus() else ("cpu",)
     if not names:
         raise SimulationError(
             f"device = {device!r}: no NVIDIA GPU with a driver is here (see nvidia-smi); install the driver, "
@@ -74,6 +77,28 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
     if reason is not None:
         raise SimulationError(reason)
     return wanted
+
+
+def usable_gpus() -> tuple[str, ...]:
+    """The GPUs that are here and new enough."""
+    names = _gpus()
+    if not names:
+        return ()
+    from warpchain.engine.gpu import OLDEST
+
+    return tuple(name for name, arch in names.items() if arch >= OLDEST)
+
+
+def devices_for(device: str | None, packed: Packed, precision: str, cores: int) -> Choice:
+    """The devices that an ensemble runs on: those that `device` names; for None what is estimated to finish first.
+
+    Raises:
+        SimulationError: as `chosen_devices`.
+    """
+    devices = chosen_devices(device, packed)[: packed.variants]
+    if device is not None or devices == ("cpu",):
+        return Choice(devices, None)
+    return quickest(devices, packed, precision, cores)
 
 
 def _gpus() -> dict[str, int]:
@@ -105,6 +130,26 @@ def engine_on(devices: Sequence[str], packed: Packed, cores: int) -> Engine:
     if len(parts) == 1:
         return GpuEngine(packed, parts[0][0])
     return SeveralEngines(packed, parts, GpuEngine)
+
+
+@contextmanager
+def loading(devices: Sequence[str], packed: Packed, precision: str) -> Iterator[None]:
+    """Loads the CPU's kernel of steps while what stands within, such as settling, is done with another one.
+
+    Where nothing is cached they are then compiled side by side.
+    """
+    if tuple(devices) != ("cpu",):
+        yield
+        return
+    import warp as wp
+
+    from warpchain.engine.cpu import kernel_of
+
+    kernel = kernel_of("advance", packed, precision)
+    with ThreadPoolExecutor(1) as pool:
+        loaded = pool.submit(wp.load_module, kernel.module, device="cpu")
+        yield
+        loaded.result()
 
 
 def launch_steps(devices: Sequence[str], packed: Packed, wanted: int) -> int:

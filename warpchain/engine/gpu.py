@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from warpchain.engine.arrays import NOTES, SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import MANY, THREADS, BlockShape, block_shape, room_for
+from warpchain.engine.lanes import Phase, cut, groups
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
@@ -42,6 +43,9 @@ FRAME_BYTES = 32 * 2**20
 
 LAUNCH_WORK = 5.0e9
 """Roller-steps of one launch, about a quarter of a second, so that progress shows and Ctrl-C is heard."""
+
+STREAMS = 4
+"""On which launches of unlike variants go side by side."""
 
 LAUNCH_STEPS = 131_072
 """Most steps of one launch, about a quarter of a second for a single variant."""
@@ -187,9 +191,11 @@ class GpuEngine:
 
     def __init__(self, packed: Packed, device: str) -> None:
         self.packed, self.device = packed, device
+        self._processors = int(wp.get_device(device).sm_count)
+        self._loaded: set[str] = set()
         self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
         with _memory_named(device, packed):
-            self.stream, self.copies = wp.Stream(device), wp.Stream(device)
+            self.stream, self.copies, *self._others = (wp.Stream(device) for _ in range(STREAMS + 1))
             with wp.ScopedStream(self.stream):
                 self.buckets = self._bucketed()
                 self.ensemble = upload_ensemble(packed, device)
@@ -200,6 +206,11 @@ class GpuEngine:
         self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
         self._settling: Any = None
         self._kernels: dict[Any, Any] = {}
+        drives = packed.drives
+        windows = {name: np.ascontiguousarray(drives[name]) for name in ("window_start", "window_end")}
+        # rows in global memory, which launches share
+        self._apart = [any(rows_apart(packed.real, [bucket])) for bucket in self.buckets]
+        self._windows = [{name: of[bucket.variants] for name, of in windows.items()} for bucket in self.buckets]
         self._settling_now: NDArray[Any] = np.zeros(0)
 
     def _bucketed(self) -> list[Bucket]:
@@ -211,81 +222,94 @@ class GpuEngine:
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
-        processors = int(wp.get_device(self.device).sm_count)
         buckets = []
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
             slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles = key
-            shape = block_shape(slots, len(order) >= MANY * processors)
+            shape = block_shape(slots, len(order) >= MANY * self._processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
             bodies = arms, tensioners, bool(profiles)
             buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array))
         return buckets
 
-    def _kernel(self, name: str, bucket: Bucket) -> Any:
-        """A bucket's kernel, compiled and loaded by the calling thread: Warp builds one at a time.
+    def _blocks(self, name: str, bucket: Bucket) -> int:
+        """Blocks of a bucket's kernel that a multiprocessor is to hold."""
+        each = 2**31 if name == "relax" else -(-bucket.count // self._processors)
+        return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each)
 
-        "advance" takes no metrics, "measure" does, "relax" settles.
-        """
-        kind = kernel_kind(name, self.packed.real, bucket)
-        each = 2**31 if name == "relax" else -(-bucket.count // int(wp.get_device(self.device).sm_count))
-        blocks = kernel_shape(name, bucket).resident(self.packed.precision, kind.measuring, each)
+    def _made(self, name: str, bucket: Bucket) -> Any:
+        """A bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
+        kind, blocks = kernel_kind(name, self.packed.real, bucket), self._blocks(name, bucket)
         if (name, kind) not in self._kernels:
             frame = self.packed.frame
             kernel = block_relax_kernel(kind, blocks) if name == "relax" else block_kernel(kind, blocks, frame)
-            wp.load_module(kernel.module, device=self.device, block_dim=kind.threads)
             self._kernels[name, kind] = kernel
         return self._kernels[name, kind]
 
-    def _phases(self, bucket: Bucket, steps: int) -> list[tuple[str, int, int]]:
-        """How to take a bucket `steps` steps on: kernel, steps, and steps before in this launch.
+    def _load(self, *names: str) -> None:
+        """Compiles and loads the kernels of these names, once, side by side.
+
+        They are made by the calling thread, as they share functions.
+        """
+        if self._loaded.issuperset(names):
+            return
+        jobs = [(self._made(name, b).module, kernel_shape(name, b).threads) for b in self.buckets for name in names]
+        with ThreadPoolExecutor(8) as pool:
+            load = [pool.submit(wp.load_module, module, device=self.device, block_dim=dim) for module, dim in jobs]
+            for loading in load:
+                loading.result()
+        self._loaded.update(names)
+
+    def _phases(self, number: int, steps: int) -> list[Phase]:
+        """How to take the bucket of a number `steps` steps on: kernel, steps, and steps before in this call.
 
         What takes metrics is slower, so it runs from where the first window begins to where the last one ends.
         """
-        drives, progress = self.packed.drives[bucket.variants], self._progress[bucket.variants]
-        alive = (progress["diverged"] == 0) & (drives["window_end"] >= progress["step"])
-        until = np.maximum(drives["window_start"] - progress["step"], 0)[alive].min(initial=steps)
+        windows, progress = self._windows[number], self._progress[self.buckets[number].variants]
+        alive = (progress["diverged"] == 0) & (windows["window_end"] >= progress["step"])
+        until = np.maximum(windows["window_start"] - progress["step"], 0)[alive].min(initial=steps)
         bare = steps if until >= steps else int(until) // int(DIVERGENCE_CHECK) * int(DIVERGENCE_CHECK)
         phases = [("advance", bare, 0), ("measure", steps - bare, bare)]
         return [phase for phase in phases if phase[1] > 0]
 
-    def _launch(self, kernel: Any, shape: BlockShape, bucket: Bucket, inputs: Sequence[Any]) -> None:
-        wp.launch(
-            kernel,
-            dim=bucket.count * shape.threads,
-            inputs=[*inputs],
-            block_dim=shape.threads,
-            device=self.device,
-            stream=self.stream,
-        )
+    def _launch(self, kernel: Any, threads: int, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
+        dim = len(order) * threads
+        wp.launch(kernel, dim=dim, inputs=[*inputs], block_dim=threads, device=self.device, stream=stream)
+
+    def _lanes(self, steps: int) -> list[tuple[bool, Bucket, wp.array, list[Phase]]]:
+        """Variants whose launches follow one another: whether beside others, bucket, place in it, and launches."""
+        lanes = []
+        for number, bucket in enumerate(self.buckets):
+            phases = self._phases(number, steps)
+            apart = self._apart[number]
+            turn = bucket.count if apart or not phases else self._blocks(phases[-1][0], bucket) * self._processors
+            parts = groups(bucket.count, turn)
+            if len(parts) > 1:
+                phases = cut(phases, int(DIVERGENCE_CHECK))
+            lanes += [(not apart, bucket, bucket.order[first : first + count], phases) for first, count in parts]
+        return lanes
 
     def advance(self, steps: int, frames: FrameBuffer) -> list[Future[None]]:
         """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
-
-        launches = [
-            (bucket, self._kernel(name, bucket), taken, before)
-            for bucket in self.buckets
-            for name, taken, before in self._phases(bucket, steps)
-        ]
+        self._load("advance", "measure")
 
         def work() -> None:
             with _memory_named(self.device, self.packed):
                 if frames.copied is not None:
                     self.stream.wait_event(frames.copied)
-                for bucket, kernel, taken, before in launches:
-                    inputs = [
-                        self.ensemble,
-                        self.state,
-                        self.gpu_sums,
-                        self.tallies,
-                        frames.device,
-                        bucket.order,
-                        taken,
-                        before,
-                    ]
-                    self._launch(kernel, bucket.shape, bucket, inputs)
+                begun = self.stream.record_event()
+                for stream in self._others:
+                    stream.wait_event(begun)
+                state = self.ensemble, self.state, self.gpu_sums, self.tallies, frames.device
+                for at, (beside, bucket, order, phases) in enumerate(self._lanes(steps)):
+                    stream = [self.stream, *self._others][at % STREAMS if beside else 0]
+                    for name, taken, before in phases:
+                        kernel = self._made(name, bucket)
+                        self._launch(kernel, bucket.shape.threads, order, [*state, order, taken, before], stream)
+                for stream in self._others:
+                    self.stream.wait_event(stream.record_event())
                 done = self.stream.record_event()
                 if frames.values:
                     self.copies.wait_event(done)
@@ -309,14 +333,14 @@ class GpuEngine:
 
     def settle(self, steps: int) -> list[Future[None]]:
         """Starts up to `steps` steps of relaxation of every variant that has not settled."""
-
-        kernels = [self._kernel("relax", bucket) for bucket in self.buckets]
+        self._load("relax")
 
         def work() -> None:
             with _memory_named(self.device, self.packed):
-                for bucket, kernel in zip(self.buckets, kernels, strict=True):
+                for bucket in self.buckets:
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, steps]
-                    self._launch(kernel, kernel_shape("relax", bucket), bucket, inputs)
+                    threads = kernel_shape("relax", bucket).threads
+                    self._launch(self._made("relax", bucket), threads, bucket.order, inputs, self.stream)
                 self._settling_now = self._read(self._settling)
 
         return [self._pool.submit(work)]

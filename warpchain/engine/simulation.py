@@ -9,7 +9,10 @@ import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import replace
+from functools import cache
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,7 +73,8 @@ def simulate(
 
     Args:
         drives: one drive or many.
-        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for the best there is.
+        device: "cpu", "cuda" for all GPUs, "cuda:1" for one, or None for what is estimated to finish first
+            (`info.choice` tells why). Results on different devices differ in their last bits.
         precision: "float64" or "float32".
         duration: simulated time [s]; None takes each drive's own.
         step: time step [s], or "auto"; None takes each drive's own.
@@ -101,7 +105,7 @@ def simulate(
         LayoutWarning: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
         SuspectWarning: variants that are not "ok": which, why, and what to change.
     """
-    from warpchain.engine.devices import chosen_devices, engine_on, frame_bytes, launch_steps
+    from warpchain.engine.devices import devices_for, engine_on, frame_bytes, launch_steps, loading
     from warpchain.engine.ends import causes_of, engaged, layout_line, layouts_of, net_force
     from warpchain.engine.nudge import nudge
     from warpchain.engine.pack import pack
@@ -123,8 +127,8 @@ def simulate(
     real_of(precision)  # an unknown precision ends here
     layouts = layouts_of(chosen, packed.assemblies)
     _warn(LayoutWarning, layout_line(layouts))
-    devices = chosen_devices(device, packed)[: len(chosen)]
-    info = _run_info(devices, precision, schedules)
+    devices, why = devices_for(device, packed, precision, cores)
+    info = replace(_run_info(devices, precision, schedules), choice=why)
     kind = f"{precision} {devices[0].partition(':')[0]}"
     keeper = None if states is None else Keeper(states, chosen, schedules, kind)
     begun = time.monotonic()
@@ -134,7 +138,8 @@ def simulate(
     try:
         with reporter(progress) as report, interruptible() as stop:
             settling = chosen if keeper is None else keeper.unsettled()
-            settled = _settle(packed, settling, devices, cores, steps, report, stop)
+            with loading(devices, packed, precision):
+                settled = _settle(packed, settling, devices, cores, steps, report, stop)
             left = net_force(packed, settled["residual"])
             nudge(packed, chosen)
             if keeper is not None:
@@ -267,20 +272,21 @@ def _march(
 ) -> None:
     """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
     drives = engine.packed.drives
-    rollers = drives["rollers"].astype(float)
-    total = float(((drives["steps"] + 1) * rollers).sum())
+    rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
+    total = float(((last + 1) * rollers).sum())
     buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
     taken: tuple[Any, Any, Any] | None = None
 
     def tick() -> None:
         state = engine.progress()
-        done = np.where(state["diverged"] == 1, drives["steps"] + 1, state["step"])
+        done = np.where(state["diverged"] == 1, last + 1, state["step"])
         report("simulating", float((done * rollers).sum()), total)
 
     before = engine.progress()
     turn = 0
-    while ((before["step"] <= drives["steps"]) & (before["diverged"] == 0)).any() and not stop.asked:
+    while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.asked:
         futures = engine.advance(steps if keeper is None else keeper.most(before, steps), buffers[turn])
+        _load_ahead()
         if taken is not None:
             recorder.take(taken[0].numpy(), *taken[1:])
         _await(futures, stop, tick)
@@ -291,6 +297,12 @@ def _march(
         before, turn = after, 1 - turn
     if taken is not None:
         recorder.take(taken[0].numpy(), *taken[1:])
+
+
+@cache
+def _load_ahead() -> None:
+    """Imports what the metrics need, which takes 0.3 s, while the engine is at work without Python's lock."""
+    Thread(target=import_module, args=("scipy.special",)).start()
 
 
 def _metrics(engine: Engine, ended: Ended, limits: Limits | None) -> pa.Table:

@@ -265,12 +265,31 @@ def _kind(name: str) -> type:
     return known.kind if known else float
 
 
+def _column(kind: type, values: Any, missing: NDArray[np.bool_] | None) -> pa.Array:
+    """Values of a kind as a column, null where they are missing.
+
+    They go in as they lie in memory: `pyarrow.array` would load pandas, wherever that is installed.
+    """
+    import pyarrow as pa
+
+    arrow = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}[kind]
+    if kind is str and None not in values:
+        words = [word.encode() for word in values]
+        ends = np.cumsum([0, *map(len, words)], dtype=np.int32)
+        return pa.StringArray.from_buffers(len(words), pa.py_buffer(ends), pa.py_buffer(b"".join(words)))
+    if missing is None:
+        return pa.array(values, arrow)
+    numbers: NDArray[Any] = np.ascontiguousarray(values, dtype=kind)
+    held = np.packbits(numbers, bitorder="little") if kind is bool else numbers
+    valid = pa.py_buffer(np.packbits(~missing, bitorder="little")) if missing.any() else None
+    return pa.Array.from_buffers(arrow, len(numbers), [valid, pa.py_buffer(held)])
+
+
 def _table(columns: Mapping[str, tuple[Any, NDArray[np.bool_] | None]]) -> pa.Table:
     """Columns, and where they are null, as a table."""
     import pyarrow as pa
 
-    kinds = {float: pa.float64(), int: pa.int64(), bool: pa.bool_(), str: pa.string()}
-    arrays = [pa.array(values, kinds[_kind(name)], mask=mask) for name, (values, mask) in columns.items()]
+    arrays = [_column(_kind(name), values, mask) for name, (values, mask) in columns.items()]
     fields = [
         pa.field(name, array.type, metadata={"unit": unit_of(name)})
         for name, array in zip(columns, arrays, strict=True)

@@ -181,6 +181,7 @@ class RunInfo:
         created: UTC time of the start, ISO 8601.
         step: time step [s]; None where the variants' steps differ.
         seed: of the design whose variants these are, if there is one.
+        choice: why it ran on that device, where none was asked for and there was a choice.
     """
 
     version: str
@@ -191,6 +192,7 @@ class RunInfo:
     created: str = ""
     step: float | None = None
     seed: int | None = None
+    choice: str | None = None
 
 
 @dataclass(frozen=True)

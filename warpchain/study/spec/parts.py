@@ -151,7 +151,7 @@ class RunOptions(Part):
         duration: simulated time [s].
         step: time step [s], or "auto".
         precision: "float64" or "float32".
-        device: as in `simulate`; None is the best there is.
+        device: as in `simulate`; None is what is estimated to finish first.
         window: (start, end) over which metrics are taken [s].
         shard: number of variants in a shard; None sizes shards to memory and device.
         keep_states: keep where each run stands at its window's end, so that a longer one goes on from there.

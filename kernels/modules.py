@@ -1,0 +1,90 @@
+"""A module for each kernel, which Warp knows again at a later start by the sources it was made of.
+
+Warp finds a kernel that it has compiled before by a hash of every function, constant and type that the kernel reaches,
+which takes it about 0.1 s a kernel at each start, and twice that where it also names the kernel's module. The kernels
+here hang on nothing but the files of this package, and on what their factories were asked for: a hash of these does as
+well. Warp adds its own version, its options and the processor that it compiles for, as always.
+"""
+
+import hashlib
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import warp as wp
+from warp._src import context
+
+from .physics import impact
+
+KNOWN = ("1.19.",)
+"""Warp's versions whose modules are known to take their hash from a hasher, as here."""
+
+
+@cache
+def sources() -> bytes:
+    """Digest of this package's files."""
+    here = Path(__file__).parent
+    files = sorted(here.rglob("*.py"))
+    return hashlib.sha256(b"".join(bytes(path.relative_to(here)) + path.read_bytes() for path in files)).digest()
+
+
+@cache
+def _source_of(kind: type) -> str:
+    """The file of a class, or "" of a builtin one."""
+    path = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return Path(path).read_text(encoding="utf-8") if path else ""
+
+
+def digest(name: str, *form: Any) -> bytes:
+    """What a kernel of this name is made of: the sources, the laws at hand, and what its factory was asked for.
+
+    Args:
+        form: types, numbers, and dataclasses: what `repr` tells whole, together with the file of its class.
+    """
+    laws = "".join(law.adj.source for law in impact.FORCES)
+    words = [name, laws, *(word for of in form for word in (repr(of), _source_of(type(of))))]
+    return hashlib.sha256(sources() + "\0".join(words).encode()).digest()
+
+
+class _Hasher(context.ModuleHasher):
+    """Warp's, with one digest for whatever a kernel reaches."""
+
+    def __init__(self, made_of: bytes, kernels: Any, options: Any) -> None:
+        self.made_of = made_of
+        super().__init__(kernels, options)
+
+    def hash_adjoint(self, adj: Any) -> bytes:
+        """The digest, of a kernel; looking through it also tells it how many dimensions a launch has."""
+        adj.get_references()
+        return self.made_of
+
+
+class _Module(context.Module):  # type: ignore[misc]
+    """Warp's, with that hasher."""
+
+    def __init__(self, name: str, made_of: bytes) -> None:
+        super().__init__(name, None)
+        self.made_of = made_of
+
+    def get_module_hash(self, block_dim: int | None = None) -> bytes:
+        """The hash for blocks of so many threads."""
+        if block_dim is None:
+            block_dim = self.options["block_dim"]
+        if block_dim not in self.hashers:
+            options = self.resolve_options(wp.config, block_dim=block_dim)
+            self.hashers[block_dim] = _Hasher(self.made_of, self._get_live_kernels(), options)
+            self.resolved_options[block_dim] = options
+        return super().get_module_hash(block_dim)
+
+
+@cache
+def _module(name: str, made_of: bytes) -> Any:
+    return _Module(f"{name}_{made_of.hex()[:8]}", made_of)
+
+
+def own_module(name: str, *form: Any) -> Any:
+    """What `wp.kernel` takes as the module of a kernel that is made for `form` and needs one of its own."""
+    if not wp.__version__.startswith(KNOWN):
+        return "unique"
+    return _module(name, digest(name, *form))

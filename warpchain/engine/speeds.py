@@ -1,0 +1,309 @@
+"""What a run takes on a device: a few numbers for each, measured once a machine and stored, or those of its class.
+
+With variants of n rollers and w steps each, a CPU whose cores do r roller-steps a second apiece, s times that all at
+once, and a GPU that does r when it is full take about
+
+    t_cpu = start + max(most of w n, (sum of w n) / s) / r                                                    (1)
+    t_gpu = start + l (most of w) + (sum of w n) / r                                                          (2)
+
+where l is what a step takes of a GPU however few variants there are. (2) is within a fifth of what was measured from 1
+to 16,896 variants (docs/performance.md). The drive that is measured stands for others: what makes one slower, such as
+friction, does so on either device. Steps inside the window of the metrics count `METRICS` times. Settling is left out:
+it takes as much more on either.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from warpchain.files import write_text
+from warpchain.version import installed
+
+if TYPE_CHECKING:
+    from warpchain.engine.devices import Engine
+    from warpchain.engine.packed import Packed
+
+METRICS = {"cpu": 1.5, "gpu": 1.4}
+"""What a step with metrics takes beside one without."""
+
+WORTH_MEASURING = 20.0
+"""Estimated seconds from which on it pays to measure, where the answer is not plain from the class."""
+
+PLAIN = 4.0
+"""One device that is this many times faster than the next by its class is chosen without measuring."""
+
+ALIKE = 1.05
+"""Times that differ by less are taken for equal."""
+
+FILE = "warpchain-devices.json"
+
+
+@dataclass(frozen=True)
+class Speed:
+    """What a device does at one precision.
+
+    Attributes:
+        rate: roller-steps a second, without metrics: of one core of the CPU, or of a GPU that is full.
+        latency: what a step takes of a GPU however few variants there are [s].
+        start: what it takes to begin [s], kernels once compiled.
+        cores: how many times one core's work all cores of the CPU do.
+    """
+
+    rate: float
+    latency: float = 0.0
+    start: float = 0.0
+    cores: float = 1.0
+
+    @property
+    def sound(self) -> bool:
+        """Whether the numbers can be those of a device."""
+        limits = self.rate > 0.0, self.latency >= 0.0, self.start >= 0.0, self.cores > 0.0
+        return all(limits) and all(map(math.isfinite, asdict(self).values()))
+
+
+class Work(NamedTuple):
+    """What an ensemble asks for, in steps without metrics on some kind of device."""
+
+    total: float  # roller-steps
+    longest: float  # roller-steps of the variant that has most
+    steps: float  # of the variant that has most
+
+
+def work_of(packed: Packed, kind: str) -> Work:
+    """The work of an ensemble on a "cpu" or "gpu"."""
+    drives = packed.drives
+    window = np.minimum(drives["window_end"], drives["steps"]) - drives["window_start"] + 1.0
+    steps = drives["steps"] + (METRICS[kind] - 1.0) * np.maximum(window, 0.0)
+    each = steps * drives["rollers"]
+    return Work(float(each.sum()), float(each.max()), float(steps.max()))
+
+
+def seconds_on(devices: Sequence[str], packed: Packed, cores: int, speed: Speed) -> float:
+    """Estimated seconds of an ensemble's steps on the CPU's `cores` threads, (1), or on some GPUs alike, (2)."""
+    if tuple(devices) == ("cpu",):
+        work = work_of(packed, "cpu")
+        return speed.start + max(work.longest, work.total / min(speed.cores, cores)) / speed.rate
+    work = work_of(packed, "gpu")
+    return speed.start + speed.latency * work.steps + work.total / (speed.rate * len(devices))
+
+
+def class_speed(device: str, precision: str, cores: int) -> Speed:
+    """What a device of this class does, roughly: numbers of docs/performance.md."""
+    single = precision == "float32"
+    if device == "cpu":
+        return Speed(8.0e7, cores=float(cores))
+    import warp as wp
+
+    gpu = wp.get_device(device)
+    full = gpu.arch in (70, 80, 90, 100)  # the others do float64 at 1/64 to 1/32 of float32
+    each = (4.0e8 if single else 3.5e8) if full else (2.5e8 if single else 2.5e7)
+    return Speed(each * int(gpu.sm_count), latency=2.0e-6 if full or single else 8.0e-6, start=0.6)
+
+
+class Choice(NamedTuple):
+    """Devices, and why these."""
+
+    devices: tuple[str, ...]
+    why: str | None
+
+
+def quickest(gpus: Sequence[str], packed: Packed, precision: str, cores: int) -> Choice:
+    """The CPU, one of some GPUs, or all of them: what an ensemble is estimated to finish on first.
+
+    It is measured what they do where that has not been done on this machine, and pays.
+    """
+    found = _chosen(gpus, packed, cores, lambda device: class_speed(device, precision, cores))
+    known = stored(gpus)
+    if not known.keys() >= {f"cpu {precision}", f"{gpus[0]} {precision}"}:
+        times = sorted(found.values())
+        if times[0] < WORTH_MEASURING or times[1] > PLAIN * times[0]:
+            return _told(found)
+        known = known | measured(gpus, precision, cores)
+    return _told(_chosen(gpus, packed, cores, lambda device: known[f"{device} {precision}"]))
+
+
+def _chosen(
+    gpus: Sequence[str], packed: Packed, cores: int, speed_of: Callable[[str], Speed]
+) -> dict[tuple[str, ...], float]:
+    """Estimated seconds of each choice that there is, the plainest first."""
+    choices = dict.fromkeys([("cpu",), (gpus[0],), tuple(gpus)])
+    return {devices: seconds_on(devices, packed, cores, speed_of(devices[0])) for devices in choices}
+
+
+def _told(found: Mapping[tuple[str, ...], float]) -> Choice:
+    """The choice that takes least; the plainest of those that take about as little."""
+    least = ALIKE * min(found.values())
+    best = next(devices for devices, seconds in found.items() if seconds <= least)
+    others = [f"{seconds:.2g} s on {','.join(devices)}" for devices, seconds in found.items() if devices != best]
+    return Choice(best, f"{found[best]:.2g} s estimated against {' and '.join(others)}")
+
+
+def machine(gpus: Sequence[str]) -> dict[str, Any]:
+    """What measured numbers hold for: the processor, its cores, the GPUs, and the versions."""
+    import warp as wp
+
+    from warpchain.engine.start import start_warp
+
+    start_warp()
+    names = [wp.get_device(gpu).name for gpu in gpus]
+    return {
+        "cpu": _processor(),
+        "cores": os.cpu_count(),
+        "gpus": names,
+        "warpchain": installed(),
+        "warp": wp.__version__,
+    }
+
+
+def _processor() -> str:
+    """The processor's name."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as lines:
+            return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def store() -> Path:
+    """Where measured numbers are kept: where Warp keeps its kernels."""
+    import warp as wp
+
+    from warpchain.engine.start import start_warp
+
+    start_warp()
+    return Path(str(wp.config.kernel_cache_dir)) / FILE
+
+
+def stored(gpus: Sequence[str]) -> dict[str, Speed]:
+    """What was measured on this machine, by "DEVICE PRECISION"; empty where nothing was, or not on this machine."""
+    try:
+        held = json.loads(store().read_text(encoding="utf-8"))
+        if held["machine"] != machine(gpus):
+            return {}
+        speeds = {name: Speed(**values) for name, values in held["speeds"].items()}
+        return speeds if all(speed.sound for speed in speeds.values()) else {}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return {}
+
+
+def measured(gpus: Sequence[str], precision: str, cores: int) -> dict[str, Speed]:
+    """Measures the CPU and the first of some GPUs, and stores what is found beside what was.
+
+    A device that refuses, such as a CPU without a compiler for it, keeps the numbers of its class.
+    """
+    found = {}
+    for device in ("cpu", *gpus[:1]):
+        try:
+            speed = measured_cpu(precision, cores) if device == "cpu" else measured_gpu(device, precision)
+        except Exception:  # of whatever kind: Warp raises it bare where a compiler fails
+            speed = class_speed(device, precision, cores)
+        found[f"{device} {precision}"] = speed
+    held = {name: asdict(speed) for name, speed in (stored(gpus) | found).items()}
+    text = json.dumps({"machine": machine(gpus), "speeds": held}, indent=1)
+    with contextlib.suppress(OSError):  # then it is measured anew the next time that it pays
+        write_text(store(), text)
+    return found
+
+
+def measured_cpu(precision: str, cores: int) -> Speed:
+    """What the CPU does, from half a second of an example drive: one variant on one core, and one on each."""
+    from warpchain.engine.cpu import CpuEngine
+
+    one = _rate(lambda: CpuEngine(_sample(precision, 1), 1))
+    every = _rate(lambda: CpuEngine(_sample(precision, 8 * cores), cores)) if cores > 1 else one
+    return Speed(one.rate, cores=max(1.0, every.rate / one.rate))
+
+
+def measured_gpu(device: str, precision: str) -> Speed:
+    """What a GPU does, from a second of an example drive: one variant, and many."""
+    import warp as wp
+
+    from warpchain.engine.gpu import GpuEngine
+
+    many = 32 * int(wp.get_device(device).sm_count)
+    alone = _rate(lambda: GpuEngine(_sample(precision, 1), device))
+    full = _rate(lambda: GpuEngine(_sample(precision, many), device))
+    rollers = float(_sample(precision, 1).drives["rollers"][0])
+    return Speed(full.rate, latency=max(0.0, rollers / alone.rate - rollers / full.rate), start=alone.start)
+
+
+class _Rate(NamedTuple):
+    rate: float  # roller-steps a second
+    start: float  # what it took to make the engine [s]
+
+
+LEAST, TRIES = 0.06, 4
+"""Seconds that a rate is taken over, and how often; the best counts, as others may be using the machine."""
+
+
+def _rate(make: Callable[[], Engine]) -> _Rate:
+    """What an engine does, its kernel once loaded."""
+    make().close()  # streams, pools and contexts are there now
+    begin = time.perf_counter()
+    engine = make()
+    start = time.perf_counter() - begin
+    frames = engine.frame_buffer(0)
+
+    def run(steps: int) -> float:
+        begin = time.perf_counter()
+        for future in engine.advance(steps, frames):
+            future.result()
+        return time.perf_counter() - begin
+
+    try:
+        run(64)
+        steps, seconds = 128, 0.0
+        while seconds < LEAST:
+            steps *= 4
+            seconds = run(steps)
+        seconds = min(seconds, *(run(steps) for _ in range(TRIES - 1)))
+        return _Rate(float(engine.packed.drives["rollers"].sum()) * steps / seconds, start)
+    finally:
+        engine.close()
+
+
+def _sample(precision: str, variants: int) -> Packed:
+    """So many variants of an example drive, which run without end and without metrics."""
+    from warpchain.assembly.timestep import resolve_step
+    from warpchain.drive import load_drive
+    from warpchain.drive.examples import drive_path
+    from warpchain.engine.pack import pack
+    from warpchain.results.schedule import MOST_STEPS, Schedule
+
+    drive = load_drive(drive_path("industrial"))
+    schedule = Schedule(resolve_step(drive), MOST_STEPS, MOST_STEPS - 1, MOST_STEPS, 0)
+    return pack([drive], [schedule]).at_precision(precision).taken([0] * variants)
+
+
+def lines(gpus: Sequence[str]) -> list[str]:
+    """What is known of this machine's devices, in lines."""
+    from warpchain.engine.simulation import available_cores
+
+    cores, known = available_cores(), stored(gpus)
+    told = [f"cpu: {_processor()}, {cores} cores"]
+    if gpus:
+        told += [f"{gpu}: {name}" for gpu, name in zip(gpus, machine(gpus)["gpus"], strict=True)]
+    else:
+        told.append("no NVIDIA GPU that Warp can use: runs take the CPU")
+    for name, speed in sorted(known.items()):
+        about = f"{speed.rate / 1e6:.4g} million roller-steps a second"
+        more = f" a core, {speed.cores:.3g} times that on all" if name.startswith("cpu") else ""
+        if not more:
+            more = f" when full, {speed.latency * 1e6:.3g} us a step, {speed.start:.2g} s to begin"
+        told.append(f"{name}, measured: {about}{more}")
+    if not known:
+        told.append("not measured: the choice of a device goes by its class (warpchain devices --calibrate measures)")
+    else:
+        told.append(f"stored in {store()}")
+    return told
