@@ -17,11 +17,13 @@ from warpchain.errors import DriveError
 
 
 def marine(**values):
-    return load_drive(drive_path("marine")).with_values({key.replace("__", "."): value for key, value in values.items()})
+    return load_drive(drive_path("marine")).with_values(
+        {key.replace("__", "."): value for key, value in values.items()}
+    )
 
 
 def scattered(name, count, seed=1):
-    """Variants of an example whose sprockets stand elsewhere, taut and slack, worn, turned on, under another gravity."""
+    """Variants of an example with sprockets elsewhere: taut and slack, worn, turned on, under another gravity."""
     base, random = load_drive(drive_path(name)), np.random.default_rng(seed)
     found = []
     for v in range(count):
@@ -65,7 +67,9 @@ def test_layouts_without_suspicion_have_no_findings():
     """All that `findings` tells of is suspect; here bars cut through, dent, and strands cross."""
     random, base, paths = np.random.default_rng(2), marine(), {}
     for _ in range(200):
-        ends = {f"guides.tight strand.{end}": tuple(random.uniform((-2.0, 0.0), (2.0, 6.0))) for end in ("start", "end")}
+        ends = {
+            f"guides.tight strand.{end}": tuple(random.uniform((-2.0, 0.0), (2.0, 6.0))) for end in ("start", "end")
+        }
         drive = base.with_values(ends | {"sprockets.tightener.center": (random.uniform(-1.0, 2.0), 3.0)})
         try:
             path = chain_paths(drive)
@@ -95,7 +99,7 @@ def test_the_first_variant_that_does_not_fit_is_named():
 
 
 def test_a_chain_around_a_bar_shares_a_stack_with_one_that_is_not():
-    """The bar stands up to two thirds of a pitch deep in its strand: from half a roller's radius on, in the chain's way."""
+    """The bar stands up to two thirds of a pitch deep in its strand: in the way from half a roller's radius on."""
     base, drives = marine(), []
     for depth in np.linspace(-0.02, 0.08, 12):
         shift = {

@@ -151,7 +151,7 @@ def assemble_stack(drive: Drive) -> Assembly:
         seat_index=seat_index,
         strand_first=last.astype(np.int32),
         strand_links=seating.links.astype(np.int32),
-        strain=seating.strain,
+        strain=seating.strain,  # type: ignore[arg-type]  # (V,)
         path=path,
         arm_angle=path.arm_angle,
     )
@@ -190,9 +190,7 @@ class _Placement:
         turned = speed[:, None, None] * np.stack([-arm[..., 1], arm[..., 0]], axis=2)
         self.velocity[alike, rollers] = _each(velocity, alike) + turned
 
-    def strand(
-        self, alike: NDArray[np.int64], span: tuple[int, int, int], strain: Array, string: Taut | None
-    ) -> None:
+    def strand(self, alike: NDArray[np.int64], span: tuple[int, int, int], strain: Array, string: Taut | None) -> None:
         """Places the rollers of a strand of variants alike: between two rollers, with a number of links."""
         begin, end, links = span
         rollers = slice(begin + 1, begin + links)
@@ -276,9 +274,12 @@ def _around(
         if len(inner) > 2:
             a, b = inner[0], inner[-1]
             points[: a + 1], points[b:] = ahead[: a + 1], behind[b:]
-            points[a + 1 : b] = points[a] + _arc(
-                (points[b] - points[a])[None], natural[None, a:b], np.array([path.turning]), joined(gravity)[None]
-            )[0]
+            points[a + 1 : b] = (
+                points[a]
+                + _arc(
+                    (points[b] - points[a])[None], natural[None, a:b], np.array([path.turning]), joined(gravity)[None]
+                )[0]
+            )
     share = np.linspace(0.0, 1.0, len(places))[1:-1]
     speed = (1.0 - share) * np.hypot(*begin) + share * np.hypot(*end)
     heading = np.array([curve.at(s)[1] for s in places[1:-1]])
@@ -297,7 +298,8 @@ def _sprocket_speeds(drive: Drive, path: ChainPath, variants: int) -> Array:
     """Initial angular velocities (V, S) [rad/s]: prescribed, or at the driver's pitch-circle speed."""
     travel = _prescribed_speed(drive, drive.sprockets[drive.driver]) * path.radius[:, drive.driver]
     speeds = [
-        sprocket.sign * (travel / path.radius[:, s] if sprocket.prescribed is None else _prescribed_speed(drive, sprocket))
+        sprocket.sign
+        * (travel / path.radius[:, s] if sprocket.prescribed is None else _prescribed_speed(drive, sprocket))
         for s, sprocket in enumerate(drive.sprockets)
     ]
     return np.stack([np.broadcast_to(speed, variants) for speed in speeds], axis=1)

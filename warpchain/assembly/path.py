@@ -83,7 +83,9 @@ class ChainPath:
 
     def __getitem__(self, variants: int | NDArray[np.int64]) -> ChainPath:
         """That of one variant, or those of some, of a stack's."""
-        own = {field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name not in _NOT_STACKED}
+        own = {
+            field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name not in _NOT_STACKED
+        }
         if not isinstance(variants, np.ndarray):
             own |= {name: float(own[name]) for name in ("pitch", "turning", "wrapped_pitches", "nominal_strain")}
         return replace(self, **own)
@@ -221,7 +223,7 @@ class Plan:
             strand_end=end,
             strand_length=length,
             wrapped_pitches=wrapped,
-            nominal_strain=_strain(drive.chain.links, wrapped, length.sum(axis=-1) / self.pitch),
+            nominal_strain=_strain(drive.chain.links, wrapped, length.sum(axis=-1) / self.pitch),  # type: ignore[arg-type]  # (V,)
             strings=strings,
             obstacles=met,
             arm_angle=np.array(arm_angle, dtype=float),
@@ -342,9 +344,7 @@ def _check_wraps(drive: Drive, wrap: NDArray[np.float64], pitch_angle: NDArray[n
         )
 
 
-def _check_clear(
-    plan: Plan, start: NDArray[np.float64], length: NDArray[np.float64], free: Sequence[int]
-) -> None:
+def _check_clear(plan: Plan, start: NDArray[np.float64], length: NDArray[np.float64], free: Sequence[int]) -> None:
     drive, direction = plan.drive, plan.direction
     count = len(drive.sprockets)
     if count < 3:

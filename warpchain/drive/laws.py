@@ -106,8 +106,8 @@ def law_factor(name: str, restitution: float, means: Means = "parameter") -> flo
         means: "parameter" puts it into the law's own formula; "rebound" finds the factor with which a free mass
             rebounds by just that.
     """
-    found = each(lambda e: _factor(name, e, means))(restitution)
-    return found  # type: ignore[no-any-return]
+    found: float = each(lambda e: _factor(name, e, means))(restitution)
+    return found
 
 
 @lru_cache(maxsize=4096)

@@ -243,7 +243,7 @@ class Chain(Part):
         """(N,) unloaded lengths of the links [m]."""
         import numpy as np
 
-        length = self.pitch * (1.0 + self.elongation)
+        length: Any = self.pitch * (1.0 + self.elongation)
         if many(length):
             return np.repeat(length[:, None], self.links, axis=1)  # of a stack, (V, N)
         lengths = np.full(self.links, length)

@@ -86,7 +86,7 @@ class _Keys:
         if isinstance(value, tuple):
             return tuple(self._of(inner, exact) for inner in value)
         if not isinstance(value, Part):
-            return value  # type: ignore[no-any-return]
+            return value
         if isinstance(value, Table):
             return id(value)  # long ones are slow to compare
         key = id(value), exact
@@ -99,21 +99,26 @@ class _Keys:
 
 def stacked(values: Sequence[Value]) -> Value:
     """Drives, parts or values of a kind as one."""
-    first: Any = values[0]
+    found: Value = _stacked(values)
+    return found
+
+
+def _stacked(values: Sequence[Any]) -> Any:
+    first = values[0]
     if len(values) == 1 or len(set(map(id, values))) == 1:
-        return first  # type: ignore[no-any-return]
+        return first
     if isinstance(first, float):
         column = np.array(values, dtype=float)
         bits = column.view(np.int64)
-        return first if (bits == bits[0]).all() else column  # type: ignore[return-value]
+        return first if (bits == bits[0]).all() else column
     if isinstance(first, tuple):
-        return _same(first, tuple(stacked(column) for column in zip(*values, strict=True)))  # type: ignore[return-value]
+        return _same(first, tuple(_stacked(column) for column in zip(*values, strict=True)))
     if not isinstance(first, Part) or isinstance(first, Table):
-        return first  # type: ignore[no-any-return]
+        return first
     fields = [value.__dict__ for value in values]
-    columns = {name: stacked([of[name] for of in fields]) for name in first.__dict__}
+    columns = {name: _stacked([of[name] for of in fields]) for name in first.__dict__}
     changed = {name: value for name, value in columns.items() if value is not first.__dict__[name]}
-    return first.model_copy(update=changed) if changed else first  # type: ignore[return-value]
+    return first.model_copy(update=changed) if changed else first
 
 
 def picked(value: Value, places: Any) -> Value:

@@ -89,9 +89,7 @@ def _rollers(packed: Packed) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int6
         yield alike, STATE_ROWS * first[alike, None] + np.arange(count)
 
 
-def engaged(
-    engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None
-) -> NDArray[np.float64]:
+def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> NDArray[np.float64]:
     """Share of the rollers of each sprocket's wrap that are on its teeth now (V, S), NaN beyond a drive's sprockets.
 
     On its teeth is a roller whose center is nearer than half a pitch to the pitch circle inward, and less than

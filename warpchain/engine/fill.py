@@ -106,7 +106,7 @@ def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArr
     return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
 
-def fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: RowList, tables: TableList) -> None:
+def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
     sprocket = drive.sprockets[s]
     row["sign"] = sprocket.sign
     row["start_angle"] = angle
@@ -214,14 +214,16 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["integrator"] = INTEGRATORS[drive.run.integrator]
     margin = escape(drive, assembly)[..., None]
     reach = [drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)]
-    corners = [(joined(s.center) - along(r), joined(s.center) + along(r)) for s, r in zip(drive.sprockets, reach, strict=True)]
+    corners = [
+        (joined(s.center) - along(r), joined(s.center) + along(r)) for s, r in zip(drive.sprockets, reach, strict=True)
+    ]
     row["low"] = reduce(np.minimum, [low for low, _ in corners]) - margin
     row["high"] = reduce(np.maximum, [high for _, high in corners]) + margin
     widen_box(row, assembly.position, margin)
 
 
 def escape(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
-    """How far from its place a roller may go whose chain is still on its sprockets [m], of one drive or of a stack (V,).
+    """How far from its place a roller may go whose chain is still on its sprockets [m]; of a stack (V,).
 
     A strand of chord C whose links are longer by s in all lies within the ellipse about its ends whose axis is C + s:
     at most sqrt(s (2 C + s)) / 2 off its chord, and less beyond its ends. Here s is what all strands are slack by at

@@ -32,7 +32,9 @@ def real_of(precision: str) -> type:
 def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], precision: str) -> NDArray[np.floating]:
     """Rows x, y, vx, vy and the low parts of x, y: what `precision` rounds off a position, (..., 6, N)."""
     high = position.astype(precision)
-    return np.concatenate([np.swapaxes(of, -1, -2) for of in (high, velocity, position - high)], axis=-2).astype(precision)
+    return np.concatenate([np.swapaxes(of, -1, -2) for of in (high, velocity, position - high)], axis=-2).astype(
+        precision
+    )
 
 
 Places = slice | NDArray[np.int64]
@@ -195,9 +197,7 @@ class Packed:
         }
         return self._of(drives, chosen, places, self.assemblies.taken(chosen))
 
-    def _of(
-        self, drives: NDArray[Any], chosen: Places, places: Mapping[str, Places], assemblies: Assemblies
-    ) -> Packed:
+    def _of(self, drives: NDArray[Any], chosen: Places, places: Mapping[str, Places], assemblies: Assemblies) -> Packed:
         """The ensemble of `chosen` variants, whose rows are `drives` and whose parts stand at `places` in this one."""
         arrays: dict[str, Any] = {
             name: _rows(getattr(self, name), places[kind], width) for name, (kind, width) in FIELDS.items()

@@ -18,10 +18,10 @@ from warpchain.drive import Drive
 from warpchain.drive.stack import Stack, picked, stacks_of
 from warpchain.engine.devices import engine_on
 from warpchain.engine.fill import FORMS, escape, widen_box
-from warpchain.kernels.rows import STATE_ROWS
 from warpchain.engine.packed import Packed, spread
 from warpchain.engine.resting import lay_to_rest, springs
 from warpchain.kernels import relaxation
+from warpchain.kernels.rows import STATE_ROWS
 
 SETTLE_LIMIT = 100_000
 """Most steps that settling takes a variant."""
