@@ -20,6 +20,7 @@ from warpchain.drive.each import largest, smallest, some, sqrt
 from warpchain.drive.laws import LAWS
 from warpchain.drive.mounts import moving_mass, on_springs, spring
 from warpchain.drive.oil import oil_stiffness
+from warpchain.drive.stack import picked
 from warpchain.drive.stiffness import contact_damping
 from warpchain.errors import DriveError
 
@@ -155,10 +156,10 @@ def automatic_step(drive: Drive) -> float:
 
 
 def resolve_step(drive: Drive, step: float | str | None = None) -> float:
-    """The step to take [s]: `step`, or else the drive's own; "auto" is the automatic one.
+    """The step to take [s], of a stack's variants (V,): `step`, or else the drive's own; "auto" is the automatic one.
 
     Raises:
-        DriveError: a step that is not positive or not below the limit; the message states the limit.
+        DriveError: a step that is not positive or not below the limit; the message states the limit, of the first such.
     """
     asked = drive.run.step if step is None else step
     if isinstance(asked, str):
@@ -169,7 +170,10 @@ def resolve_step(drive: Drive, step: float | str | None = None) -> float:
             raise DriveError(f'run.step = "{asked}": no step is so small; look at stiffness, damping and mass')
         return found
     limit = step_limit(drive)
-    if some(~(np.isfinite(asked) & np.greater(asked, 0.0) & np.less(asked, limit))):
+    wrong = ~(np.isfinite(asked) & np.greater(asked, 0.0) & np.less(asked, limit))
+    if wrong.ndim and wrong.any():
+        resolve_step(picked(drive, int(wrong.argmax())), step)
+    if some(wrong):
         bodies = " and for bodies on springs" if moving_bodies(drive) else ""
         raise DriveError(
             f"run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m), less for "

@@ -51,8 +51,10 @@ class Assemblies(Sequence[Assembly]):
         """Some variants block by block: places (K,) in `members`, and their states (K, ...)."""
         mine = self.block[members]
         for block in np.unique(mine).tolist():
-            places = np.flatnonzero(mine == block)
-            yield places, self.blocks[block].of(self.row[members[places]])
+            places, state = np.flatnonzero(mine == block), self.blocks[block]
+            rows = self.row[members[places]]
+            whole = len(rows) == len(state.position) and bool((rows == np.arange(len(rows))).all())
+            yield places, state if whole else state.of(rows)
 
 
 def assemble_all(stacks: Sequence[Stack]) -> Assemblies:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import reduce, wraps
+from functools import partial, reduce, wraps
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -31,7 +31,8 @@ def each(function: Callable[..., float]) -> Callable[..., Any]:
         import numpy as np
 
         columns = np.broadcast_arrays(*values)
-        found = (function(*numbers, **named) for numbers in zip(*(c.ravel().tolist() for c in columns), strict=True))
+        numbers = (column.ravel().tolist() for column in columns)
+        found = map(partial(function, **named) if named else function, *numbers)
         return np.fromiter(found, float, columns[0].size).reshape(columns[0].shape)
 
     return over

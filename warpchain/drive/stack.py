@@ -11,16 +11,19 @@ number: of drives with these a stack differs in their sprockets' loads alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive.drive import Drive
+from warpchain.drive.each import many
 from warpchain.drive.motion import Load
 from warpchain.drive.part import Part
+from warpchain.drive.parts import RunSettings
 from warpchain.drive.table import Table
 from warpchain.errors import DriveError
 
@@ -45,80 +48,118 @@ class Stack:
 
 def stacks_of(drives: Sequence[Drive]) -> list[Stack]:
     """Drives sorted into stacks, in the order of their first members."""
-    keys = _Keys()
-    found: dict[Hashable, list[int]] = {}
-    for v, drive in enumerate(drives):
-        found.setdefault(keys.of_drive(drive), []).append(v)
-    return [
-        Stack(np.array(part, dtype=np.int64), stacked([drives[v] for v in part]))
-        for members in found.values()
-        for part in _parts(members)
-    ]
+    exact = np.array(_exact(drives), dtype=bool)
+    groups = [(np.flatnonzero(exact == way), way) for way in (False, True)]
+    found = [stack for members, way in groups if len(members) for stack in _stacks(drives, members, way)]
+    return sorted(found, key=lambda stack: int(stack.members[0]))
 
 
-def _parts(members: list[int]) -> Iterator[list[int]]:
-    for begin in range(0, len(members), LARGEST):
-        yield members[begin : begin + LARGEST]
+def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], exact: bool) -> Iterator[Stack]:
+    """Stacks of some drives: as if they were of a kind; then, where they are not, of each kind."""
+    columns = _Columns(exact)
+    drive = columns.of([drives[v] for v in members.tolist()])
+    if many(drive.run.phase) and _turns_tables(drive):
+        columns.kinds.append([drives[v].run.phase for v in members.tolist()])
+    if not columns.kinds:
+        for begin in range(0, len(members), LARGEST):
+            part = slice(begin, begin + LARGEST)
+            yield Stack(members[part], drive if len(members) <= LARGEST else picked(drive, part))
+        return
+    kinds: dict[Hashable, list[int]] = {}
+    for v, key in zip(members.tolist(), zip(*columns.kinds, strict=True), strict=True):
+        kinds.setdefault(key, []).append(v)
+    for alike in kinds.values():
+        yield from _stacks(drives, np.array(alike, dtype=np.int64), exact)
 
 
-def single(drive: Drive) -> bool:
-    """Whether a drive has parts that are calculated number by number."""
-    chain = drive.chain
-    uneven = chain.outer is not None or chain.play is not None or bool(chain.worn_links)
-    return uneven or bool(drive.arms or drive.tensioners) or not all(g.straight and g.arm is None for g in drive.guides)
+def _turns_tables(drive: Drive) -> bool:
+    """Whether tables of a drive move on by its phase."""
+    return any(
+        motion is not None and motion.table is not None for s in drive.sprockets for motion in (s.prescribed, s.load)
+    )
 
 
-class _Keys:
-    """What of a part must be the same within a kind; each part is looked at once, as changed copies share them."""
+def _exact(drives: Sequence[Drive]) -> list[bool]:
+    """Which drives have parts that are calculated number by number."""
+    fields = [drive.__dict__ for drive in drives]
+    faces = {id(guide): guide for of in fields for guide in of["guides"]}
+    bars = {key for key, guide in faces.items() if guide.straight and guide.arm is None}
+    return [_single(of, len(bars) == len(faces), bars) for of in fields]
 
-    def __init__(self) -> None:
-        self.known: dict[tuple[int, bool], Hashable] = {}
 
-    def of_drive(self, drive: Drive) -> Hashable:
-        exact = single(drive)
-        tables = any(m is not None and m.table is not None for s in drive.sprockets for m in (s.prescribed, s.load))
-        phase = drive.run.phase if tables else None  # tables over an angle move by it
-        return exact, phase, *(self._of(value, exact) for value in drive.__dict__.values())
+def _single(drive: Mapping[str, Any], straight: bool, bars: set[int]) -> bool:
+    chain = drive["chain"].__dict__
+    if chain["outer"] is not None or chain["play"] is not None or chain["worn_links"]:
+        return True
+    return bool(drive["arms"] or drive["tensioners"] or not (straight or all(id(g) in bars for g in drive["guides"])))
 
-    def _of(self, value: Any, exact: bool) -> Hashable:
-        if isinstance(value, float):
-            return (value or str(value)) if exact else value == 0.0
-        if isinstance(value, tuple):
-            return tuple(self._of(inner, exact) for inner in value)
-        if not isinstance(value, Part):
-            return value
-        if isinstance(value, Table):
-            return id(value)  # long ones are slow to compare
-        key = id(value), exact
-        if key not in self.known:
-            inner = exact and not isinstance(value, Load)
-            fields = (field for name, field in value.__dict__.items() if name != "nudge")  # it is no part of a stack
-            self.known[key] = type(value), *(self._of(field, inner) for field in fields)
-        return self.known[key]
+
+class _Columns:
+    """Puts parts or values together, column by column.
+
+    Args:
+        exact: whether numbers must be the same within a kind, but for those of loads; else only which of them are 0.
+
+    Attributes:
+        kinds: columns of values that differ among kinds; without any, all were of one.
+    """
+
+    def __init__(self, exact: bool) -> None:
+        self.exact = exact
+        self.kinds: list[Sequence[Hashable]] = []
+
+    def of(self, values: Sequence[Any]) -> Any:
+        """All of them as one; of several kinds, anything."""
+        first = values[0]
+        if first is values[-1] and len(set(map(id, values))) == 1:
+            return first
+        types = set(map(type, values))
+        if types == {float}:
+            return self._numbers(values)
+        if len(types) > 1 or not isinstance(first, tuple | Part) or isinstance(first, Table):
+            known = [_mark(value) for value in values]
+            return first if len(set(known)) == 1 else self._differ(known)
+        if isinstance(first, tuple):
+            if len(set(map(len, values))) > 1:
+                return self._differ([len(value) for value in values])
+            return _same(first, tuple(map(self.of, zip(*values, strict=True))))
+        exact, self.exact = self.exact, self.exact and not isinstance(first, Load)
+        changed = self._fields(first, [value.__dict__ for value in values])
+        self.exact = exact
+        return first.model_copy(update=changed) if changed else first
+
+    def _fields(self, first: Part, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """What differs from the first part; a seed that displaces rollers is no part of a stack."""
+        if isinstance(first, RunSettings):
+            fields = [{**of, "nudge": None} for of in fields]
+        columns = {name: self.of(list(map(itemgetter(name), fields))) for name in fields[0]}
+        return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
+
+    def _numbers(self, values: Sequence[float]) -> float | NDArray[np.float64]:
+        column = np.array(values)
+        bits = column.view(np.int64)
+        if (bits == bits[0]).all():
+            return values[0]
+        zero = column == 0.0
+        if self.exact or (zero.any() and not zero.all()):
+            self._differ(bits.tolist() if self.exact else zero.tolist())
+        return column
+
+    def _differ(self, kinds: Sequence[Hashable]) -> None:
+        self.kinds.append(kinds)
+
+
+def _mark(value: Any) -> Hashable:
+    """What tells a value of several types, or one that is no number, from others."""
+    if isinstance(value, Table):
+        return id(value)  # long ones are slow to compare
+    return type(value).__name__ if isinstance(value, tuple | Part | float) else (value, "")  # no text is a type's name
 
 
 def stacked(values: Sequence[Value]) -> Value:
-    """Drives, parts or values of a kind as one."""
-    found: Value = _stacked(values)
+    """Drives or parts of a kind as one."""
+    found: Value = _Columns(False).of(values)
     return found
-
-
-def _stacked(values: Sequence[Any]) -> Any:
-    first = values[0]
-    if len(values) == 1 or len(set(map(id, values))) == 1:
-        return first
-    if isinstance(first, float):
-        column = np.array(values, dtype=float)
-        bits = column.view(np.int64)
-        return first if (bits == bits[0]).all() else column
-    if isinstance(first, tuple):
-        return _same(first, tuple(_stacked(column) for column in zip(*values, strict=True)))
-    if not isinstance(first, Part) or isinstance(first, Table):
-        return first
-    fields = [value.__dict__ for value in values]
-    columns = {name: _stacked([of[name] for of in fields]) for name in first.__dict__}
-    changed = {name: value for name, value in columns.items() if value is not first.__dict__[name]}
-    return first.model_copy(update=changed) if changed else first
 
 
 def picked(value: Value, places: Any) -> Value:

@@ -219,7 +219,7 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     ]
     row["low"] = reduce(np.minimum, [low for low, _ in corners]) - margin
     row["high"] = reduce(np.maximum, [high for _, high in corners]) + margin
-    widen_box(row, assembly.position, margin)
+    widen_box(row, np.ascontiguousarray(np.swapaxes(assembly.position, -1, -2)), margin)
 
 
 def escape(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
@@ -238,13 +238,13 @@ def escape(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
 
 
 def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float64]) -> None:
-    """Widens drives' boxes so that rollers at `position` (..., N, 2) are inside by `margin` (..., 1) [m].
+    """Widens drives' boxes so that rollers at `position` (..., 2, N) are inside by `margin` (..., 1) [m].
 
     A box stays as it is where a roller is nowhere.
     """
     sound = np.isfinite(position).all(axis=(-2, -1))[..., None]
-    row["low"] = np.where(sound, np.minimum(row["low"], position.min(axis=-2) - margin), row["low"])
-    row["high"] = np.where(sound, np.maximum(row["high"], position.max(axis=-2) + margin), row["high"])
+    row["low"] = np.where(sound, np.minimum(row["low"], position.min(axis=-1) - margin), row["low"])
+    row["high"] = np.where(sound, np.maximum(row["high"], position.max(axis=-1) + margin), row["high"])
 
 
 def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:

@@ -35,7 +35,7 @@ from warpchain.engine.fill import (
 )
 from warpchain.engine.fill_bodies import fill_arm, fill_profile, guide_heft, piece_count, profiled
 from warpchain.engine.fill_tensioner import fill_tensioner
-from warpchain.engine.packed import KINDS, Packed, numbered, spread, state_rows
+from warpchain.engine.packed import KINDS, Packed, numbered, spread, state_rows, store
 from warpchain.engine.resting import lay_to_rest
 from warpchain.engine.tension_scale import tension_scale
 from warpchain.kernels import structs
@@ -63,8 +63,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequenc
         rows[part.members] = row
     packed = _empty(numbered(rows), assemblies)
     gathered = Gathered(RowList(3), RowList(2), TableList())
-    for name in ("step", "steps", "window_start", "window_end", "sample_every"):
-        packed.drives[name] = [getattr(schedule, name) for schedule in schedules]
+    _fill_schedules(packed.drives, schedules)
     for part, assembly in _parts(stacks, assemblies):
         _pack_part(packed, part, assembly, gathered)
     sprockets, guides = packed.tooth_sliding, packed.guide_sliding
@@ -77,6 +76,15 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequenc
     packed.seats = gathered.seats.array()
     lay_to_rest(packed)
     return packed
+
+
+def _fill_schedules(rows: NDArray[Any], schedules: Sequence[Schedule]) -> None:
+    """Fills the steps of variants; many have the same schedule."""
+    known = {id(schedule): schedule for schedule in schedules}
+    places = {key: place for place, key in enumerate(known)}
+    which = [places[id(schedule)] for schedule in schedules]
+    for name in ("step", "steps", "window_start", "window_end", "sample_every"):
+        rows[name] = np.array([getattr(schedule, name) for schedule in known.values()])[which]
 
 
 @dataclass
@@ -113,13 +121,13 @@ def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gather
         with _rows(array, v) as row:
             fill(row, drive)
     links = drive.chain.links
-    packed.lengths[spread(at["first_roller"], links)] = drive.chain.link_lengths
+    store(packed.lengths, at["first_roller"], drive.chain.link_lengths)
     states = state_rows(assembly.position, assembly.velocity, "float64").reshape(len(v), -1)
-    packed.rollers[spread(STATE_ROWS * at["first_roller"], STATE_ROWS * links)] = states
+    store(packed.rollers, STATE_ROWS * at["first_roller"], states)
     for s in range(len(drive.sprockets)):
         _pack_sprocket(packed, drive, s, at, assembly, gathered)
         held = np.where(assembly.seat_sprocket == s, assembly.seat_index, -1)
-        packed.seat[spread(at["first_contact"] + s * links, links)] = held
+        store(packed.seat, at["first_contact"] + s * links, held)
     _pack_guides(packed, drive, at)
     for a in range(len(drive.arms)):
         body = at["first_body"] + len(drive.sprockets) + a

@@ -105,6 +105,25 @@ def spread(first: NDArray[np.integer], count: int) -> NDArray[np.int64]:
     return np.asarray(first, dtype=np.int64)[:, None] + np.arange(count)
 
 
+def windows(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDArray[Any] | None:
+    """View (V, count) of the values from `first` (V,) on, which writes to them; None where those lie anyhow."""
+    apart = np.diff(first)
+    apart_by = int(apart[0]) if len(apart) else count
+    if apart_by < count or (apart != apart_by).any():
+        return None
+    (size,) = values.strides
+    return np.lib.stride_tricks.as_strided(values[int(first[0]) :], (len(first), count), (apart_by * size, size))
+
+
+def store(values: NDArray[Any], first: NDArray[np.integer], rows: NDArray[Any]) -> None:
+    """Sets the values from `first` (V,) on to `rows` (V, count), or (count,) for all."""
+    view = windows(values, first, rows.shape[-1])
+    if view is None:
+        values[spread(first, rows.shape[-1])] = rows
+    else:
+        view[:] = rows
+
+
 def _rows(values: NDArray[Any], places: Places, width: int) -> NDArray[Any]:
     """The values at these places, `width` each; the first of all where there are none, as Warp reads no empty array."""
     if width > 1:

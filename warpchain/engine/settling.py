@@ -168,6 +168,6 @@ def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDA
     for places, assembly in packed.assemblies.among(stack.members):
         margin = escape(picked(drive, places), assembly)[..., None]
         box = rows[places]
-        widen_box(box, np.swapaxes(moved[xy[places]].reshape(-1, 2, links), 1, 2), margin)
+        widen_box(box, moved[xy[places]].reshape(-1, 2, links), margin)
         for name in ("low", "high"):
             packed.drives[name][stack.members[places]] = box[name]
