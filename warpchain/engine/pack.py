@@ -40,7 +40,7 @@ from warpchain.engine.resting import lay_to_rest
 from warpchain.engine.tension_scale import tension_scale
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
-from warpchain.results.schedule import Schedule
+from warpchain.results.schedule import Schedule, schedule_columns
 
 
 def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequence[Stack] | None = None) -> Packed:
@@ -63,7 +63,8 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequenc
         rows[part.members] = row
     packed = _empty(numbered(rows), assemblies)
     gathered = Gathered(RowList(3), RowList(2), TableList())
-    _fill_schedules(packed.drives, schedules)
+    for name, column in schedule_columns(schedules).items():
+        packed.drives[name] = column
     for part, assembly in _parts(stacks, assemblies):
         _pack_part(packed, part, assembly, gathered)
     sprockets, guides = packed.tooth_sliding, packed.guide_sliding
@@ -76,15 +77,6 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequenc
     packed.seats = gathered.seats.array()
     lay_to_rest(packed)
     return packed
-
-
-def _fill_schedules(rows: NDArray[Any], schedules: Sequence[Schedule]) -> None:
-    """Fills the steps of variants; many have the same schedule."""
-    known = {id(schedule): schedule for schedule in schedules}
-    places = {key: place for place, key in enumerate(known)}
-    which = [places[id(schedule)] for schedule in schedules]
-    for name in ("step", "steps", "window_start", "window_end", "sample_every"):
-        rows[name] = np.array([getattr(schedule, name) for schedule in known.values()])[which]
 
 
 @dataclass

@@ -139,9 +139,8 @@ def simulate(
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
         steps_done, diverged = _ends(engine)
         causes = causes_of(engine, chosen, diverged)
-        ended = Ended(
-            chosen, schedules, steps_done, diverged, settled, engaged(engine, chosen, stacks), layouts, left, causes
-        )
+        on = engaged(engine, chosen, stacks)
+        ended = Ended(chosen, schedules, steps_done, diverged, settled, on, layouts, left, causes, stacks)
         metrics = with_copies(_metrics(engine, ended, limits), copies.count)
         _warn(SuspectWarning, told(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
