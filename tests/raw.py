@@ -5,10 +5,16 @@ engine.
 import numpy as np
 import warp as wp
 
+from warpchain.assembly.together import Assemblies
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.packed import REAL, Packed, state_rows
 from warpchain.kernels import structs
+
+
+def blank_states(variants):
+    """Initial states that are not looked at."""
+    return Assemblies((), np.zeros(variants, dtype=np.int64), np.zeros(variants, dtype=np.int64))
 
 
 def chain(
@@ -54,7 +60,7 @@ def chain(
         harmonics=np.zeros((1, 3)), tables=np.zeros(1), seats=np.zeros((1, 2)),
         rollers=state_rows(np.asarray(position), np.asarray(velocity), precision).ravel(),
         bodies=zeros(structs.BodyState, bodies), strands=zeros(structs.Strand, wheels),
-        seat=np.full(max(n * (wheels + bars), 1), -1, dtype=np.int32), assemblies=(None,),
+        seat=np.full(max(n * (wheels + bars), 1), -1, dtype=np.int32), assemblies=blank_states(1),
     )  # fmt: skip
     row = packed.drives[0]
     row["rollers"], row["sprockets"], row["guides"], row["bodies"] = n, wheels, bars, bodies

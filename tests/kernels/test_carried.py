@@ -253,7 +253,7 @@ def beside(*parts):
         joined[name] = np.concatenate(each).astype(each[0].dtype)  # which keeps the structs' alignment
     rest = {name: getattr(parts[0], name) for name in ("precision", "harmonics", "tables", "seats")}
     joined["drives"] = numbered(joined["drives"])
-    return Packed(**rest, **joined, assemblies=(None,) * len(parts))
+    return Packed(**rest, **joined, assemblies=raw.blank_states(len(parts)))
 
 
 def test_a_gpu_takes_no_body_that_is_not_a_sprocket():

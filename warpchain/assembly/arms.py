@@ -140,7 +140,7 @@ def chain_moment(drive: Drive, path: ChainPath, a: int, beyond: float = 0.0) -> 
 def balanced(
     drive: Drive, beyond: float = 0.0, angles: Sequence[float] | NDArray[np.float64] | None = None
 ) -> ChainPath:
-    """The path of the chain with all arms in balance (a).
+    """The path of the chain with all arms in balance (a), as that of a stack.
 
     Args:
         drive: with arms.
@@ -171,7 +171,7 @@ def _balance(plan: Plan, still: StillArm, angles: Sequence[float], a: int, beyon
     drive = plan.drive
 
     def moment(angle: float) -> float:
-        path = plan.path([*angles[:a], angle, *angles[a + 1 :]])
+        path = plan.path([*angles[:a], angle, *angles[a + 1 :]])[0]
         return still.moment(angle) + chain_moment(drive, path, a, beyond)
 
     quick = _secant(moment, angles[a])

@@ -23,25 +23,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.arms import balanced
 from warpchain.assembly.path import ChainPath, check_fit
-from warpchain.assembly.route import chain_path
+from warpchain.assembly.route import chain_path, chain_paths
 from warpchain.assembly.seating import Seating, seat_chain, seat_string
 from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
 from warpchain.assembly.walk import Curve
 from warpchain.drive.copies import turned_on
+from warpchain.drive.each import hypot, joined, power, some
 from warpchain.drive.mounts import initial_center, initial_velocity
 from warpchain.drive.profile import direction
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Sprocket
+
+Array = NDArray[np.float64]
 
 _STRAIGHT = 1e-12  # a strand this little slack is drawn straight
 _BALANCES = 12  # of arms; each leaves some percent of what is wrong
@@ -53,7 +56,8 @@ _TIE = 1e-9  # of a pitch angle, or of gravity's direction: which way round-off 
 class Assembly:
     """The assembled state of a drive of N rollers and S sprockets; the chain travels towards increasing index.
 
-    Roller 0 is the first seated roller of sprocket 0.
+    Roller 0 is the first seated roller of sprocket 0. The states of a stack of V variants are one, `assembly[v]` that
+    of variant v: all but the arms' angles, which are one variant's own, then has a first axis more.
 
     Attributes:
         position: (N, 2) roller centers [m].
@@ -82,6 +86,16 @@ class Assembly:
     path: ChainPath
     arm_angle: NDArray[np.float64]
 
+    def __getitem__(self, v: int) -> Assembly:
+        """That of variant v, of a stack's."""
+        found = self.of(v)
+        return replace(found, strain=float(found.strain))
+
+    def of(self, variants: int | NDArray[np.int64]) -> Assembly:
+        """That of one variant, or those of some, of a stack's."""
+        own = {field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name != "arm_angle"}
+        return replace(self, **own)
+
 
 def assemble(drive: Drive) -> Assembly:
     """The drive's initial state, before settling.
@@ -93,56 +107,117 @@ def assemble(drive: Drive) -> Assembly:
         DriveError: where the path cannot be drawn or the number of links does not fit it; one line that names the
             sprockets, or the numbers of links that fit.
     """
+    return assemble_stack(drive)[0]
+
+
+def assemble_stack(drive: Drive) -> Assembly:
+    """The initial states of a stack (`warpchain.drive.stack`), as one with a first axis: `assemble` of each.
+
+    Raises:
+        DriveError: as `assemble`, of the first such variant.
+        Obstructed: a stack of which some go around guides.
+    """
     path, seating = _seated(drive)
     angle, first_seat = _sprocket_angles(drive, seating)
-    speed = _sprocket_speeds(drive, path)
-
-    count, lengths = drive.chain.links, drive.chain.pulled_lengths
-    position, velocity = np.empty((count, 2)), np.empty((count, 2))
-    seat_sprocket, seat_index = (
-        np.full(count, -1, dtype=np.int32),
-        np.full(count, -1, dtype=np.int32),
+    speed = _sprocket_speeds(drive, path, len(angle))
+    count, variants = drive.chain.links, len(angle)
+    at = _Placement(
+        drive,
+        path,
+        np.empty((variants, count, 2)),
+        np.empty((variants, count, 2)),
+        np.broadcast_to(np.atleast_2d(drive.chain.pulled_lengths), (variants, count)),
     )
-    first, last = _ends(seating)
-    for s, sprocket in enumerate(drive.sprockets):
-        rollers = slice(first[s], last[s] + 1)
-        seat = (first_seat[s] + sprocket.sign * np.arange(seating.seats[s])) % sprocket.teeth
-        lean = sprocket.sign * drive.riding_lean(s) * np.where(np.arange(first[s], last[s] + 1) % 2, 1.0, -1.0)
-        polar = angle[s] + seat * (2.0 * math.pi / sprocket.teeth) + lean
-        arm = path.radius[s] * np.stack([np.cos(polar), np.sin(polar)], axis=1)
-        position[rollers] = initial_center(sprocket) + arm
-        velocity[rollers] = initial_velocity(sprocket) + speed[s] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-        seat_sprocket[rollers], seat_index[rollers] = s, seat
-    slack = seating.strain < -_STRAIGHT
-    for k, links in enumerate(seating.links):
-        begin, end = last[k], first[(k + 1) % len(first)]
-        rollers = slice(begin + 1, begin + links)
-        natural = lengths[np.arange(begin, begin + links) % count]
-        strand = path.strings[k] and seat_string(drive, path, seating, k)
-        if strand:
-            at, velocity[rollers] = _around(strand, natural, velocity[begin], velocity[end], path, drive.run.gravity)
-            position[rollers] = at
-            continue
-        fraction = (np.cumsum(natural) / natural.sum())[:-1, None]
-        velocity[rollers] = velocity[begin] + fraction * (velocity[end] - velocity[begin])
-        chord = position[end] - position[begin]
-        if slack and links > 1:
-            position[rollers] = position[begin] + _arc(chord, natural, path, drive.run.gravity)
-        else:
-            position[rollers] = position[begin] + fraction * chord
+    seat_sprocket = np.full((variants, count), -1, dtype=np.int32)
+    seat_index = np.full((variants, count), -1, dtype=np.int32)
+    first, last = seating.first, seating.last
+    for alike in _patterns(seating):
+        like = alike[0]
+        for s, sprocket in enumerate(drive.sprockets):
+            rollers = slice(first[like, s], last[like, s] + 1)
+            seat = sprocket.sign * np.arange(seating.seats[like, s]) + first_seat[alike, s, None]
+            at.seat(alike, s, rollers, angle[alike, s], speed[alike, s], seat % sprocket.teeth)
+            seat_sprocket[alike, rollers], seat_index[alike, rollers] = s, seat % sprocket.teeth
+        for k, links in enumerate(seating.links[like].tolist()):
+            begin, end = int(last[like, k]), int(first[like, (k + 1) % len(first[like])])
+            strand = path.strings[k] and seat_string(drive, path, seating, k)
+            at.strand(alike, (begin, end, links), seating.strain[alike], strand)
     return Assembly(
-        position=position,
-        velocity=velocity,
-        sprocket_angle=np.array(angle),
+        position=at.position,
+        velocity=at.velocity,
+        sprocket_angle=angle,
         sprocket_speed=speed,
         seat_sprocket=seat_sprocket,
         seat_index=seat_index,
-        strand_first=np.array(last, dtype=np.int32),
-        strand_links=np.array(seating.links, dtype=np.int32),
-        strain=seating.strain,
+        strand_first=last.astype(np.int32),
+        strand_links=seating.links.astype(np.int32),
+        strain=seating.strain,  # type: ignore[arg-type]  # (V,)
         path=path,
         arm_angle=path.arm_angle,
     )
+
+
+def _patterns(seating: Seating) -> list[NDArray[np.int64]]:
+    """Variants whose rollers sit alike."""
+    table = np.concatenate([seating.seats, seating.links], axis=1)
+    _, which = np.unique(table, axis=0, return_inverse=True)
+    order = np.argsort(which.ravel(), kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(which.ravel()[order])) + 1)
+
+
+@dataclass
+class _Placement:
+    """Rollers of a stack as they are put in their places; `lengths` (V, N) of the links [m]."""
+
+    drive: Drive
+    path: ChainPath
+    position: Array
+    velocity: Array
+    lengths: Array
+
+    def seat(
+        self, alike: NDArray[np.int64], s: int, rollers: slice, angle: Array, speed: Array, seat: NDArray[np.int64]
+    ) -> None:
+        """Places the rollers of variants that sit on sprocket s, each on its seat (V, rollers)."""
+        sprocket = self.drive.sprockets[s]
+        forth = np.where(np.arange(rollers.start, rollers.stop) % 2, 1.0, -1.0)
+        lean = sprocket.sign * self.drive.riding_lean(s) * forth
+        polar = angle[:, None] + seat * (2.0 * math.pi / sprocket.teeth) + lean
+        radius = np.broadcast_to(self.path.radius[:, s], len(self.position))[alike]
+        arm = radius[:, None, None] * np.stack([np.cos(polar), np.sin(polar)], axis=2)
+        center, velocity = initial_center(sprocket), initial_velocity(sprocket)
+        self.position[alike, rollers] = _each(center, alike) + arm
+        turned = speed[:, None, None] * np.stack([-arm[..., 1], arm[..., 0]], axis=2)
+        self.velocity[alike, rollers] = _each(velocity, alike) + turned
+
+    def strand(self, alike: NDArray[np.int64], span: tuple[int, int, int], strain: Array, string: Taut | None) -> None:
+        """Places the rollers of a strand of variants alike: between two rollers, with a number of links."""
+        begin, end, links = span
+        rollers = slice(begin + 1, begin + links)
+        count = self.position.shape[1]
+        natural = np.take(self.lengths[alike], np.arange(begin, begin + links) % count, axis=1)
+        position, velocity = self.position, self.velocity
+        first, final = velocity[alike, begin], velocity[alike, end]
+        gravity = self.drive.run.gravity
+        if string:  # of one variant alone
+            at, going = _around(string, natural[0], first[0], final[0], self.path[0], gravity)
+            position[0, rollers], velocity[0, rollers] = at, going
+            return
+        fraction = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1, None]
+        velocity[alike, rollers] = first[:, None] + fraction * (final - first)[:, None]
+        chord = position[alike, end] - position[alike, begin]
+        place = fraction * chord[:, None]
+        slack = np.flatnonzero(strain < -_STRAIGHT)
+        if len(slack) and links > 1:
+            pull, turning = joined(gravity), np.broadcast_to(self.path.turning, len(position))[alike]
+            pull = np.broadcast_to(pull, (len(position), 2))[alike]
+            place[slack] = _arc(chord[slack], natural[slack], turning[slack], pull[slack])
+        position[alike, rollers] = position[alike, begin][:, None] + place
+
+
+def _each(vector: Array, alike: NDArray[np.int64]) -> Array:
+    """A vector (2,), or those (V, 2) of some variants, beside their rollers."""
+    return vector if vector.ndim == 1 else vector[alike, None]
 
 
 def assembled_path(drive: Drive) -> ChainPath:
@@ -151,19 +226,19 @@ def assembled_path(drive: Drive) -> ChainPath:
     Raises:
         DriveError: as `assemble`, where there are arms; else as `chain_path`.
     """
-    return _seated(drive)[0] if drive.arms else chain_path(drive)
+    return _seated(drive)[0][0] if drive.arms else chain_path(drive)
 
 
 def _seated(drive: Drive) -> tuple[ChainPath, Seating]:
-    """Path and seats; arms in balance with the strain of the chain on its seats."""
-    path = chain_path(drive)
+    """Path and seats of a stack; arms in balance with the strain of the chain on its seats."""
+    path = chain_paths(drive)
     check_fit(drive, path)
     seating = seat_chain(drive, path)
     if not drive.arms:
         return path, seating
     for _ in range(_BALANCES):
         before = path.arm_angle
-        path = balanced(drive, seating.strain - path.nominal_strain, before)
+        path = balanced(drive, float((seating.strain - path.nominal_strain)[0]), before)
         seating = seat_chain(drive, path)
         if float(np.abs(path.arm_angle - before).max()) <= _STILL:
             break
@@ -199,7 +274,12 @@ def _around(
         if len(inner) > 2:
             a, b = inner[0], inner[-1]
             points[: a + 1], points[b:] = ahead[: a + 1], behind[b:]
-            points[a + 1 : b] = points[a] + _arc(points[b] - points[a], natural[a:b], path, gravity)
+            points[a + 1 : b] = (
+                points[a]
+                + _arc(
+                    (points[b] - points[a])[None], natural[None, a:b], np.array([path.turning]), joined(gravity)[None]
+                )[0]
+            )
     share = np.linspace(0.0, 1.0, len(places))[1:-1]
     speed = (1.0 - share) * np.hypot(*begin) + share * np.hypot(*end)
     heading = np.array([curve.at(s)[1] for s in places[1:-1]])
@@ -207,86 +287,80 @@ def _around(
     return points[1:-1], sense * speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 
-def _ends(seating: Seating) -> tuple[list[int], list[int]]:
-    """Indices of the first and the last roller on each sprocket."""
-    first, last, roller = [], [], 0
-    for seats, links in zip(seating.seats, seating.links, strict=True):
-        first.append(roller)
-        last.append(roller + seats - 1)
-        roller += seats - 1 + links
-    return first, last
+def _sprocket_angles(drive: Drive, seating: Seating) -> tuple[Array, NDArray[np.int64]]:
+    """Sprocket angles (V, S) within half a pitch angle of zero, and the seat that then holds each first roller."""
+    pitch_angle = 2.0 * math.pi / np.array([sprocket.teeth for sprocket in drive.sprockets])
+    seat = np.ceil(seating.first_angle / pitch_angle - 0.5 - _TIE).astype(np.int64)
+    return seating.first_angle - seat * pitch_angle, seat
 
 
-def _sprocket_angles(drive: Drive, seating: Seating) -> tuple[list[float], list[int]]:
-    """Sprocket angles within half a pitch angle of zero, and the seat that then holds each first roller."""
-    angles, seats = [], []
-    for sprocket, polar in zip(drive.sprockets, seating.first_angle, strict=True):
-        pitch_angle = 2.0 * math.pi / sprocket.teeth
-        seat = math.ceil(polar / pitch_angle - 0.5 - _TIE)
-        angles.append(polar - seat * pitch_angle)
-        seats.append(seat)
-    return angles, seats
-
-
-def _sprocket_speeds(drive: Drive, path: ChainPath) -> NDArray[np.float64]:
-    """Initial angular velocities (S,) [rad/s]: prescribed, or at the driver's pitch-circle speed."""
-    travel = _prescribed_speed(drive, drive.sprockets[drive.driver]) * float(path.radius[drive.driver])
+def _sprocket_speeds(drive: Drive, path: ChainPath, variants: int) -> Array:
+    """Initial angular velocities (V, S) [rad/s]: prescribed, or at the driver's pitch-circle speed."""
+    travel = _prescribed_speed(drive, drive.sprockets[drive.driver]) * path.radius[:, drive.driver]
     speeds = [
-        travel / float(path.radius[s]) if sprocket.prescribed is None else _prescribed_speed(drive, sprocket)
+        sprocket.sign
+        * (travel / path.radius[:, s] if sprocket.prescribed is None else _prescribed_speed(drive, sprocket))
         for s, sprocket in enumerate(drive.sprockets)
     ]
-    return np.array([sprocket.sign * speed for sprocket, speed in zip(drive.sprockets, speeds, strict=True)])
+    return np.stack([np.broadcast_to(speed, variants) for speed in speeds], axis=1)
 
 
-def _prescribed_speed(drive: Drive, sprocket: Sprocket) -> float:
-    """Forward speed at t = 0 [rad/s]: zero if it is ramped up, else with its harmonics."""
+def _prescribed_speed(drive: Drive, sprocket: Sprocket) -> Any:
+    """Forward speed at t = 0 [rad/s], of a stack's variants (V,): zero if it is ramped up, else with its harmonics."""
     motion = sprocket.prescribed
-    if motion is None or motion.ramp_time > 0.0:
+    if motion is None or some(motion.ramp_time > 0.0):
         return 0.0
     motion = turned_on(drive, sprocket, motion)
     speed = initial_speed(motion.table) if motion.table is not None else motion.top_speed
-    return speed * (1.0 + sum(h.amplitude * math.cos(h.phase) for h in motion.harmonics))
+    return speed * (1.0 + sum(h.amplitude * np.cos(h.phase) for h in motion.harmonics))
 
 
-def _arc(
-    chord: NDArray[np.float64], natural: NDArray[np.float64], path: ChainPath, gravity: Sequence[float]
-) -> NDArray[np.float64]:
-    """The rollers between the ends of a sagging strand (links - 1, 2), from its first end [m]; (b) above."""
-    length = math.hypot(chord[0], chord[1])
-    along = chord / length
-    off = np.array([-along[1], along[0]])
-    pull = float(off @ np.asarray(gravity, dtype=float))
-    if abs(pull) <= _TIE * math.hypot(*gravity):
-        pull = -path.turning
-    if pull < 0.0:
-        off = -off
-    angle = _half_angles(length, natural)
-    whole = float(angle.sum())
-    if whole == 0.0:
-        return (np.cumsum(natural) / natural.sum())[:-1, None] * chord
-    passed = np.cumsum(angle)[:-1]
-    sine = length * np.sin(passed) / math.sin(whole)
-    return (sine * np.cos(whole - passed))[:, None] * along + (sine * np.sin(whole - passed))[:, None] * off
+def _arc(chord: Array, natural: Array, turning: Array, gravity: Array) -> Array:
+    """The rollers between the ends of sagging strands (V, links - 1, 2), from their first ends [m]; (b) above.
 
-
-def _half_angles(chord: float, natural: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Half the angle y_i that each link takes at the center of a sagging strand's arc [rad], from (a): Newton's method.
-
-    Sought is the square of the curvature c = 1 / (2 rho), y_i = asin(c l_i), in which the chord sin(sum y_i) / c = l -
-    (l^3 - sum l_i^3) c^2 / 6 + ... is nearly straight.
+    Args:
+        chord, natural: (V, 2) from end to end, (V, links) lengths of the links [m].
+        turning: (V,) of the path [rad].
+        gravity: (V, 2) [m/s^2].
     """
-    total = float(natural.sum())
-    square = 6.0 * (total - chord) / (total**3 - float((natural**3).sum()))
-    if square <= 0.0:
-        return np.zeros_like(natural)
+    length = hypot(chord[:, 0], chord[:, 1])
+    along = chord / length[:, None]
+    off = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    pull = np.sum(off * gravity, axis=1)
+    level = np.abs(pull) <= _TIE * hypot(gravity[:, 0], gravity[:, 1])
+    off = np.where((np.where(level, -turning, pull) < 0.0)[:, None], -off, off)
+    angle = _half_angles(length, natural)
+    whole = angle.sum(axis=1)
+    passed = np.cumsum(angle, axis=1)[:, :-1]
+    with np.errstate(invalid="ignore"):
+        sine = length[:, None] * np.sin(passed) / np.sin(whole)[:, None]
+    rest = whole[:, None] - passed
+    bent = (sine * np.cos(rest))[..., None] * along[:, None] + (sine * np.sin(rest))[..., None] * off[:, None]
+    straight = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1, None] * chord[:, None]
+    return np.where((whole == 0.0)[:, None, None], straight, bent)
+
+
+def _half_angles(chord: Array, natural: Array) -> Array:
+    """Half the angle y_i that each link takes at the center of a sagging strand's arc [rad] (V, links), from (a).
+
+    By Newton's method; sought is the square of the curvature c = 1 / (2 rho), y_i = asin(c l_i), in which the chord
+    sin(sum y_i) / c = l - (l^3 - sum l_i^3) c^2 / 6 + ... is nearly straight.
+    """
+    total = natural.sum(axis=1)
+    square = 6.0 * (total - chord) / (power(total, 3) - (natural**3).sum(axis=1))
+    todo = np.flatnonzero(square > 0.0)
+    square = np.where(square > 0.0, square, 0.0)
     for _ in range(20):
-        curvature = math.sqrt(square)
-        angle = np.arcsin(curvature * natural)
-        whole = float(angle.sum())
-        value = math.sin(whole) / curvature
-        if abs(chord - value) <= 4e-16 * total:
+        if not len(todo):
             break
-        spread = float((natural / np.cos(angle)).sum())
-        slope = (math.cos(whole) * spread - value) / (2.0 * square)
-        square += (chord - value) / slope
-    return np.arcsin(math.sqrt(square) * natural)
+        mine, links = square[todo], natural[todo]
+        curvature = np.sqrt(mine)
+        angle = np.arcsin(curvature[:, None] * links)
+        whole = angle.sum(axis=1)
+        value = np.sin(whole) / curvature
+        open_ = np.abs(chord[todo] - value) > 4e-16 * total[todo]
+        spread = (links / np.cos(angle)).sum(axis=1)
+        slope = (np.cos(whole) * spread - value) / (2.0 * mine)
+        square[todo] = np.where(open_, mine + (chord[todo] - value) / slope, mine)
+        todo = todo[open_]
+    return np.arcsin(np.sqrt(square)[:, None] * natural)

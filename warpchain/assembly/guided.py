@@ -15,11 +15,16 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from warpchain.assembly.taut import Arc, obstacle
+from warpchain.drive.each import along, joined
 from warpchain.drive.profile import Piece, Point, Profile, direction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from warpchain.drive import Drive
 
@@ -153,6 +158,80 @@ def obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[Placed, ...]:
                 continue
         found.append(Placed(k, run, arm, (0.0, 0.0) if arm is None else drive.arms[arm].pivot))
     return tuple(found)
+
+
+def obstructed(drive: Drive, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether any strand may have to go around a guide, of each variant of a stack (V,).
+
+    Args:
+        drive: the stack; those with curved or carried guides count as obstructed.
+        start, end: of the straight strands (V, S, 2) [m].
+    """
+    found = np.zeros(len(start), dtype=bool)
+    for g, guide in enumerate(drive.guides):
+        if not guide.straight or guide.arm is not None:
+            return np.ones_like(found)
+        cut = _cuts(drive, g, start, end)
+        found |= (0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)
+    return found
+
+
+def _cuts(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How deep its own straight strand cuts into a straight bar on the ground [m] (V,): `own_strand` and `depth`.
+
+    Negative infinity where no strand is its own. Of a strand along u, the arcs over the bar's ends have the places
+    nearest to being cut at c + (R + offset) n: n is square to u over the end that the strand runs towards, seen from
+    the bar, else square to the bar.
+    """
+    bar, offset = drive.guides[g].bar, drive.guide_offset(g)
+    first, last = np.atleast_2d(joined(bar.start)), np.atleast_2d(joined(bar.end))
+    face = last - first
+    size = np.hypot(face[:, 0], face[:, 1])
+    t = face / size[:, None]
+    square = _left(t)
+    shares = np.arange(_PLACES) / (_PLACES - 1)
+    rides = (first + along(offset) * square)[:, None, :] + shares[:, None] * face[:, None, :]
+
+    chord = end - start
+    length = np.hypot(chord[..., 0], chord[..., 1])
+    u = chord / length[..., None]
+    cosine = dot(t[:, None], u)
+    side = np.sign(cosine)
+    ahead = dot(rides[:, None] - start[:, :, None], u[:, :, None])
+    height = side[..., None] * cross(u[:, :, None], start[:, :, None] - rides[:, None])
+    beside = (ahead > 0.0) & (ahead < length[..., None])
+    count = beside.sum(axis=-1)
+    height = np.where(beside, height, 0.0).sum(axis=-1) / np.maximum(count, 1)
+    runs = (np.abs(cosine) >= _ALONG) & (count > 0)
+    apart = np.where(runs, np.maximum(height, -BEHIND * height), np.inf)
+    own = (np.arange(len(apart)), apart.argmin(axis=1))
+    mine = runs[own] & (-height[own] <= OWN * length[own])
+
+    start, u, length, side = start[own], u[own], length[own], side[own]
+    way = side[:, None] * u  # of the strand, as the bar runs
+    rises = cross(t, way) > 0.0
+    cut = np.full(len(apart), -np.inf)
+    for center, leaning in ((first, rises), (last, ~rises)):
+        n = np.where(leaning[:, None], _left(way), square)
+        point = center - along(bar.end_radius) * square + along(bar.end_radius + offset) * n
+        place = dot(point - start, u)
+        depth = side * cross(u, point - start)
+        cut = np.where((place > 0.0) & (place < length), np.maximum(cut, depth), cut)
+    return np.where(mine, cut, -np.inf)
+
+
+def _left(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)
+
+
+def dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """a.b of vectors (..., 2)."""
+    return np.asarray(a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1])
+
+
+def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """a x b of vectors (..., 2)."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def _turned(arc: Arc, pivot: Point, angle: float) -> Arc:

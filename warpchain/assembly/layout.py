@@ -23,10 +23,14 @@ import math
 from itertools import combinations
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from warpchain.assembly.arms import stop_of
-from warpchain.assembly.guided import BEHIND, OWN, nearest_strand
+from warpchain.assembly.guided import BEHIND, OWN, cross, dot, nearest_strand
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.route import chain_path
+from warpchain.drive.each import along, joined
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Guide
@@ -58,6 +62,51 @@ def findings(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
             found += _of_face(drive, path, g, strands)
     found += [line for a in range(len(drive.arms)) if (line := _on_stop(drive, path, a)) is not None]
     return tuple(found)
+
+
+def suspects(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
+    """Which variants of a stack may have something wrong, by their paths (V,); of the others `findings` tells nothing.
+
+    Those with curved or carried guides and with arms may.
+    """
+    start, end = path.strand_start, path.strand_end
+    found = np.zeros(len(start), dtype=bool)
+    if drive.arms or not all(guide.straight and guide.arm is None for guide in drive.guides):
+        return ~found
+    chord = end - start
+    for k, m in combinations(range(start.shape[1]), 2):
+        apart = start[:, m] - start[:, k]
+        turn = cross(chord[:, k], chord[:, m])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            here, there = cross(apart, chord[:, m]) / turn, cross(apart, chord[:, k]) / turn
+        found |= (here > 0.0) & (here < 1.0) & (there > 0.0) & (there < 1.0)
+    for g in range(len(drive.guides)):
+        found |= _bar_suspects(drive, g, start, end)
+    return found
+
+
+def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Of which variants `_of_guide` may tell something of a bar (V,)."""
+    bar, chain = drive.guides[g].bar, drive.chain
+    a, face = joined(bar.start), joined(bar.end) - joined(bar.start)
+    length = np.atleast_1d(np.hypot(face[..., 0], face[..., 1]))[:, None]
+    a, t = np.atleast_2d(a)[:, None], np.atleast_2d(face)[:, None] / length[..., None]
+    (first, last), (above, below) = (
+        (of(start - a, t), of(end - a, t)) for of in (dot, lambda place, way: cross(way, place))
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.stack([(0.0 - first) / (last - first), (length - first) / (last - first)])
+    begin, stop = np.maximum(0.0, shares.min(axis=0)), np.minimum(1.0, shares.max(axis=0))
+    level = first == last
+    beside = np.where(level, (first >= 0.0) & (first <= length), begin < stop)
+    begin, stop = np.where(level, 0.0, begin), np.where(level, 1.0, stop)
+    ends = np.stack([above + begin * (below - above), above + stop * (below - above)])
+    front, depth = ends.max(axis=0), along(chain.roller_radius) - ends.min(axis=0)
+    deep = beside & (depth > along(chain.pitch))
+    cuts = deep & (front > 0.0)
+    apart = np.where(beside & ~cuts, np.maximum(ends.sum(axis=0), -BEHIND * ends.sum(axis=0)), np.inf)
+    own = np.arange(len(apart)), apart.argmin(axis=1)
+    return np.asarray(cuts.any(axis=1) | (deep[own] & (front[own] <= 0.0)))
 
 
 def _of_face(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -> list[str]:

@@ -17,15 +17,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.guided import Run, obstacles
+from warpchain.assembly.guided import Placed, Run, obstacles, obstructed
 from warpchain.assembly.taut import Arc, Taut, TautError, circle, taut
+from warpchain.drive.each import joined
 from warpchain.drive.mounts import initial_center
+from warpchain.drive.stack import size_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -35,13 +37,16 @@ MAX_STRAIN = 0.05
 """Largest nominal strain of a chain that counts as fitting its path, taut or slack."""
 
 _NO_WRAP = 1e-9  # rad
+_NOT_STACKED = ("strings", "obstacles", "arm_angle")
 
 
 @dataclass(frozen=True)
 class ChainPath:
     """The path of a drive's chain along pitch circles and common tangents; S sprockets, as many strands.
 
-    Strand k leaves sprocket k and reaches sprocket k + 1 (mod S).
+    Strand k leaves sprocket k and reaches sprocket k + 1 (mod S). The paths of a stack of V variants
+    (`warpchain.drive.stack`) are one, `path[v]` that of variant v: all numbers and arrays but those of guides and arms,
+    which are one variant's own, then have a first axis more.
 
     Attributes:
         pitch: mean unloaded length of the chain's links [m].
@@ -76,6 +81,15 @@ class ChainPath:
     obstacles: tuple[tuple[Run, ...], ...]
     arm_angle: NDArray[np.float64]
 
+    def __getitem__(self, variants: int | NDArray[np.int64]) -> ChainPath:
+        """That of one variant, or those of some, of a stack's."""
+        own = {
+            field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name not in _NOT_STACKED
+        }
+        if not isinstance(variants, np.ndarray):
+            own |= {name: float(own[name]) for name in ("pitch", "turning", "wrapped_pitches", "nominal_strain")}
+        return replace(self, **own)
+
     def free_lengths(self, k: int) -> tuple[float, ...]:
         """Lengths of strand k's straight parts that lie on no guide, in order [m]; the whole strand without guides."""
         string = self.strings[k]
@@ -87,7 +101,7 @@ class ChainPath:
         It solves sum(wrap angle / pitch angle) + sum(strand length) / (pitch (1 + strain)) = links; infinite where the
         wrapped arcs alone take as many links or more.
         """
-        return _strain(links, self.wrapped_pitches, float(self.strand_length.sum()) / self.pitch)
+        return float(_strain(links, self.wrapped_pitches, self.strand_length.sum() / self.pitch))
 
     def fitting_links(self) -> tuple[int, ...]:
         """Every number of links whose nominal strain is within `MAX_STRAIN`, ascending; empty where there is none."""
@@ -104,51 +118,85 @@ def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
         DriveError: where pitch circles overlap, a sprocket is not wrapped or is wrapped by a chain that meets itself,
             or a strand passes through another sprocket; the message names the sprockets.
     """
-    return Plan(drive).path(arm_angle)
+    return Plan(drive).path(arm_angle)[0]
+
+
+class Obstructed(Exception):
+    """Chains of some variants of a stack go around guides, which is worked out for one variant alone.
+
+    Attributes:
+        which: (V,) those variants.
+    """
+
+    def __init__(self, which: NDArray[np.bool_]) -> None:
+        super().__init__()
+        self.which = which
 
 
 class Plan:
     """What of a drive's path does not hang on its arms' angles: pitch circles, common tangents, guides as drawn.
 
+    Args:
+        drive: one, or a stack.
+
     Raises:
-        DriveError: where pitch circles overlap.
+        DriveError: where pitch circles overlap; of the first such variant.
+        Obstructed: a stack of which some go around guides.
     """
 
     def __init__(self, drive: Drive) -> None:
         sprockets = drive.sprockets
         self.drive = drive
-        self.pitch = float(drive.chain.pulled_lengths.mean())
-        self.center = center = np.array([initial_center(sprocket) for sprocket in sprockets])
-        self.radius = radius = np.array([drive.riding_radius(s) for s in range(len(sprockets))])
+        self.pitch = np.atleast_2d(drive.chain.pulled_lengths).mean(axis=-1)
+        centers = [np.atleast_2d(initial_center(sprocket)) for sprocket in sprockets]
+        self.center = center = np.stack(np.broadcast_arrays(*centers), axis=1)
+        self.radius = radius = np.atleast_2d(joined([drive.riding_radius(s) for s in range(len(sprockets))]))
         self.sign = sign = np.array([sprocket.sign for sprocket in sprockets], dtype=float)
         self.teeth = np.array([sprocket.teeth for sprocket in sprockets], dtype=float)
+        variants = size_of(drive)
+        self.pitch = np.broadcast_to(self.pitch, variants)
+        self.center = center = np.broadcast_to(center, (variants, *center.shape[1:]))
+        self.radius = radius = np.broadcast_to(radius, (variants, *radius.shape[1:]))
         _check_tips(drive, radius)
         _check_apart(drive, center, radius)
 
         span = _next(center) - center
         lateral = _next(sign * radius) - sign * radius
-        square = np.einsum("ij,ij->i", span, span)
+        square = np.einsum("vsi,vsi->vs", span, span)
         self.length = np.sqrt(square - lateral**2)
-        self.direction = (self.length[:, None] * span - lateral[:, None] * _left(span)) / square[:, None]
-        arm = (sign * radius)[:, None]
+        ahead = self.length[..., None] * span - lateral[..., None] * _left(span)
+        self.direction = ahead / square[..., None]
+        arm = (sign * radius)[..., None]
         normal = _left(self.direction)
         self.start, self.end = center - arm * normal, _next(center) - _next(arm) * normal
 
-        lines = [((a[0], a[1]), (b[0], b[1])) for a, b in zip(self.start.tolist(), self.end.tolist(), strict=True)]
-        self.placed = obstacles(drive, lines)
-        self.ends = [circle(c, r, w) for c, r, w in zip(center.tolist(), radius.tolist(), sign.tolist(), strict=True)]
+        self.placed = self._obstacles()
+        circles = zip(center[0].tolist(), radius[0].tolist(), sign.tolist(), strict=True)
+        self.ends = [circle(c, r, w) for c, r, w in circles]
         self.known: dict[int, Taut | None] = {}  # the strings that no arm can move, once they are found
 
+    def _obstacles(self) -> tuple[Placed, ...]:
+        """The guides that strands may have to go around; of a stack, none."""
+        if not self.drive.guides:
+            return ()
+        which = obstructed(self.drive, self.start, self.end)
+        if len(which) > 1 and which.any():
+            raise Obstructed(which)
+        if not which.any():
+            return ()
+        ends = zip(self.start[0].tolist(), self.end[0].tolist(), strict=True)
+        return obstacles(self.drive, [((a[0], a[1]), (b[0], b[1])) for a, b in ends])
+
     def path(self, arm_angle: Sequence[float]) -> ChainPath:
-        """The path with the arms at angles (A,) [rad].
+        """The path with the arms at angles (A,) [rad], as that of a stack.
 
         Raises:
             DriveError: as `path_at`.
         """
         drive, ends, sign = self.drive, self.ends, self.sign
         start, end, length = self.start.copy(), self.end.copy(), self.length.copy()
-        leaving = np.arctan2(self.direction[:, 1], self.direction[:, 0])
-        arriving = np.roll(leaving, 1)
+        leaving = np.arctan2(self.direction[..., 1], self.direction[..., 0])
+        arriving = np.roll(leaving, 1, axis=1)
         met = tuple(
             tuple(placed.standing(arm_angle) for placed in self.placed if placed.strand == k) for k in range(len(ends))
         )
@@ -156,26 +204,26 @@ class Plan:
         for k, string in enumerate(strings):
             if string is not None:
                 following = (k + 1) % len(strings)
-                leaving[k], arriving[following] = string.first, string.last
-                start[k], end[k] = ends[k].at(string.first), ends[following].at(string.last)
-                length[k] = string.chain_length(self.pitch)
+                leaving[:, k], arriving[:, following] = string.first, string.last
+                start[:, k], end[:, k] = ends[k].at(string.first), ends[following].at(string.last)
+                length[:, k] = string.chain_length(float(self.pitch[0]))
         wrap = np.mod(sign * (leaving - arriving), 2.0 * math.pi)
         _check_wraps(drive, wrap, 2.0 * math.pi / self.teeth)
         free = [k for k, string in enumerate(strings) if string is None]
-        _check_clear(drive, self.center, self.radius, start, self.direction, length, free)
+        _check_clear(self, start, length, free)
 
-        wrapped = float(np.sum(wrap * self.teeth)) / (2.0 * math.pi)
+        wrapped = np.sum(wrap * self.teeth, axis=-1) / (2.0 * math.pi)
         return ChainPath(
             pitch=self.pitch,
             radius=self.radius,
             wrap_angle=wrap,
             arrival_angle=arriving - sign * (0.5 * math.pi),
-            turning=2.0 * math.pi * round(float(np.sum(sign * wrap)) / (2.0 * math.pi)),
+            turning=2.0 * math.pi * np.rint(np.sum(sign * wrap, axis=-1) / (2.0 * math.pi)),
             strand_start=start,
             strand_end=end,
             strand_length=length,
             wrapped_pitches=wrapped,
-            nominal_strain=_strain(drive.chain.links, wrapped, float(length.sum()) / self.pitch),
+            nominal_strain=_strain(drive.chain.links, wrapped, length.sum(axis=-1) / self.pitch),  # type: ignore[arg-type]  # (V,)
             strings=strings,
             obstacles=met,
             arm_angle=np.array(arm_angle, dtype=float),
@@ -203,14 +251,16 @@ def _string(drive: Drive, first: Arc, last: Arc, runs: tuple[Run, ...]) -> Taut 
 
 
 def check_fit(drive: Drive, path: ChainPath) -> None:
-    """Checks that the drive's number of links fits its path.
+    """Checks that the drive's number of links fits its path; of a stack's, that of the first that it does not fit.
 
     Raises:
         DriveError: if the nominal strain is beyond `MAX_STRAIN`; the message names the numbers of links that fit, and
             the strain that each of the nearest ones gives.
     """
-    if abs(path.nominal_strain) <= MAX_STRAIN:
+    wrong = np.atleast_1d(~(np.abs(path.nominal_strain) <= MAX_STRAIN))
+    if not wrong.any():
         return
+    path = path[int(wrong.argmax())] if path.radius.ndim > 1 else path
     fitting = path.fitting_links()
     best = round(path.wrapped_pitches + float(path.strand_length.sum()) / path.pitch)
     if fitting:
@@ -233,9 +283,15 @@ def check_fit(drive: Drive, path: ChainPath) -> None:
     )
 
 
-def _strain(links: int, wrapped: float, straight: float) -> float:
-    free = links - wrapped
-    return straight / free - 1.0 if free > 0.0 else math.inf
+def _strain(links: int, wrapped: Any, straight: Any) -> NDArray[np.float64]:
+    free = np.asarray(links - wrapped)
+    with np.errstate(divide="ignore"):
+        return np.where(free > 0.0, straight / free - 1.0, math.inf)
+
+
+def _of(value: Any, v: int) -> float:
+    """A number of variant v, which a stack has one or V of."""
+    return float(value[v]) if isinstance(value, np.ndarray) else float(value)
 
 
 def _percent(strain: float) -> str:
@@ -243,40 +299,43 @@ def _percent(strain: float) -> str:
 
 
 def _next(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.roll(values, -1, axis=0)
+    return np.roll(values, -1, axis=1)
 
 
 def _left(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
+    return np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)
 
 
 def _check_tips(drive: Drive, radius: NDArray[np.float64]) -> None:
     for s, sprocket in enumerate(drive.sprockets):
-        tip = drive.tip_radius(s)
-        if radius[s] > tip:
+        tips = np.atleast_1d(drive.tip_radius(s))
+        over = radius[:, s] > tips
+        if over.any():
+            v = int(over.argmax())
+            tip = float(tips[min(v, len(tips) - 1)])
             limit = 2.0 * tip * math.sin(math.pi / sprocket.teeth)
             raise DriveError(
-                f'sprocket "{sprocket.name}": links of {drive.chain.worn_pitch:.6g} m would ride over its tips, at '
-                f"{radius[s]:.6g} m against {tip:.6g} m; allowed are links of at most {limit:.6g} m"
+                f'sprocket "{sprocket.name}": links of {_of(drive.chain.worn_pitch, v):.6g} m would ride over its '
+                f"tips, at {radius[v, s]:.6g} m against {tip:.6g} m; allowed are links of at most {limit:.6g} m"
             )
 
 
 def _check_apart(drive: Drive, center: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
-    offset = center[:, None, :] - center[None, :, :]
+    offset = center[:, :, None, :] - center[:, None, :, :]
     distance = np.hypot(offset[..., 0], offset[..., 1])
-    reach = radius[:, None] + radius[None, :]
-    for a, b in np.argwhere(np.triu(distance <= reach, 1)):
+    reach = radius[:, :, None] + radius[:, None, :]
+    for v, a, b in np.argwhere(np.triu(distance <= reach, 1)):
         first, second = drive.sprockets[a].name, drive.sprockets[b].name
         raise DriveError(
             f'sprockets "{first}" and "{second}": pitch circles overlap, no tangent joins them; their centers are '
-            f"{distance[a, b]:.6g} m apart, allowed is more than the sum of pitch radii, {reach[a, b]:.6g} m"
+            f"{distance[v, a, b]:.6g} m apart, allowed is more than the sum of pitch radii, {reach[v, a, b]:.6g} m"
         )
 
 
 def _check_wraps(drive: Drive, wrap: NDArray[np.float64], pitch_angle: NDArray[np.float64]) -> None:
-    for s in np.flatnonzero((wrap < _NO_WRAP) | (wrap > 2.0 * math.pi - pitch_angle)):
+    for v, s in np.argwhere((wrap < _NO_WRAP) | (wrap > 2.0 * math.pi - pitch_angle)):
         sprocket = drive.sprockets[s]
-        degrees = math.degrees(wrap[s])
+        degrees = math.degrees(wrap[v, s])
         allowed = 360.0 - math.degrees(pitch_angle[s])
         raise DriveError(
             f'sprocket "{sprocket.name}": with wrap = "{sprocket.wrap}" the chain turns {degrees:.4g} degrees around '
@@ -285,26 +344,19 @@ def _check_wraps(drive: Drive, wrap: NDArray[np.float64], pitch_angle: NDArray[n
         )
 
 
-def _check_clear(
-    drive: Drive,
-    center: NDArray[np.float64],
-    radius: NDArray[np.float64],
-    start: NDArray[np.float64],
-    direction: NDArray[np.float64],
-    length: NDArray[np.float64],
-    free: Sequence[int],
-) -> None:
-    count = len(radius)
+def _check_clear(plan: Plan, start: NDArray[np.float64], length: NDArray[np.float64], free: Sequence[int]) -> None:
+    drive, direction = plan.drive, plan.direction
+    count = len(drive.sprockets)
     if count < 3:
         return
-    offset = center[None, :, :] - start[:, None, :]  # strand, sprocket
-    along = np.clip(np.einsum("ksi,ki->ks", offset, direction), 0.0, length[:, None])
-    gap = offset - along[..., None] * direction[:, None, :]
-    through = np.hypot(gap[..., 0], gap[..., 1]) < radius[None, :]
+    offset = plan.center[:, None, :, :] - start[:, :, None, :]  # strand, sprocket
+    along = np.clip(np.einsum("vksi,vki->vks", offset, direction), 0.0, length[..., None])
+    gap = offset - along[..., None] * direction[:, :, None, :]
+    through = np.hypot(gap[..., 0], gap[..., 1]) < plan.radius[:, None, :]
     strand = np.arange(count)
-    through[[k for k in range(count) if k not in free]] = False  # they go around guides
-    through[strand, strand] = through[strand, (strand + 1) % count] = False
-    for k, s in np.argwhere(through):
+    through[:, [k for k in range(count) if k not in free]] = False  # they go around guides
+    through[:, strand, strand] = through[:, strand, (strand + 1) % count] = False
+    for _, k, s in np.argwhere(through):
         raise DriveError(
             f'strand "{drive.strand_names[k]}": passes through the pitch circle of sprocket '
             f'"{drive.sprockets[s].name}"; allowed is a path clear of the other sprockets'

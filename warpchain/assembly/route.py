@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from warpchain.assembly.arms import balanced
-from warpchain.assembly.path import ChainPath, path_at
+from warpchain.assembly.path import ChainPath, Plan
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
@@ -17,4 +17,14 @@ def chain_path(drive: Drive) -> ChainPath:
     Raises:
         DriveError: as `path_at`; or an arm that finds no balance.
     """
-    return balanced(drive) if drive.arms else path_at(drive, ())
+    return chain_paths(drive)[0]
+
+
+def chain_paths(drive: Drive) -> ChainPath:
+    """`chain_path` of a stack, with its first axis.
+
+    Raises:
+        DriveError: as `chain_path`, of the first such variant.
+        Obstructed: a stack of which some go around guides.
+    """
+    return balanced(drive) if drive.arms else Plan(drive).path(())

@@ -27,16 +27,20 @@ than `Taut.chain_length`, where arcs and straight parts meet, is found by laying
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.taut import Taut, TautError, point, taut
 from warpchain.assembly.walk import Curve
+from warpchain.drive.each import hypot, some
 from warpchain.drive.mounts import initial_center
 from warpchain.drive.profile import direction
+from warpchain.drive.stack import size_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -50,37 +54,68 @@ _LAYINGS = 8  # of links on strings; each leaves a thousandth of the error
 _CLOSED = 1e-10  # of a pitch
 
 
+Numbers = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+
 @dataclass
 class Seating:
-    """A chain seated on its sprockets; S sprockets, as many strands.
+    """The chains of a stack of V variants seated on their sprockets; S sprockets, as many strands.
 
     Attributes:
-        first_angle: S polar angles of the seats that hold the first roller of each sprocket [rad].
-        seats: S numbers of seated rollers.
-        links: S numbers of links of the strands.
-        strain: strain of the strands' links, negative in a slack chain.
+        first_angle: (V, S) polar angles of the seats that hold the first roller of each sprocket [rad].
+        seats: (V, S) numbers of seated rollers.
+        links: (V, S) numbers of links of the strands.
+        strain: (V,) strain of the strands' links, negative in a slack chain.
     """
 
-    first_angle: list[float]
-    seats: list[int]
-    links: list[int]
-    strain: float
+    first_angle: Numbers
+    seats: Counts
+    links: Counts
+    strain: Numbers
+
+    def of(self, chosen: NDArray[np.int64]) -> Seating:
+        """Some of the variants."""
+        return Seating(self.first_angle[chosen], self.seats[chosen], self.links[chosen], self.strain[chosen])
+
+    def put(self, chosen: NDArray[np.int64], other: Seating) -> None:
+        """Sets some of the variants."""
+        self.first_angle[chosen], self.seats[chosen] = other.first_angle, other.seats
+        self.links[chosen], self.strain[chosen] = other.links, other.strain
+
+    @property
+    def first(self) -> Counts:
+        """(V, S) indices of the first roller on each sprocket."""
+        return np.cumsum(self.seats - 1 + self.links, axis=1) - (self.seats - 1 + self.links)
+
+    @property
+    def last(self) -> Counts:
+        """(V, S) indices of the last roller on each sprocket."""
+        return self.first + self.seats - 1
 
 
 def seat_chain(drive: Drive, path: ChainPath) -> Seating:
-    """Seats the chain of a drive whose number of links fits its path.
+    """Seats the chains of a stack, each of which fits its path.
+
+    Args:
+        drive: one, or a stack.
+        path: its path or paths, with the first axis of a stack.
 
     Raises:
         DriveError: where a strand has no room for a link, a sprocket has fewer teeth than rollers to hold, or no
-            placement closes the chain; the message names where.
+            placement closes the chain; the message names where, of the first such variant.
     """
     loop = _Loop(drive, path)
     seating = loop.count(drive, path)
-    for _ in range(_ROUNDS):
-        loop.close(seating)
-        if not loop.adjust(seating):
-            return seating
-    loop.close(seating)
+    todo = np.arange(len(seating.strain))
+    for turn in range(_ROUNDS + 1):
+        part, mine = loop.of(todo), seating.of(todo)
+        part.close(mine)
+        changed = part.adjust(mine) if turn < _ROUNDS else np.zeros(len(todo), dtype=bool)
+        seating.put(todo, mine)
+        todo = todo[changed]
+        if not len(todo):
+            break
     return seating
 
 
@@ -89,74 +124,99 @@ def seat_string(drive: Drive, path: ChainPath, seating: Seating, k: int) -> Taut
     return _Loop(drive, path).string(seating, k)
 
 
-def forth(roller: int) -> int:
+def forth(roller: Counts) -> Counts:
     """1 where an outer link ends at a roller, -1 where one begins (`Drive.riding_lean`)."""
-    return 1 if roller % 2 else -1
+    return np.where(roller % 2, 1, -1)
 
 
 class _Loop:
-    """A drive's sprockets as plain numbers, in the order of the chain's travel."""
+    """The sprockets of a stack as plain numbers, in the order of the chain's travel.
+
+    Arrays have a first axis of V, guides' strings are those of one variant alone.
+    """
 
     def __init__(self, drive: Drive, path: ChainPath) -> None:
         self.size = len(drive.sprockets)
         self.driver = drive.driver
         self.names = [sprocket.name for sprocket in drive.sprockets]
-        self.center = [tuple(initial_center(sprocket).tolist()) for sprocket in drive.sprockets]
-        self.teeth = [sprocket.teeth for sprocket in drive.sprockets]
-        self.pitch_angle = [2.0 * math.pi / teeth for teeth in self.teeth]
-        self.step = [sprocket.sign * angle for sprocket, angle in zip(drive.sprockets, self.pitch_angle, strict=True)]
-        self.radius = [float(radius) for radius in path.radius]
+        self.teeth = np.array([sprocket.teeth for sprocket in drive.sprockets])
+        self.pitch_angle = 2.0 * math.pi / self.teeth
+        self.step = np.array([sprocket.sign for sprocket in drive.sprockets]) * self.pitch_angle
         self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
-        self.pitch = path.pitch
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.guides = [guide.name for guide in drive.guides]
-        self.chords = [0.0] * self.size  # what links laid on a string measure beyond its chain length [m]
-        self.links = drive.chain.pulled_lengths
-        self.reach = np.concatenate([[0.0], np.cumsum(np.tile(drive.chain.pulled_lengths, 2))])
+        variants = size_of(drive)
+        wide = (variants, self.size)
+        self.center = np.stack(
+            [np.broadcast_to(initial_center(sprocket), (variants, 2)) for sprocket in drive.sprockets], axis=1
+        )
+        self.radius = np.broadcast_to(path.radius, wide)
+        self.pitch = np.broadcast_to(path.pitch, variants)
+        self.chords = np.zeros(wide)  # what links laid on a string measure beyond its chain length [m]
+        links = np.atleast_2d(drive.chain.pulled_lengths)
+        self.links = np.broadcast_to(links, (variants, links.shape[1]))
+        reach = np.cumsum(np.tile(links, 2), axis=1)
+        reach = np.concatenate([np.zeros((len(links), 1)), reach], axis=1)
+        self.reach = np.broadcast_to(reach, (variants, reach.shape[1]))
+
+    def of(self, chosen: NDArray[np.int64]) -> _Loop:
+        """That of some of the variants."""
+        if len(chosen) == len(self.pitch):
+            return self
+        part = copy(self)
+        for name in ("center", "radius", "pitch", "chords", "links", "reach"):
+            setattr(part, name, getattr(self, name)[chosen])
+        return part
 
     def count(self, drive: Drive, path: ChainPath) -> Seating:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""
-        seating = Seating([0.0] * self.size, [0] * self.size, [0] * self.size, path.nominal_strain)
-        link = path.pitch * (1.0 + path.nominal_strain)
-        position, previous = 0.0 - (drive.run.phase or 0.0), 0
-        begin = math.ceil(position - 0.5 - _TIE)
+        variants = len(self.pitch)
+        wide = (variants, self.size)
+        strain = np.broadcast_to(path.nominal_strain, variants).copy()
+        seating = Seating(np.zeros(wide), np.zeros(wide, dtype=np.int64), np.zeros(wide, dtype=np.int64), strain)
+        link = self.pitch * (1.0 + strain)
+        phase = 0.0 if drive.run.phase is None else drive.run.phase
+        position, previous = np.broadcast_to(0.0 - phase, variants), np.zeros(variants, dtype=np.int64)
+        begin = np.ceil(position - 0.5 - _TIE).astype(np.int64)
         for turn in range(self.size):
             s = (self.driver + turn) % self.size
-            first = math.ceil(position - 0.5 - _TIE)
-            seating.first_angle[s] = float(path.arrival_angle[s]) + (first - position) * self.step[s]
+            first = np.ceil(position - 0.5 - _TIE).astype(np.int64)
+            seating.first_angle[:, s] = path.arrival_angle[:, s] + (first - position) * self.step[s]
             if turn > 0:
-                seating.links[s - 1] = first - previous
-            position += float(path.wrap_angle[s]) / self.pitch_angle[s]
-            previous = math.floor(position + 0.5 + _TIE)
-            seating.seats[s] = previous - first + 1
-            position += float(path.strand_length[s]) / link
-        seating.links[self.driver - 1] = drive.chain.links + begin - previous
+                seating.links[:, s - 1] = first - previous
+            position = position + path.wrap_angle[:, s] / self.pitch_angle[s]
+            previous = np.floor(position + 0.5 + _TIE).astype(np.int64)
+            seating.seats[:, s] = previous - first + 1
+            position = position + path.strand_length[:, s] / link
+        seating.links[:, self.driver - 1] = drive.chain.links + begin - previous
         self._check_counts(seating, path)
         return seating
 
     def _check_counts(self, seating: Seating, path: ChainPath) -> None:
-        for s, name in enumerate(self.names):
-            if seating.seats[s] > self.teeth[s]:
+        for v, s in np.argwhere((seating.seats > self.teeth) | (seating.links < 1)):
+            name = self.names[s]
+            if seating.seats[v, s] > self.teeth[s]:
                 raise DriveError(
-                    f'sprocket "{name}": the chain would put {seating.seats[s]} rollers on it, '
+                    f'sprocket "{name}": the chain would put {seating.seats[v, s]} rollers on it, '
                     f"allowed are at most its {self.teeth[s]} teeth"
                 )
-            if seating.links[s] < 1:
-                raise DriveError(
-                    f'strand "{name}->{self.names[(s + 1) % self.size]}": {path.strand_length[s]:.6g} m long, '
-                    f"which leaves no link between the seats; allowed is more than the pitch, {self.pitch:.6g} m"
-                )
+            raise DriveError(
+                f'strand "{name}->{self.names[(s + 1) % self.size]}": {path[v].strand_length[s]:.6g} m long, '
+                f"which leaves no link between the seats; allowed is more than the pitch, {self.pitch[v]:.6g} m"
+            )
 
-    def last_angle(self, seating: Seating, s: int) -> float:
-        """Polar angle of the seat that holds the last roller of sprocket s."""
-        return seating.first_angle[s] + (seating.seats[s] - 1) * self.step[s]
-
-    def ends(self, seating: Seating, k: int) -> tuple[float, float]:
-        """Polar angles of the last roller before strand k and of the first one after it."""
+    def ends(self, seating: Seating, k: int) -> tuple[Numbers, Numbers]:
+        """Polar angles of the last roller before strand k and of the first one after it (V,)."""
         following = (k + 1) % self.size
-        last = sum(seating.seats[: k + 1]) + sum(seating.links[:k]) - 1 - k
-        leave = self.last_angle(seating, k) + forth(last) * self.lean[k]
-        return leave, seating.first_angle[following] + forth(last + seating.links[k]) * self.lean[following]
+        leave = seating.first_angle[:, k] + (seating.seats[:, k] - 1) * self.step[k]
+        arrive = seating.first_angle[:, following]
+        if not (some(self.lean[k]) or some(self.lean[following])):
+            return leave, arrive
+        last = seating.last[:, k]
+        return (
+            leave + forth(last) * self.lean[k],
+            arrive + forth(last + seating.links[:, k]) * self.lean[following],
+        )
 
     def string(self, seating: Seating, k: int) -> Taut | None:
         """Strand k from seat to seat around its guides; None where it touches none."""
@@ -164,161 +224,173 @@ class _Loop:
             return None
         following = (k + 1) % self.size
         leave, arrive = self.ends(seating, k)
+        seats = self._seat(k, float(leave[0])), self._seat(following, float(arrive[0]))
         try:
-            string = taut(point(self._seat(k, leave)), point(self._seat(following, arrive)), self.runs[k])
+            string = taut(point(seats[0]), point(seats[1]), self.runs[k])
         except TautError as error:
             raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
         return string if string.touches else None
 
     def _seat(self, s: int, polar: float) -> tuple[float, float]:
-        (x, y), radius = self.center[s], self.radius[s]
+        (x, y), radius = self.center[0, s].tolist(), float(self.radius[0, s])
         return x + radius * math.cos(polar), y + radius * math.sin(polar)
 
-    def span(self, seating: Seating, k: int) -> tuple[float, tuple[float, float], tuple[float, float]]:
-        """Length of strand k from seat to seat [m], and the unit vectors along which it leaves and arrives."""
+    def span(self, seating: Seating, k: int) -> tuple[Numbers, Numbers, Numbers]:
+        """Lengths of strand k from seat to seat (V,) [m], and the unit vectors along which it leaves and arrives."""
         string = self.string(seating, k)
         if string is None:
-            x, y, length, _, _ = self.chord(seating, k)
-            return length, (x, y), (x, y)
-        return string.chain_length(self.pitch) + self.chords[k], direction(string.first), direction(string.last)
+            along, length = self.chord(seating, k)
+            return length, along, along
+        length = string.chain_length(float(self.pitch[0])) + self.chords[:, k]
+        return length, np.array([direction(string.first)]), np.array([direction(string.last)])
 
-    def inward(self, seating: Seating, k: int) -> tuple[float, float]:
+    def inward(self, seating: Seating, k: int) -> tuple[Numbers, Numbers]:
         """Unit vectors of strand k where it leaves and arrives, times the outward unit vectors of the seats there."""
-        if not self.runs[k]:
-            _, _, _, first, last = self.chord(seating, k)
-            return first, last
-        _, (x, y), (u, v) = self.span(seating, k)
+        _, first, last = self.span(seating, k)
         leave, arrive = self.ends(seating, k)
-        return x * math.cos(leave) + y * math.sin(leave), u * math.cos(arrive) + v * math.sin(arrive)
+        return _outward(first, leave), _outward(last, arrive)
 
     def laid(self, seating: Seating, k: int) -> float:
         """What the links of strand k, laid as chords on its string, measure beyond its chain length [m]."""
         string = self.string(seating, k)
         if string is None:
             return 0.0
-        roller = sum(seats - 1 for seats in seating.seats[: k + 1]) + sum(seating.links[:k])
-        links = self.links[np.arange(roller, roller + seating.links[k]) % len(self.links)]
-        return Curve(string.pieces).scale(links) * float(links.sum()) - string.chain_length(self.pitch)
+        roller = int(seating.last[0, k])
+        links = self.links[0, np.arange(roller, roller + seating.links[0, k]) % self.links.shape[1]]
+        return Curve(string.pieces).scale(links) * float(links.sum()) - string.chain_length(float(self.pitch[0]))
 
-    def chord(self, seating: Seating, k: int) -> tuple[float, float, float, float, float]:
-        """Strand k from seat to seat: its unit vector's components and length; the last two are its unit vector times
-        the outward unit vectors of its first and last seat."""
+    def chord(self, seating: Seating, k: int) -> tuple[Numbers, Numbers]:
+        """Strand k from seat to seat: its unit vectors (V, 2) and lengths (V,) [m]."""
         following = (k + 1) % self.size
         leave, arrive = self.ends(seating, k)
-        cos_leave, sin_leave = math.cos(leave), math.sin(leave)
-        cos_arrive, sin_arrive = math.cos(arrive), math.sin(arrive)
-        x = self.center[following][0] + self.radius[following] * cos_arrive
-        y = self.center[following][1] + self.radius[following] * sin_arrive
-        x -= self.center[k][0] + self.radius[k] * cos_leave
-        y -= self.center[k][1] + self.radius[k] * sin_leave
-        length = math.hypot(x, y)
-        x, y = x / length, y / length
-        return (
-            x,
-            y,
-            length,
-            x * cos_leave + y * sin_leave,
-            x * cos_arrive + y * sin_arrive,
-        )
+        end = self.center[:, following] + self.radius[:, following, None] * _polar(arrive)
+        chord = end - (self.center[:, k] + self.radius[:, k, None] * _polar(leave))
+        length = hypot(chord[:, 0], chord[:, 1])
+        return chord / length[:, None], length
 
-    def natural(self, seating: Seating) -> list[float]:
-        """Unloaded lengths of the strands: the sums of their own links'."""
-        lengths, roller = [], 0
-        for seats, links in zip(seating.seats, seating.links, strict=True):
-            roller += seats - 1
-            lengths.append(float(self.reach[roller + links] - self.reach[roller]))
-            roller += links
-        return lengths
+    def natural(self, seating: Seating) -> Numbers:
+        """(V, S) unloaded lengths of the strands: the sums of their own links'."""
+        last = seating.last
+        begin, end = (np.take_along_axis(self.reach, places, axis=1) for places in (last, last + seating.links))
+        return np.asarray(end - begin)
 
     def close(self, seating: Seating) -> None:
         """Solves the closing conditions (a) for the whole numbers as they stand."""
         lengths = self.natural(seating)
         for _ in range(_LAYINGS if any(self.runs) else 1):
             self._solve(seating, lengths)
-            before, self.chords = self.chords, [self.laid(seating, k) for k in range(self.size)]
-            if max(abs(a - b) for a, b in zip(before, self.chords, strict=True)) <= 1e-3 * _CLOSED * self.pitch:
+            if not any(self.runs):
+                break
+            before, self.chords = self.chords, np.array([[self.laid(seating, k) for k in range(self.size)]])
+            if np.abs(before - self.chords).max() <= 1e-3 * _CLOSED * self.pitch[0]:
                 break
 
-    def _solve(self, seating: Seating, lengths: list[float]) -> None:
+    def _solve(self, seating: Seating, lengths: Numbers) -> None:
         self._newton(seating, lengths, lengths)
-        if seating.strain < 0.0 and 1 in seating.links:
-            sagging = [length if links > 1 else 0.0 for links, length in zip(seating.links, lengths, strict=True)]
-            if not any(sagging):
+        short = seating.links == 1
+        slack = np.flatnonzero((seating.strain < 0.0) & short.any(axis=1))
+        if len(slack):
+            sagging = np.where(short[slack], 0.0, lengths[slack])
+            if not sagging.any(axis=1).all():
                 raise DriveError("chain.links: the chain is slack, but no strand has a second link with which to sag")
-            self._newton(seating, lengths, sagging)
+            mine = seating.of(slack)
+            self.of(slack)._newton(mine, lengths[slack], sagging)
+            seating.put(slack, mine)
 
-    def _newton(self, seating: Seating, lengths: list[float], elastic: list[float]) -> None:
+    def _newton(self, seating: Seating, lengths: Numbers, elastic: Numbers) -> None:
         """Newton's method; `elastic` is the part of each strand's unloaded length that takes the strain.
 
-        Column `driver` of the Jacobian belongs to the strain, the others to the sprockets' angles.
+        Column `driver` of the Jacobian belongs to the strain, the others to the sprockets' angles. A variant that is
+        done stays as it is while others go on.
         """
-        size, pitch = self.size, self.pitch
-        worst = math.inf
+        todo, worst = np.arange(len(lengths)), np.full(len(lengths), math.inf)
+        angles = np.arange(self.size) != self.driver
+        part, mine = self, seating
         for _ in range(_ITERATIONS):
-            jacobian = np.zeros((size, size))
-            residual = np.zeros(size)
-            for k in range(size):
-                following = (k + 1) % size
-                length, (x, y), (u, v) = self.span(seating, k)
-                residual[k] = length - lengths[k] - elastic[k] * seating.strain
-                leave, arrive = self.ends(seating, k)
-                jacobian[k, following] = self.radius[following] * (v * math.cos(arrive) - u * math.sin(arrive))
-                jacobian[k, k] = -self.radius[k] * (y * math.cos(leave) - x * math.sin(leave))
-                jacobian[k, self.driver] = -elastic[k]
-            before, worst = worst, float(np.abs(residual).max())
-            if 0.5 * before <= worst <= _CLOSED * pitch:  # round-off is reached
-                return
+            residual, jacobian = part._conditions(mine, lengths[todo], elastic[todo])
+            before, worst = worst, np.abs(residual).max(axis=1)
+            done = (0.5 * before <= worst) & (worst <= _CLOSED * part.pitch)  # round-off is reached
+            if done.any():
+                seating.put(todo, mine)
+                todo, worst, residual, jacobian = todo[~done], worst[~done], residual[~done], jacobian[~done]
+                if not len(todo):
+                    return
+                part, mine = self.of(todo), seating.of(todo)
             try:
-                change = np.linalg.solve(jacobian, -residual)
+                change = np.linalg.solve(jacobian, -residual[..., None])[..., 0]
             except np.linalg.LinAlgError:
                 break
-            angles = [s for s in range(size) if s != self.driver]
-            scale = min(
-                1.0,
-                0.5 / max(1e-300, max(abs(change[s]) / self.pitch_angle[s] for s in angles)),
-            )
-            for s in angles:
-                seating.first_angle[s] += scale * float(change[s])
-            seating.strain += scale * float(change[self.driver])
-        total = sum(seating.links) + sum(seating.seats) - size
+            farthest = np.abs(change[:, angles] / self.pitch_angle[angles]).max(axis=1)
+            change = change * np.minimum(1.0, 0.5 / np.maximum(1e-300, farthest))[:, None]
+            mine.first_angle[:, angles] += change[:, angles]
+            mine.strain += change[:, self.driver]
+        total = int(seating.links[0].sum() + seating.seats[0].sum()) - self.size
         raise DriveError(
             f"chain.links = {total}: no placement with the seated rollers on their seats closes the chain "
-            f"(a gap of {worst:.3g} m remains)"
+            f"(a gap of {worst[0]:.3g} m remains)"
         )
 
-    def adjust(self, seating: Seating) -> bool:
-        """Adds and gives back seats at both ends of every strand; True if anything has changed.
+    def _conditions(self, seating: Seating, lengths: Numbers, elastic: Numbers) -> tuple[Numbers, Numbers]:
+        """What is left of (a) (V, S) [m], and its Jacobian (V, S, S)."""
+        residual, jacobian = np.zeros(lengths.shape), np.zeros((*lengths.shape, self.size))
+        for k in range(self.size):
+            following = (k + 1) % self.size
+            length, first, last = self.span(seating, k)
+            leave, arrive = self.ends(seating, k)
+            residual[:, k] = length - lengths[:, k] - elastic[:, k] * seating.strain
+            jacobian[:, k, following] = self.radius[:, following] * _sideward(last, arrive)
+            jacobian[:, k, k] = -self.radius[:, k] * _sideward(first, leave)
+            jacobian[:, k, self.driver] = -elastic[:, k]
+        return residual, jacobian
+
+    def adjust(self, seating: Seating) -> NDArray[np.bool_]:
+        """Adds and gives back seats at both ends of every strand; where anything has changed (V,).
 
         The driver's first seat stays, since it carries the angle that is not solved for.
         """
-        link = self.pitch * (1.0 + max(seating.strain, 0.0))
-        changed = False
+        link = self.pitch * (1.0 + np.maximum(seating.strain, 0.0))
+        changed = np.zeros(len(link), dtype=bool)
         for k in range(self.size):
             following = (k + 1) % self.size
             leave, arrive = self.inward(seating, k)
             change = self._missing(seating, k, k, -leave, link)
-            seating.seats[k] += change
-            seating.links[k] -= change
-            changed = changed or change != 0
+            seating.seats[:, k] += change
+            seating.links[:, k] -= change
+            changed |= change != 0
             if following != self.driver:
                 change = self._missing(seating, k, following, arrive, link)
-                seating.seats[following] += change
-                seating.links[k] -= change
-                seating.first_angle[following] -= change * self.step[following]
-                changed = changed or change != 0
+                seating.seats[:, following] += change
+                seating.links[:, k] -= change
+                seating.first_angle[:, following] -= change * self.step[following]
+                changed |= change != 0
         return changed
 
-    def _missing(self, seating: Seating, k: int, s: int, inward: float, link: float) -> int:
-        """+1, -1 or 0: seats to add on sprocket s where strand k ends on it.
+    def _missing(self, seating: Seating, k: int, s: int, inward: Numbers, link: Numbers) -> Counts:
+        """+1, -1 or 0 (V,): seats to add on sprocket s where strand k ends on it.
 
         `inward` is the cosine between the strand's direction towards the sprocket and the seat's outward vector e, the
         sine of the angle by which the seat lies within the arc. A straight strand's next roller, a link L away, stands
         at the radius sqrt(R^2 - 2 R L inward + L^2): inside the pitch circle, in the next gap, if inward > L / (2 R).
         Beyond half a pitch angle outside the arc the strand bends away from the seat.
         """
-        radius = self.radius[s]
-        if link * (link - 2.0 * radius * inward) < -_TIE * self.pitch * radius:
-            return 1 if seating.links[k] > 1 and seating.seats[s] < self.teeth[s] else 0
-        if -inward > math.sin((0.5 + _SPARE) * self.pitch_angle[s]):
-            return -1 if seating.seats[s] > 1 else 0
-        return 0
+        radius, seats = self.radius[:, s], seating.seats[:, s]
+        inside = link * (link - 2.0 * radius * inward) < -_TIE * self.pitch * radius
+        outside = -inward > math.sin((0.5 + _SPARE) * self.pitch_angle[s])
+        more = inside & (seating.links[:, k] > 1) & (seats < self.teeth[s])
+        less = ~inside & outside & (seats > 1)
+        return more.astype(np.int64) - less
+
+
+def _polar(angle: Numbers) -> Numbers:
+    """Unit vectors (V, 2) at polar angles (V,) [rad]."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _outward(vector: Numbers, polar: Numbers) -> Numbers:
+    """Parts of vectors (V, 2) along polar angles (V,)."""
+    return np.asarray(vector[:, 0] * np.cos(polar) + vector[:, 1] * np.sin(polar))
+
+
+def _sideward(vector: Numbers, polar: Numbers) -> Numbers:
+    """Parts of vectors (V, 2) square to polar angles (V,), counter-clockwise."""
+    return np.asarray(vector[:, 1] * np.cos(polar) - vector[:, 0] * np.sin(polar))

@@ -13,10 +13,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from warpchain.drive import Drive, ImpactLaw
+from warpchain.drive.each import largest, smallest, some, sqrt
 from warpchain.drive.laws import LAWS
 from warpchain.drive.mounts import moving_mass, on_springs, spring
 from warpchain.drive.oil import oil_stiffness
+from warpchain.drive.stack import picked
 from warpchain.drive.stiffness import contact_damping
 from warpchain.errors import DriveError
 
@@ -109,14 +113,14 @@ def _highest_frequency(drive: Drive, damped_links: bool, bodies: Sequence[Body])
     mass = drive.chain.mass
     stiffest = half_rate = 0.0
     for _, law, stiffness in _contacts(drive):
-        stiffest = max(stiffest, stiffness)
+        stiffest = largest(stiffest, stiffness)
         if LAWS[law.law].viscous:
-            half_rate = max(half_rate, 0.5 * contact_damping(law, stiffness, mass) / mass)
+            half_rate = largest(half_rate, 0.5 * contact_damping(law, stiffness, mass) / mass)
     if damped_links:
         half_rate += (drive.chain.link_damping + drive.chain.outer_damping) / mass
     springs = 2.0 * (drive.chain.stiffness + drive.chain.outer_stiffness)
-    square = (springs + stiffest) / mass + max((body.square for body in bodies), default=0.0)
-    return half_rate + math.sqrt(half_rate * half_rate + square)
+    square = (springs + stiffest) / mass + largest(0.0, *(body.square for body in bodies))
+    return half_rate + sqrt(half_rate * half_rate + square)
 
 
 def stiffest_part(drive: Drive) -> str:
@@ -139,8 +143,8 @@ def step_limit(drive: Drive, damped_links: bool = True) -> float:
     """
     bodies = moving_bodies(drive)
     omega = _highest_frequency(drive, damped_links, bodies)
-    rate = max((body.rate for body in bodies), default=0.0)
-    return 4.0 / (rate + math.sqrt(rate * rate + 4.0 * omega * omega))
+    rate = largest(0.0, *(body.rate for body in bodies))
+    return 4.0 / (rate + sqrt(rate * rate + 4.0 * omega * omega))
 
 
 def automatic_step(drive: Drive) -> float:
@@ -148,25 +152,28 @@ def automatic_step(drive: Drive) -> float:
 
     A tenth of what the limit would be if links had no dampers, and at most a quarter of what it is.
     """
-    return min(0.5 * AUTOMATIC * step_limit(drive, damped_links=False), DAMPED * step_limit(drive))
+    return smallest(0.5 * AUTOMATIC * step_limit(drive, damped_links=False), DAMPED * step_limit(drive))
 
 
 def resolve_step(drive: Drive, step: float | str | None = None) -> float:
-    """The step to take [s]: `step`, or else the drive's own; "auto" is the automatic one.
+    """The step to take [s], of a stack's variants (V,): `step`, or else the drive's own; "auto" is the automatic one.
 
     Raises:
-        DriveError: a step that is not positive or not below the limit; the message states the limit.
+        DriveError: a step that is not positive or not below the limit; the message states the limit, of the first such.
     """
     asked = drive.run.step if step is None else step
     if isinstance(asked, str):
         if asked != "auto":
             raise DriveError(f'run.step = "{asked}": must be a positive number or "auto"')
         found = automatic_step(drive)
-        if not found > 0.0:
+        if some(~np.greater(found, 0.0)):
             raise DriveError(f'run.step = "{asked}": no step is so small; look at stiffness, damping and mass')
         return found
     limit = step_limit(drive)
-    if not (math.isfinite(asked) and 0.0 < asked < limit):
+    wrong = ~(np.isfinite(asked) & np.greater(asked, 0.0) & np.less(asked, limit))
+    if wrong.ndim and wrong.any():
+        resolve_step(picked(drive, int(wrong.argmax())), step)
+    if some(wrong):
         bodies = " and for bodies on springs" if moving_bodies(drive) else ""
         raise DriveError(
             f"run.step = {asked:g}: must be above 0 and below {limit:.6g} s, 2 / sqrt((4 k + K_max) / m), less for "

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from warpchain.drive.drive import Drive
+from warpchain.drive.each import some
 from warpchain.drive.motion import Harmonic, Load, Prescribed
 from warpchain.drive.parts import RunSettings, Sprocket
 from warpchain.drive.table import Table
@@ -102,7 +103,7 @@ def turned_on(drive: Drive, sprocket: Sprocket, motion: Motion) -> Motion:
     that, and tables over its angle move back by it.
     """
     phase = drive.run.phase
-    if not phase:
+    if phase is None or not some(phase):
         return motion
     teeth = {other.name: other.teeth for other in drive.sprockets}
 

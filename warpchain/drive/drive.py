@@ -27,6 +27,7 @@ from warpchain.drive.contact import (
     GuideContact,
     merged,
 )
+from warpchain.drive.each import largest, radians
 from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.part import (
     Allowed,
@@ -130,8 +131,8 @@ class Drive(Part):
         """
         inner, outer = self.chain.pulled_pair
         half = math.pi / self.sprockets[s].teeth
-        if inner == outer:
-            return max(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
+        if self.chain.outer is None or inner == outer:
+            return largest(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
         over_both = math.sqrt(inner**2 + outer**2 + 2.0 * inner * outer * math.cos(2.0 * half))
         return max(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half)))
 
@@ -141,6 +142,8 @@ class Drive(Part):
         Where rollers ride above their seats, links of unlike lengths span unlike angles, 2 asin(l / 2R): roller i
         stands that angle before the middle of its gap if i is even, as outer links begin there, else after it.
         """
+        if self.chain.outer is None:
+            return 0.0
         inner, outer = self.chain.pulled_pair
         radius = self.riding_radius(s)
         if inner == outer or radius <= self.pitch_radius(s):
@@ -159,7 +162,7 @@ class Drive(Part):
             seat_radius=radius + contact.clearance,
             seat_angle=default_seat_angle(teeth, self.pitch_radius(s), self.chain.pitch)
             if angle is None
-            else math.radians(angle),
+            else radians(angle),
             flank_radius=math.inf,
             tip_radius=self.pitch_radius(s) + 0.5 * (self.chain.pitch - 2.0 * radius),
         )
@@ -178,7 +181,7 @@ class Drive(Part):
         The maximum gap of ISO 606 has teeth that reach 0.625 pitches beyond it.
         """
         reach = self.tip_radius(s) + self.chain.roller_radius - self.pitch_radius(s)
-        return max(0.5 * self.chain.pitch, reach)
+        return largest(0.5 * self.chain.pitch, reach)
 
     def catching(self) -> tuple[int, ...]:
         """Sprockets whose straight flanks are too steep to let a strand's rollers go (see `warpchain.drive.teeth`)."""
@@ -191,7 +194,7 @@ class Drive(Part):
         """Contact of guide-bar g: the common settings with the bar's own put over them."""
         common, own = self.contact.guide, self.guides[g].contact
         assert common is not None  # the drive's own rule
-        return common if own is None else GuideContact(**merged(common, own))
+        return common if own is None else GuideContact.model_construct(**merged(common, own))
 
     def profile(self, g: int) -> Profile:
         """The face of guide g as drawn: at its arm's angle 0 (`warpchain.drive.profile`)."""

@@ -19,7 +19,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
+
+from warpchain.drive.each import each, sqrt
 
 Means = Literal["parameter", "rebound"]
 
@@ -87,7 +90,7 @@ LAWS = {
         "kelvin_voigt",
         _kelvin_voigt_zeta,
         kelvin_voigt_rebound,
-        unit=lambda stiffness, mass: 2.0 * math.sqrt(stiffness * mass),
+        unit=lambda stiffness, mass: 2.0 * sqrt(stiffness * mass),
         viscous=True,
     ),
 }
@@ -103,6 +106,12 @@ def law_factor(name: str, restitution: float, means: Means = "parameter") -> flo
         means: "parameter" puts it into the law's own formula; "rebound" finds the factor with which a free mass
             rebounds by just that.
     """
+    found: float = each(lambda e: _factor(name, e, means))(restitution)
+    return found
+
+
+@lru_cache(maxsize=4096)
+def _factor(name: str, restitution: float, means: Means) -> float:
     law = LAWS[name]
     if means == "parameter" or restitution == 1.0:
         return law.factor(restitution)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.each import along, hypot, joined, largest, power, some
 from warpchain.drive.motion import ElasticMount, FixedMount, PrescribedMount, SliderMount
 
 if TYPE_CHECKING:
@@ -20,14 +21,14 @@ if TYPE_CHECKING:
 
 def unit(direction: tuple[float, float]) -> NDArray[np.float64]:
     """The unit vector along a direction."""
-    return np.asarray(direction, dtype=float) / math.hypot(*direction)
+    return joined(direction) / along(hypot(*direction))
 
 
 def initial_center(sprocket: Sprocket) -> NDArray[np.float64]:
     """Center at t = 0 (2,) [m]."""
-    center, mount = np.asarray(sprocket.center, dtype=float), sprocket.mount
+    center, mount = joined(sprocket.center), sprocket.mount
     if isinstance(mount, PrescribedMount):
-        center = center + unit(mount.direction) * (mount.offset + mount.amplitude * math.sin(mount.phase))
+        center = center + unit(mount.direction) * along(mount.offset + mount.amplitude * np.sin(mount.phase))
     return center
 
 
@@ -37,7 +38,7 @@ def initial_velocity(sprocket: Sprocket) -> NDArray[np.float64]:
     if not isinstance(mount, PrescribedMount):
         return np.zeros(2)
     rate = 2.0 * math.pi * mount.frequency
-    return unit(mount.direction) * (mount.amplitude * rate * math.cos(mount.phase))
+    return unit(mount.direction) * along(mount.amplitude * rate * np.cos(mount.phase))
 
 
 def farthest(sprocket: Sprocket) -> float:
@@ -58,7 +59,7 @@ def on_springs(sprocket: Sprocket) -> bool:
 
 def active(sprocket: Sprocket) -> bool:
     """True if the center can move or a balance wheel turns with the sprocket."""
-    return moves(sprocket) or wheel_mass(sprocket) > 0.0
+    return moves(sprocket) or some(wheel_mass(sprocket) > 0.0)
 
 
 def wheel_mass(sprocket: Sprocket) -> float:
@@ -68,19 +69,20 @@ def wheel_mass(sprocket: Sprocket) -> float:
 
 def wheel_inertia(sprocket: Sprocket) -> float:
     """m_b r_b^2, which is not part of the sprocket's inertia [kg m^2]."""
-    return wheel_mass(sprocket) * sprocket.balance_wheel.radius**2 if sprocket.balance_wheel is not None else 0.0
+    wheel = sprocket.balance_wheel
+    return wheel_mass(sprocket) * power(wheel.radius, 2) if wheel is not None else 0.0
 
 
 def moving_mass(sprocket: Sprocket) -> float:
     """Mass of sprocket and balance wheel [kg]; that of a sprocket that needs none counts as 0 unless given."""
-    return (sprocket.mass or 0.0) + wheel_mass(sprocket)
+    return (0.0 if sprocket.mass is None else sprocket.mass) + wheel_mass(sprocket)
 
 
 def spring(sprocket: Sprocket) -> tuple[float, float]:
     """The stiffer axis' spring [N/m] and the heavier axis' damper [N s/m] of a mount; 0 where it has none."""
     mount = sprocket.mount
     if isinstance(mount, ElasticMount):
-        return max(mount.stiffness), max(mount.damping)
+        return largest(*mount.stiffness), largest(*mount.damping)
     return (mount.stiffness, mount.damping) if isinstance(mount, SliderMount) else (0.0, 0.0)
 
 

@@ -149,14 +149,23 @@ class Problem(NamedTuple):
 
 def get(node: Any, key: str) -> Any:
     """The value of a key in a part, or in a mapping that should become one; None where there is none."""
-    if isinstance(node, Part):
+    part, mapping = _nature(type(node))
+    if part:
         return getattr(node, key, None)
-    return node.get(key) if isinstance(node, Mapping) else None
+    return node.get(key) if mapping else None
+
+
+@cache
+def _nature(kind: type) -> tuple[bool, bool]:
+    """Whether values of a type are parts, or mappings; asked thousands of times of the same few types."""
+    return issubclass(kind, Part), issubclass(kind, Mapping)
 
 
 def elements(node: Any, key: str) -> Sequence[Any]:
     """The list under a key, empty where there is none."""
     value = get(node, key)
+    if type(value) is tuple:
+        return value  # type: ignore[no-any-return]
     return value if isinstance(value, Sequence) and not isinstance(value, str) else ()
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field
 
 from warpchain.drive.catalogue import CHAINS
+from warpchain.drive.each import many, some, sqrt
 from warpchain.drive.motion import BalanceWheel, FixedMount, Load, Mount, Prescribed
 from warpchain.drive.part import (
     BARE,
@@ -104,7 +105,7 @@ class Joint(Part):
     @property
     def rubs(self) -> bool:
         """Whether there is any friction."""
-        return self.friction > 0.0 or self.static_coefficient > 0.0
+        return some(self.friction > 0.0) or some(self.static_coefficient > 0.0)
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
@@ -187,12 +188,12 @@ class Chain(Part):
         if self.damping is not None:
             return self.damping
         assert self.damping_ratio is not None  # the chain's own rule
-        return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * self.mass)
+        return 2.0 * self.damping_ratio * sqrt(self.stiffness * self.mass)
 
     @property
     def link_play(self) -> float:
         """Play of a link [m]."""
-        return self.play or 0.0
+        return 0.0 if self.play is None else self.play
 
     @property
     def outer_pitch(self) -> float:
@@ -213,21 +214,23 @@ class Chain(Part):
     @property
     def mean_stiffness(self) -> float:
         """Stiffness of like links [N/m] that would make as stiff a chain: an outer and an inner one in series."""
-        if self.outer_stiffness == self.stiffness:
+        if self.outer is None or self.outer_stiffness == self.stiffness:
             return self.stiffness
         return 2.0 / (1.0 / self.stiffness + 1.0 / self.outer_stiffness)
 
     @property
     def uneven(self) -> bool:
         """Whether links differ in more than their length, or have play."""
-        alike = self.outer_stiffness == self.stiffness and self.outer_damping == self.link_damping
-        return not alike or self.link_play > 0.0
+        own = self.outer
+        alike = own is None or (self.outer_stiffness == self.stiffness and self.outer_damping == self.link_damping)
+        return not alike or (self.play is not None and self.play > 0.0)
 
     @property
     def worn_pitch(self) -> float:
         """Mean length at which a pulled link that has no elongation of its own begins to carry tension [m]."""
         inner = self.pitch * (1.0 + self.elongation)
-        return (inner if self.outer_pitch == inner else 0.5 * (inner + self.outer_pitch)) + self.link_play
+        alike = self.outer is None or self.outer_pitch == inner
+        return (inner if alike else 0.5 * (inner + self.outer_pitch)) + self.link_play
 
     @property
     def pulled_pair(self) -> tuple[float, float]:
@@ -240,7 +243,10 @@ class Chain(Part):
         """(N,) unloaded lengths of the links [m]."""
         import numpy as np
 
-        lengths = np.full(self.links, self.pitch * (1.0 + self.elongation))
+        length: Any = self.pitch * (1.0 + self.elongation)
+        if many(length):
+            return np.repeat(length[:, None], self.links, axis=1)  # of a stack, (V, N)
+        lengths = np.full(self.links, length)
         if self.outer is not None:
             lengths[::2] = self.outer_pitch
         for worn in self.worn_links:

@@ -41,7 +41,7 @@ def _class_of(cls: type[Part], key: str, value: Any) -> type[Part] | None:
     return type(value) if isinstance(value, Part) else _inside(cls).get(key)
 
 
-def _index(elements: Sequence[Any], key: str, depth: int) -> int:
+def index_of(elements: Sequence[Any], key: str, depth: int) -> int:
     """Which element of a list a word of a path, the one at `depth`, means.
 
     Raises:
@@ -86,7 +86,7 @@ def _follow(value: Any, cls: type[Part] | None, keys: Sequence[str], depth: int)
         return value
     key = keys[depth]
     if isinstance(value, tuple):
-        element = value[_index(value, key, depth)]
+        element = value[index_of(value, key, depth)]
         return _follow(element, type(element) if isinstance(element, Part) else None, keys, depth + 1)
     if cls is None or key not in cls.model_fields:
         raise _UnknownPath(depth, list(cls.model_fields) if cls else [])
@@ -167,7 +167,7 @@ def changed(part: PartType, values: Mapping[str, Any]) -> PartType:
     unknown = {}
     for path, value in values.items():
         try:
-            _assign(tree, path.split("."), 0, _native(value))
+            _assign(tree, path.split("."), 0, native(value))
         except _UnknownPath as error:
             unknown[path] = _unknown_line(part, path, *error.args)
     if unknown:  # the errors of the known paths, too
@@ -180,7 +180,7 @@ def changed(part: PartType, values: Mapping[str, Any]) -> PartType:
     return type(part)(**tree)
 
 
-def _native(value: Any) -> Any:
+def native(value: Any) -> Any:
     """A numpy scalar as Python's own number, so that a study may hand over what it draws."""
     return value.item() if type(value).__module__ == "numpy" and getattr(value, "ndim", 1) == 0 else value
 
@@ -193,7 +193,7 @@ def _assign(node: Any, keys: Sequence[str], depth: int, value: Any) -> None:
     """
     key, last = keys[depth], depth == len(keys) - 1
     if isinstance(node, _List):
-        place = _index(node, key, depth)
+        place = index_of(node, key, depth)
         if not last:
             node[place] = _opened(node[place], node.cls)
         else:

@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from warpchain.drive.each import largest, power, smallest, some
+
 if TYPE_CHECKING:
     from warpchain.drive import Drive, ImpactLaw
     from warpchain.drive.parts import Chain
@@ -20,7 +22,7 @@ JOINT_STOP = 0.375
 
 def joint_stop(chain: Chain) -> float:
     """Largest moment of a joint's friction over its rate of turning, times the step [N m s^2]."""
-    return JOINT_STOP * chain.mass * chain.pitch**2 / 6.0
+    return JOINT_STOP * chain.mass * power(chain.pitch, 2) / 6.0
 
 
 def full_friction_rate(chain: Chain, tension: float, step: float) -> float:
@@ -53,13 +55,14 @@ class Rubbing:
     @property
     def rubs(self) -> bool:
         """Whether there is friction."""
-        return max(self.dynamic, self.static) > 0.0
+        return some(largest(self.dynamic, self.static) > 0.0)
 
 
 def _rubbing(law: ImpactLaw, most: float = math.inf) -> Rubbing:
-    dynamic = law.friction or 0.0
+    dynamic = 0.0 if law.friction is None else law.friction
     static = dynamic if law.static_friction is None else law.static_friction
-    return Rubbing(min(dynamic, most), min(static, most), law.stribeck_speed or 1.0)
+    speed = 1.0 if law.stribeck_speed is None else law.stribeck_speed
+    return Rubbing(smallest(dynamic, most), smallest(static, most), speed)
 
 
 def tooth_rubbing(drive: Drive) -> Rubbing:
@@ -78,4 +81,4 @@ def _rolling(drive: Drive) -> float:
     joint, pin_radius = getattr(drive.chain, "joint", None), getattr(drive.chain, "pin_radius", None)
     if joint is None or pin_radius is None:
         return 0.0
-    return float((joint.friction or 0.0) * pin_radius / drive.chain.roller_radius)
+    return joint.friction * pin_radius / drive.chain.roller_radius

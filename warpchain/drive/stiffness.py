@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from warpchain.drive.each import each, power
 from warpchain.drive.laws import LAWS, law_factor
 from warpchain.errors import DriveError, drive_error
 
@@ -23,9 +24,10 @@ if TYPE_CHECKING:
 
 def compliance(roller: Material, partner: Material) -> float:
     """Sum of (1 - nu^2)/(pi E) over both bodies [1/Pa]: s of eq. (20)."""
-    return sum((1.0 - body.poissons_ratio**2) / (math.pi * body.youngs_modulus) for body in (roller, partner))
+    return sum((1.0 - power(body.poissons_ratio, 2)) / (math.pi * body.youngs_modulus) for body in (roller, partner))
 
 
+@each
 def hertz_stiffness(
     load: float, width: float, roller_radius: float, partner_radius: float, compliance: float, exponent: float = 1.0
 ) -> float:

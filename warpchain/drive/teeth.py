@@ -27,6 +27,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from warpchain.drive.each import cbrt, each, smallest
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -97,13 +99,14 @@ def iso606_tooth(gap: str, roller_radius: float, teeth: int, pitch: float) -> To
             tip_radius=0.5 * (pitch_diameter + pitch * (1.0 - 1.6 / teeth) - d1),
         )
     return Tooth(
-        seat_radius=0.505 * d1 + 0.069e-3 * math.cbrt(1e3 * d1),
+        seat_radius=0.505 * d1 + 0.069e-3 * cbrt(1e3 * d1),
         seat_angle=math.radians(120.0 - 90.0 / teeth),
         flank_radius=0.008 * d1 * (teeth**2 + 180),
         tip_radius=0.5 * (pitch_diameter + 1.25 * pitch - d1),
     )
 
 
+@each
 def releasing_seat_angle(pitch_radius: float, pitch: float) -> float:
     """Largest seating angle whose straight flanks let the rollers of a straight strand go [rad].
 
@@ -119,7 +122,7 @@ def releasing_seat_angle(pitch_radius: float, pitch: float) -> float:
 
 def default_seat_angle(teeth: int, pitch_radius: float, pitch: float) -> float:
     """Seating angle of a circular profile that gives none [rad]: 140 degrees - 90 degrees / z, or what releases."""
-    return min(math.radians(140.0 - 90.0 / teeth), releasing_seat_angle(pitch_radius, pitch) - MARGIN)
+    return smallest(math.radians(140.0 - 90.0 / teeth), releasing_seat_angle(pitch_radius, pitch) - MARGIN)
 
 
 def half_gap_outline(tooth: Tooth, teeth: int, pitch_radius: float, arc_points: int = 9) -> NDArray[np.float64]:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly import Assembly
-from warpchain.assembly.layout import findings
+from warpchain.assembly.layout import findings, suspects
+from warpchain.assembly.together import Assemblies
 from warpchain.drive import Drive
+from warpchain.drive.stack import Stack, picked, stacks_of
 from warpchain.engine.devices import Engine
 from warpchain.engine.packed import Packed
 from warpchain.kernels.relaxation import LEAST_STRETCH
@@ -23,15 +24,26 @@ TORN = 2.0
 """A chain with a link longer than this many times its length is none any more."""
 
 
-def layouts_of(drives: Sequence[Drive], assemblies: Sequence[Assembly]) -> list[tuple[str, ...]]:
-    """What is wrong with each drive's layout; drives that share their assembly and guide-bars are looked at once."""
+def layouts_of(
+    drives: Sequence[Drive], assemblies: Assemblies, stacks: Sequence[Stack] | None = None
+) -> list[tuple[str, ...]]:
+    """What is wrong with each drive's layout; drives that share their state and guide-bars are looked at once.
+
+    Args:
+        drives: the drives.
+        assemblies: their initial states.
+        stacks: the drives sorted into kinds, where they are.
+    """
+    found: list[tuple[str, ...]] = [()] * len(drives)
     known: dict[tuple[int, ...], tuple[str, ...]] = {}
-    found = []
-    for drive, assembly in zip(drives, assemblies, strict=True):
-        key = (id(assembly), *map(id, drive.guides))
-        if key not in known:
-            known[key] = findings(drive, assembly.path)
-        found.append(known[key])
+    for stack in stacks_of(drives) if stacks is None else stacks:
+        for places, assembly in assemblies.among(stack.members):
+            members = stack.members[places]
+            for v in members[suspects(picked(stack.drive, places), assembly.path)].tolist():
+                key = (int(assemblies.block[v]), int(assemblies.row[v]), *map(id, drives[v].guides))
+                if key not in known:
+                    known[key] = findings(drives[v], assemblies[v].path)
+                found[v] = known[key]
     return found
 
 
@@ -77,7 +89,7 @@ def _rollers(packed: Packed) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int6
         yield alike, STATE_ROWS * first[alike, None] + np.arange(count)
 
 
-def engaged(engine: Engine, drives: Sequence[Drive]) -> NDArray[np.float64]:
+def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> NDArray[np.float64]:
     """Share of the rollers of each sprocket's wrap that are on its teeth now (V, S), NaN beyond a drive's sprockets.
 
     On its teeth is a roller whose center is nearer than half a pitch to the pitch circle inward, and less than
@@ -86,7 +98,8 @@ def engaged(engine: Engine, drives: Sequence[Drive]) -> NDArray[np.float64]:
     """
     packed = engine.packed
     counts = packed.drives["sprockets"].astype(np.int64)
-    inner, outer, held = _reach(drives, packed.assemblies, int(counts.max()))
+    sorted_ = stacks_of(drives) if stacks is None else stacks
+    inner, outer, held = _reach(sorted_, packed.assemblies, (len(drives), int(counts.max())))
     centers, rows = engine.bodies()["center"], engine.rollers()
     found = np.full(held.shape, np.nan)
     for alike, at in _rollers(packed):
@@ -133,21 +146,18 @@ def _inside(row: Any, places: NDArray[np.float64]) -> bool:
 
 
 def _reach(
-    drives: Sequence[Drive], assemblies: Sequence[Assembly], sprockets: int
+    stacks: Sequence[Stack], assemblies: Assemblies, shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Between which distances from its center a roller is on a sprocket's teeth [m], and how many were at assembly.
 
     (V, S) each, NaN beyond a drive's sprockets.
     """
-    known: dict[int, NDArray[np.float64]] = {}
-    for drive, assembly in zip(drives, assemblies, strict=True):
-        if id(assembly) in known:
-            continue
-        found = known[id(assembly)] = np.full((3, sprockets), np.nan)
-        count, chain = len(drive.sprockets), drive.chain
-        for s in range(count):
-            found[0, s] = assembly.path.radius[s] - 0.5 * chain.pitch
-            found[1, s] = drive.tip_radius(s) + ON_TOP * chain.roller_radius
-        found[2, :count] = np.bincount(assembly.seat_sprocket[assembly.seat_sprocket >= 0], minlength=count)
-    table = np.stack([known[id(assembly)] for assembly in assemblies], axis=1)
-    return table[0], table[1], table[2]
+    inner, outer, held = (np.full(shape, np.nan) for _ in range(3))
+    for stack in stacks:
+        for places, assembly in assemblies.among(stack.members):
+            drive, v = picked(stack.drive, places), stack.members[places]
+            for s in range(len(drive.sprockets)):
+                inner[v, s] = assembly.path.radius[:, s] - 0.5 * drive.chain.pitch
+                outer[v, s] = drive.tip_radius(s) + ON_TOP * drive.chain.roller_radius
+                held[v, s] = (assembly.seat_sprocket == s).sum(axis=1)
+    return inner, outer, held

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from warpchain.assembly.path import MAX_STRAIN
 from warpchain.assembly.tables import TableList, shaft_ratio
 from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
 from warpchain.drive.copies import turned_on
+from warpchain.drive.each import along, joined, largest, power
 from warpchain.drive.laws import LAWS
 from warpchain.drive.mounts import (
     active,
@@ -87,8 +89,8 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
     row["teeth"] = teeth
     row["first_seat"] = seats.known[teeth]
     row["exact_radius"] = row["pitch_radius"] = radius
-    row["near_square"] = max(radius - band, 0.0) ** 2
-    row["far_square"] = (radius + band) ** 2
+    row["near_square"] = power(largest(radius - band, 0.0), 2)
+    row["far_square"] = power(radius + band, 2)
     row["half_pitch_tangent"] = np.tan(np.pi / teeth)
     row["clearance"] = tooth.seat_radius - roller_radius
     row["cos_half_seat"] = np.cos(half_seat)
@@ -100,11 +102,11 @@ def fill_sprocket(row: Any, drive: Drive, s: int, seats: RowList) -> None:
 
 def _harmonic_rows(drive: Drive, s: int, harmonics: Sequence[Harmonic]) -> NDArray[np.float64]:
     """(order, amplitude, phase) of sprocket s's harmonics, orders by its own revolutions."""
-    rows = [(h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase) for h in harmonics]
-    return np.array(rows, dtype=float)
+    rows = [joined((h.order / shaft_ratio(drive, s, h.shaft), h.amplitude, h.phase)) for h in harmonics]
+    return np.stack(np.broadcast_arrays(*rows), axis=-2) if rows else np.zeros((0, 3))
 
 
-def fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: RowList, tables: TableList) -> None:
+def fill_motion(row: Any, drive: Drive, s: int, angle: Any, harmonics: RowList, tables: TableList) -> None:
     sprocket = drive.sprockets[s]
     row["sign"] = sprocket.sign
     row["start_angle"] = angle
@@ -115,17 +117,24 @@ def fill_motion(row: Any, drive: Drive, s: int, angle: float, harmonics: RowList
         row["ramp_time"] = motion.ramp_time
         fill_table(row["drive_table"], drive, s, motion.table, tables)
         rows = _harmonic_rows(drive, s, motion.harmonics)
-        row["drive_harmonics"]["first"], row["drive_harmonics"]["count"] = harmonics.add(rows)
+        _refer(row["drive_harmonics"], rows, harmonics)
         return
     assert sprocket.inertia is not None  # the drive's own check
     row["inverse_inertia"] = 1.0 / (sprocket.inertia + wheel_inertia(sprocket))
     if sprocket.load is not None:
         load = turned_on(drive, sprocket, sprocket.load)
-        row["load"] = (load.torque, load.viscous, load.quadratic)
+        row["load"] = joined((load.torque, load.viscous, load.quadratic))
         row["load_ramp_time"] = load.ramp_time
         fill_table(row["load_table"], drive, s, load.table, tables)
         rows = _harmonic_rows(drive, s, load.harmonics)
-        row["load_harmonics"]["first"], row["load_harmonics"]["count"] = harmonics.add(rows)
+        _refer(row["load_harmonics"], rows, harmonics)
+
+
+def _refer(row: Any, rows: NDArray[np.float64], harmonics: RowList) -> None:
+    """Gathers the rows of harmonics, those of a stack's variants one after the other, and says where they stand."""
+    first, _ = harmonics.add(rows)
+    row["count"] = rows.shape[-2]
+    row["first"] = first + (rows.shape[-2] * np.arange(len(rows)) if rows.ndim > 2 else 0)
 
 
 def fill_table(row: Any, drive: Drive, s: int, table: Table | None, tables: TableList) -> None:
@@ -136,11 +145,12 @@ def fill_table(row: Any, drive: Drive, s: int, table: Table | None, tables: Tabl
 def fill_bar(row: Any, drive: Drive, g: int) -> None:
     """Fills the face of a straight bar on the ground."""
     bar = drive.guides[g].bar
-    start, end = np.asarray(bar.start), np.asarray(bar.end)
-    length = float(np.hypot(*(end - start)))
+    start, end = joined(bar.start), joined(bar.end)
+    chord = end - start
+    length = np.hypot(chord[..., 0], chord[..., 1])
     row["body"] = GROUND
     row["start"] = start
-    row["direction"] = (end - start) / length
+    row["direction"] = chord / length[..., None]
     row["length"] = length
     row["end_radius"] = bar.end_radius
     row["roller_radius"] = drive.guide_offset(g)
@@ -178,23 +188,23 @@ def tooth_heft(drive: Drive, s: int) -> float:
     sprocket, mobility, offset = drive.sprockets[s], 0.0, 0.0
     wheel = sprocket.balance_wheel
     moment = wheel_mass(sprocket) * wheel.radius if wheel is not None else 0.0
-    inertia = (sprocket.inertia or 0.0) + wheel_inertia(sprocket)
+    inertia = (0.0 if sprocket.inertia is None else sprocket.inertia) + wheel_inertia(sprocket)
     if on_springs(sprocket):
         mobility, offset = 1.0 / moving_mass(sprocket), moment / moving_mass(sprocket)
-        inertia -= moment * offset
+        inertia = inertia - moment * offset
     if sprocket.prescribed is None:
-        mobility += (drive.pitch_radius(s) + drive.engagement(s) + offset) ** 2 / inertia
+        mobility = mobility + power(drive.pitch_radius(s) + drive.engagement(s) + offset, 2) / inertia
     return 1.0 / (1.0 / drive.chain.mass + sprocket.teeth * mobility)
 
 
 def fill_strand(row: Any, assembly: Assembly, s: int, rollers: int) -> None:
     path = assembly.path
-    chord = path.strand_end[s] - path.strand_start[s]
-    length = float(np.hypot(*chord))
-    row["start"] = path.strand_start[s]
-    row["direction"] = chord / length
+    chord = path.strand_end[..., s, :] - path.strand_start[..., s, :]
+    length = np.hypot(chord[..., 0], chord[..., 1])
+    row["start"] = path.strand_start[..., s, :]
+    row["direction"] = chord / length[..., None]
     row["length"] = length
-    row["middle"] = (int(assembly.strand_first[s]) + int(assembly.strand_links[s]) // 2) % rollers
+    row["middle"] = (assembly.strand_first[..., s] + assembly.strand_links[..., s] // 2) % rollers
 
 
 def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
@@ -202,40 +212,44 @@ def fill_drive(row: Any, drive: Drive, assembly: Assembly) -> None:
     row["bodies"], row["arms"] = len(drive.sprockets) + len(drive.arms), len(drive.arms)
     row["tensioners"], row["pieces"] = len(drive.tensioners), piece_count(drive)
     row["integrator"] = INTEGRATORS[drive.run.integrator]
-    reach = np.array([sprocket.center for sprocket in drive.sprockets])
-    radius = np.array([drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)])[
-        :, None
+    margin = escape(drive, assembly)[..., None]
+    reach = [drive.pitch_radius(s) + farthest(sprocket) for s, sprocket in enumerate(drive.sprockets)]
+    corners = [
+        (joined(s.center) - along(r), joined(s.center) + along(r)) for s, r in zip(drive.sprockets, reach, strict=True)
     ]
-    margin = escape(drive, assembly)
-    row["low"], row["high"] = (reach - radius).min(axis=0) - margin, (reach + radius).max(axis=0) + margin
-    widen_box(row, assembly.position.T, margin)
+    row["low"] = reduce(np.minimum, [low for low, _ in corners]) - margin
+    row["high"] = reduce(np.maximum, [high for _, high in corners]) + margin
+    widen_box(row, np.ascontiguousarray(np.swapaxes(assembly.position, -1, -2)), margin)
 
 
-def escape(drive: Drive, assembly: Assembly) -> float:
-    """How far from its place a roller may go whose chain is still on its sprockets [m].
+def escape(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
+    """How far from its place a roller may go whose chain is still on its sprockets [m]; of a stack (V,).
 
     A strand of chord C whose links are longer by s in all lies within the ellipse about its ends whose axis is C + s:
     at most sqrt(s (2 C + s)) / 2 off its chord, and less beyond its ends. Here s is what all strands are slack by at
     assembly, and what their links may be stretched by: `MAX_STRAIN`, as no drive is assembled with more. Long strands
     sag by their own weight that far, wherever they are slack or not.
     """
-    path = assembly.path
-    chords = np.hypot(*(path.strand_end - path.strand_start).T)
-    spare = float(chords.sum()) * ((1.0 + MAX_STRAIN) / (1.0 + min(assembly.strain, 0.0)) - 1.0)
-    off = 0.5 * math.sqrt(spare * (2.0 * float(chords.max()) + spare))
-    return max(ESCAPE_PITCHES * drive.chain.pitch, off)
+    chord = assembly.path.strand_end - assembly.path.strand_start
+    chords = np.hypot(chord[..., 0], chord[..., 1])
+    spare = chords.sum(axis=-1) * ((1.0 + MAX_STRAIN) / (1.0 + np.minimum(assembly.strain, 0.0)) - 1.0)
+    off = 0.5 * np.sqrt(spare * (2.0 * chords.max(axis=-1) + spare))
+    return np.maximum(ESCAPE_PITCHES * drive.chain.pitch, off)
 
 
-def widen_box(row: Any, position: NDArray[np.floating], margin: float) -> None:
-    """Widens a drive's box so that rollers at `position` (2, N) are inside by `margin` [m], if they are anywhere."""
-    if np.isfinite(position).all():
-        row["low"] = np.minimum(row["low"], position.min(axis=1) - margin)
-        row["high"] = np.maximum(row["high"], position.max(axis=1) + margin)
+def widen_box(row: Any, position: NDArray[np.floating], margin: NDArray[np.float64]) -> None:
+    """Widens drives' boxes so that rollers at `position` (..., 2, N) are inside by `margin` (..., 1) [m].
+
+    A box stays as it is where a roller is nowhere.
+    """
+    sound = np.isfinite(position).all(axis=(-2, -1))[..., None]
+    row["low"] = np.where(sound, np.minimum(row["low"], position.min(axis=-1) - margin), row["low"])
+    row["high"] = np.where(sound, np.maximum(row["high"], position.max(axis=-1) + margin), row["high"])
 
 
 def fill_body(row: Any, sprocket: Sprocket, assembly: Assembly, s: int) -> None:
     """Fills a sprocket's `kernels.structs.BodyState` with its initial state."""
-    row["angle"], row["speed"] = assembly.sprocket_angle[s], assembly.sprocket_speed[s]
+    row["angle"], row["speed"] = assembly.sprocket_angle[..., s], assembly.sprocket_speed[..., s]
     row["center"], row["velocity"] = initial_center(sprocket), initial_velocity(sprocket)
 
 
@@ -248,15 +262,15 @@ def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float], plungers:
         return
     mount, mass = sprocket.mount, moving_mass(sprocket) + plungers
     row["active"] = 1
-    row["home"] = sprocket.center
+    row["home"] = joined(sprocket.center)
     row["mass"] = mass
-    row["gravity"] = gravity
+    row["gravity"] = joined(gravity)
     own = sprocket.inertia if sprocket.prescribed is None else None
-    row["inertia"] = (own or 0.0) + wheel_inertia(sprocket)
+    row["inertia"] = (0.0 if own is None else own) + wheel_inertia(sprocket)
     if sprocket.balance_wheel is not None:
         phase = sprocket.balance_wheel.phase
         arm = wheel_mass(sprocket) * sprocket.balance_wheel.radius
-        row["wheel"] = arm * np.array([math.cos(phase), math.sin(phase)])
+        row["wheel"] = along(arm) * joined((np.cos(phase), np.sin(phase)))
     if isinstance(mount, PrescribedMount):
         row["moves"] = PRESCRIBED
         row["direction"] = unit(mount.direction)
@@ -264,16 +278,21 @@ def fill_mount(row: Any, sprocket: Sprocket, gravity: Sequence[float], plungers:
         row["frequency"] = 2.0 * math.pi * mount.frequency
     elif isinstance(mount, ElasticMount):
         row["moves"] = FREE
-        row["inverse_mass"] = np.eye(2) / mass
-        row["stiffness"], row["damping"] = np.diag(mount.stiffness), np.diag(mount.damping)
-        row["preload"] = mount.preload
+        row["inverse_mass"] = np.eye(2) / along(along(mass))
+        row["stiffness"], row["damping"] = _diagonal(mount.stiffness), _diagonal(mount.damping)
+        row["preload"] = joined(mount.preload)
     elif isinstance(mount, SliderMount):
-        along = unit(mount.direction)
-        line = np.outer(along, along)
+        way = unit(mount.direction)
+        line = way[..., :, None] * way[..., None, :]
         row["moves"] = FREE
-        row["inverse_mass"] = line / mass
-        row["stiffness"], row["damping"] = mount.stiffness * line, mount.damping * line
-        row["preload"] = mount.preload * along
+        row["inverse_mass"] = line / along(along(mass))
+        row["stiffness"], row["damping"] = along(along(mount.stiffness)) * line, along(along(mount.damping)) * line
+        row["preload"] = along(mount.preload) * way
+
+
+def _diagonal(values: tuple[float, float]) -> NDArray[np.float64]:
+    """Matrices (..., 2, 2) with these values along x and y."""
+    return joined(values)[..., None] * np.eye(2)
 
 
 def fill_chain(row: Any, drive: Drive) -> None:
@@ -281,7 +300,7 @@ def fill_chain(row: Any, drive: Drive) -> None:
     row["damping"] = drive.chain.link_damping
     row["mass"] = drive.chain.mass
     row["inverse_mass"] = 1.0 / drive.chain.mass
-    row["gravity"] = drive.run.gravity
+    row["gravity"] = joined(drive.run.gravity)
 
 
 def fill_joint(row: Any, drive: Drive) -> None:
@@ -295,7 +314,8 @@ def fill_joint(row: Any, drive: Drive) -> None:
     row["pin_radius"], row["arm"] = pin_radius, chain.joint.factor * pin_radius
     row["stop"] = joint_stop(chain) / pin_radius
     row["law"]["mu_dynamic"], row["law"]["mu_static"] = chain.joint.friction, chain.joint.static_coefficient
-    row["law"]["stribeck_speed"] = chain.joint.stribeck_speed or 1.0
+    speed = chain.joint.stribeck_speed
+    row["law"]["stribeck_speed"] = 1.0 if speed is None else speed
 
 
 def fill_links(row: Any, drive: Drive) -> None:

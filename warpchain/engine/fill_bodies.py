@@ -34,18 +34,19 @@ def _origin(drive: Drive, g: int) -> NDArray[np.float64]:
 
 
 def fill_profile(row: Any, pieces: Any, first: int, drive: Drive, g: int) -> int:
-    """Fills the face of guide g of a `kernels.structs.Guide`, and its pieces from `first` on among those of the drive.
+    """Fills the face of guide g of `kernels.structs.Guide`, and its pieces from `first` on among a drive's (V, pieces).
 
     Returns the number of rows used.
     """
     profile, origin, arm = drive.profile(g), _origin(drive, g), drive.arm_of(g)
     row["body"] = GROUND if arm is None else len(drive.sprockets) + arm
     row["pieces"], row["first_piece"] = len(profile.pieces), first
-    for piece, place, at in zip(profile.pieces, profile.places, pieces[first:], strict=False):
+    for i, (piece, place) in enumerate(zip(profile.pieces, profile.places, strict=True), first):
+        at = pieces[:, i]
         at["start"] = np.subtract(piece.start, origin)
         at["direction"] = math.cos(piece.heading), math.sin(piece.heading)
         at["curvature"], at["place"] = piece.curvature, place
-    last, end = profile.pieces[-1], pieces[first + len(profile.pieces)]
+    last, end = profile.pieces[-1], pieces[:, first + len(profile.pieces)]
     end["start"] = np.subtract(last.end, origin)
     end["direction"] = math.cos(last.end_heading), math.sin(last.end_heading)
     end["place"] = profile.places[-1] + last.length

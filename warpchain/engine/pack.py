@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.assembly import Assembly, assemble
+from warpchain.assembly import Assembly
 from warpchain.assembly.tables import TableList
+from warpchain.assembly.together import Assemblies, assemble_all
 from warpchain.drive import Drive
 from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
-from warpchain.engine.alike import alike
+from warpchain.drive.stack import Stack, picked, stacks_of
 from warpchain.engine.fill import (
     RowList,
     fill_bar,
@@ -30,125 +33,139 @@ from warpchain.engine.fill import (
     fill_strand,
     tooth_heft,
 )
-from warpchain.engine.fill_bodies import fill_arm, fill_profile, guide_heft, profiled
+from warpchain.engine.fill_bodies import fill_arm, fill_profile, guide_heft, piece_count, profiled
 from warpchain.engine.fill_tensioner import fill_tensioner
-from warpchain.engine.packed import KINDS, Packed, numbered, state_rows
+from warpchain.engine.packed import KINDS, Packed, numbered, spread, state_rows, store
 from warpchain.engine.resting import lay_to_rest
 from warpchain.engine.tension_scale import tension_scale
-from warpchain.errors import DriveError
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
-from warpchain.results.schedule import Schedule
+from warpchain.results.schedule import Schedule, schedule_columns
 
 
-def _layout(drive: Drive) -> tuple[Any, ...]:
-    """All of a drive that its initial state hangs on: drives alike in this are assembled once."""
-    chain = drive.chain
-    sprockets = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
-    wear = (chain.elongation, chain.worn_links, chain.outer, chain.play)
-    lengths = (chain.pitch, chain.links, *wear, chain.roller_radius)
-    bodies = drive.guides, drive.arms, drive.tensioners
-    return (*lengths, sprockets, *bodies, drive.contact.sprocket, drive.run.gravity, drive.run.phase)
+def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequence[Stack] | None = None) -> Packed:
+    """Packs drives in float64, each in its assembled initial state: those of a kind all at once.
 
-
-def _assembled(v: int, drive: Drive, known: dict[tuple[Any, ...], Assembly]) -> Assembly:
-    layout = _layout(drive)
-    if layout not in known:
-        try:
-            known[layout] = assemble(drive)
-        except DriveError as error:
-            raise DriveError(f"variant {v}: {error}") from None
-    return known[layout]
-
-
-def pack(drives: Sequence[Drive], schedules: Sequence[Schedule]) -> Packed:
-    """Packs drives in float64, each in its assembled initial state.
-
-    Drives alike in all but their loads are packed once and repeated; then each is given its own loads.
+    Args:
+        drives: the drives.
+        schedules: their steps.
+        stacks: the drives sorted into kinds, where they are.
 
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the variant.
     """
-    firsts, which = alike(drives)
-    harmonics, seats, tables = RowList(3), RowList(2), TableList()
-    packed = _pack_each(drives, firsts, harmonics, seats, tables)
-    if len(firsts) < len(drives):
-        packed = packed.taken(which)
-        blank = np.zeros((), dtype=packed.motions.dtype)
-        for drive, kind, begin in zip(drives, which, packed.drives["first_body"].tolist(), strict=True):
-            twin = drives[firsts[kind]]
-            for s, sprocket in enumerate(drive.sprockets):
-                if sprocket is not twin.sprockets[s]:
-                    packed.motions[begin + s] = blank
-                    angle = float(packed.bodies["angle"][begin + s])
-                    fill_motion(packed.motions[begin + s], drive, s, angle, harmonics, tables)
-    for name in ("step", "steps", "window_start", "window_end", "sample_every"):
-        packed.drives[name] = [getattr(schedule, name) for _, schedule in zip(drives, schedules, strict=True)]
+    stacks = stacks_of(drives) if stacks is None else stacks
+    assemblies = assemble_all(stacks)
+    rows = np.zeros(len(drives), dtype=structs.Drive.numpy_dtype())
+    for part, assembly in _parts(stacks, assemblies):
+        row = np.zeros(len(part.members), dtype=rows.dtype)
+        fill_drive(row, part.drive, assembly)
+        rows[part.members] = row
+    packed = _empty(numbered(rows), assemblies)
+    gathered = Gathered(RowList(3), RowList(2), TableList())
+    for name, column in schedule_columns(schedules).items():
+        packed.drives[name] = column
+    for part, assembly in _parts(stacks, assemblies):
+        _pack_part(packed, part, assembly, gathered)
     sprockets, guides = packed.tooth_sliding, packed.guide_sliding
     for laws, sliding, counts in ((packed.sprockets, sprockets, "sprockets"), (packed.guides, guides, "guides")):
         steps = np.repeat(packed.drives["step"], packed.drives[counts])
         sliding["stop"][: len(steps)] /= steps
         laws["law"]["most_damping"][: len(steps)] /= steps
     packed.joints["stop"] /= np.where(packed.joints["rubs"], packed.drives["step"], 1.0)
-    packed.drives["tension_scale"] = [tension_scale(*of) for of in zip(drives, packed.assemblies, strict=True)]
-    packed.harmonics, packed.tables, packed.seats = harmonics.array(), tables.array(), seats.array()
-    return packed
-
-
-def _pack_each(
-    everyone: Sequence[Drive], chosen: Sequence[int], harmonics: RowList, seats: RowList, tables: TableList
-) -> Packed:
-    """Packs the chosen drives one by one, but for their schedules, and gathers what their rows refer to."""
-    drives = [everyone[v] for v in chosen]
-    known: dict[tuple[Any, ...], Assembly] = {}
-    assemblies = tuple(_assembled(v, drive, known) for v, drive in zip(chosen, drives, strict=True))
-    rows = np.zeros(len(drives), dtype=structs.Drive.numpy_dtype())
-    for row, drive, assembly in zip(rows, drives, assemblies, strict=True):
-        fill_drive(row, drive, assembly)
-    packed = _empty(numbered(rows), assemblies)
-    packed.lengths[:] = np.concatenate([drive.chain.link_lengths for drive in drives])
-    for v, (drive, assembly) in enumerate(zip(drives, assemblies, strict=True)):
-        row = packed.drives[v]
-        fill_chain(packed.chains[v], drive)
-        fill_joint(packed.joints[v], drive)
-        fill_links(packed.links[v], drive)
-        packed.rows(v)[:] = state_rows(assembly.position, assembly.velocity, "float64")
-        for s, sprocket in enumerate(drive.sprockets):
-            mine, body = row["first_sprocket"] + s, row["first_body"] + s
-            fill_sprocket(packed.sprockets[mine], drive, s, seats)
-            fill_sliding(packed.tooth_sliding[mine], tooth_rubbing(drive), tooth_heft(drive, s))
-            fill_strand(packed.strands[mine], assembly, s, drive.chain.links)
-            fill_motion(packed.motions[body], drive, s, float(assembly.sprocket_angle[s]), harmonics, tables)
-            fill_mount(packed.mounts[body], sprocket, drive.run.gravity, drive.plunger_mass_on(s))
-            fill_body(packed.bodies[body], sprocket, assembly, s)
-            held = np.flatnonzero(assembly.seat_sprocket == s)
-            packed.seat[row["first_contact"] + s * drive.chain.links + held] = assembly.seat_index[held]
-        _pack_guides(packed, row, drive)
-        arms = packed.bodies[row["first_body"] + row["bodies"] - row["arms"] :]
-        for a in range(len(drive.arms)):
-            fill_arm(packed.arms[row["first_arm"] + a], arms[a], drive, a, assembly)
-        for t in range(len(drive.tensioners)):
-            fill_tensioner(packed.tensioners[row["first_tensioner"] + t], drive, t)
+    packed.harmonics, packed.tables = gathered.harmonics.array(), gathered.tables.array()
+    packed.seats = gathered.seats.array()
     lay_to_rest(packed)
     return packed
 
 
-def _pack_guides(packed: Packed, row: Any, drive: Drive) -> None:
-    """Fills the guides of a drive, whose rows of `kernels.structs.Drive` is `row`."""
-    pieces = packed.pieces[row["first_piece"] :]
+@dataclass
+class Gathered:
+    """What rows of an ensemble refer to, gathered as drives are packed."""
+
+    harmonics: RowList
+    seats: RowList
+    tables: TableList
+
+
+def _parts(stacks: Sequence[Stack], assemblies: Assemblies) -> Iterator[tuple[Stack, Assembly]]:
+    """The stacks, in parts where their states were not found at once, and the states."""
+    for stack in stacks:
+        for places, assembly in assemblies.among(stack.members):
+            whole = len(places) == len(stack.members)
+            yield stack if whole else Stack(stack.members[places], picked(stack.drive, places)), assembly
+
+
+@contextmanager
+def _rows(array: NDArray[Any], places: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Blank rows to fill, which then go to their places in an array."""
+    rows = np.zeros(places.shape, dtype=array.dtype)
+    yield rows
+    array[places] = rows
+
+
+def _pack_part(packed: Packed, part: Stack, assembly: Assembly, gathered: Gathered) -> None:
+    """Fills the rows of a stack's variants, in their initial states."""
+    drive, v = part.drive, part.members
+    at = {kind.first: packed.drives[kind.first][v].astype(np.int64) for kind in KINDS.values()}
+    packed.drives["tension_scale"][v] = tension_scale(drive, assembly)
+    for array, fill in ((packed.chains, fill_chain), (packed.joints, fill_joint), (packed.links, fill_links)):
+        with _rows(array, v) as row:
+            fill(row, drive)
+    links = drive.chain.links
+    store(packed.lengths, at["first_roller"], drive.chain.link_lengths)
+    states = state_rows(assembly.position, assembly.velocity, "float64").reshape(len(v), -1)
+    store(packed.rollers, STATE_ROWS * at["first_roller"], states)
+    for s in range(len(drive.sprockets)):
+        _pack_sprocket(packed, drive, s, at, assembly, gathered)
+        held = np.where(assembly.seat_sprocket == s, assembly.seat_index, -1)
+        store(packed.seat, at["first_contact"] + s * links, held)
+    _pack_guides(packed, drive, at)
+    for a in range(len(drive.arms)):
+        body = at["first_body"] + len(drive.sprockets) + a
+        with _rows(packed.arms, at["first_arm"] + a) as row, _rows(packed.bodies, body) as state:
+            fill_arm(row, state, drive, a, assembly)
+    for t in range(len(drive.tensioners)):
+        with _rows(packed.tensioners, at["first_tensioner"] + t) as row:
+            fill_tensioner(row, drive, t)
+
+
+def _pack_sprocket(
+    packed: Packed, drive: Drive, s: int, at: Mapping[str, NDArray[np.int64]], assembly: Assembly, gathered: Gathered
+) -> None:
+    """Fills the rows of sprocket s; `at` says where the parts of each variant begin."""
+    sprocket, mine, body = drive.sprockets[s], at["first_sprocket"] + s, at["first_body"] + s
+    with _rows(packed.sprockets, mine) as row:
+        fill_sprocket(row, drive, s, gathered.seats)
+    with _rows(packed.tooth_sliding, mine) as row:
+        fill_sliding(row, tooth_rubbing(drive), tooth_heft(drive, s))
+    with _rows(packed.strands, mine) as row:
+        fill_strand(row, assembly, s, drive.chain.links)
+    with _rows(packed.motions, body) as row:
+        fill_motion(row, drive, s, assembly.sprocket_angle[:, s], gathered.harmonics, gathered.tables)
+    with _rows(packed.mounts, body) as row:
+        fill_mount(row, sprocket, drive.run.gravity, drive.plunger_mass_on(s))
+    with _rows(packed.bodies, body) as row:
+        fill_body(row, sprocket, assembly, s)
+
+
+def _pack_guides(packed: Packed, drive: Drive, at: Mapping[str, NDArray[np.int64]]) -> None:
+    """Fills the rows of the guides of a stack."""
     used = 0
-    for g in range(len(drive.guides)):
-        at = row["first_guide"] + g
-        if profiled(drive, g):
-            used += fill_profile(packed.guides[at], pieces, used, drive, g)
-        else:
-            fill_bar(packed.guides[at], drive, g)
-        heft = guide_heft(drive, g)
-        fill_guide(packed.guides[at], drive, g, heft)
-        fill_sliding(packed.guide_sliding[at], guide_rubbing(drive, g), heft)
+    with _rows(packed.pieces, spread(at["first_piece"], piece_count(drive))) as pieces:
+        for g in range(len(drive.guides)):
+            mine, heft = at["first_guide"] + g, guide_heft(drive, g)
+            with _rows(packed.guides, mine) as row:
+                if profiled(drive, g):
+                    used += fill_profile(row, pieces, used, drive, g)
+                else:
+                    fill_bar(row, drive, g)
+                fill_guide(row, drive, g, heft)
+            with _rows(packed.guide_sliding, mine) as row:
+                fill_sliding(row, guide_rubbing(drive, g), heft)
 
 
-def _empty(drives: NDArray[Any], assemblies: tuple[Assembly, ...]) -> Packed:
+def _empty(drives: NDArray[Any], assemblies: Assemblies) -> Packed:
     """An ensemble in float64 whose drives have their counts and places, and nothing else yet."""
     kinds = structs.types(wp.float64)
     count = {name: int(kind.count(drives).sum()) for name, kind in KINDS.items()}

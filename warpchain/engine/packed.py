@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.assembly import Assembly
+from warpchain.assembly.together import Assemblies
 from warpchain.errors import SimulationError
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
@@ -30,9 +30,11 @@ def real_of(precision: str) -> type:
 
 
 def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], precision: str) -> NDArray[np.floating]:
-    """Rows x, y, vx, vy and the low parts of x, y: what `precision` rounds off a position, (6, N)."""
+    """Rows x, y, vx, vy and the low parts of x, y: what `precision` rounds off a position, (..., 6, N)."""
     high = position.astype(precision)
-    return np.concatenate([high.T, velocity.T, (position - high).T]).astype(precision)
+    return np.concatenate([np.swapaxes(of, -1, -2) for of in (high, velocity, position - high)], axis=-2).astype(
+        precision
+    )
 
 
 Places = slice | NDArray[np.int64]
@@ -98,6 +100,30 @@ def _spread(first: NDArray[np.int64], count: NDArray[np.int64]) -> NDArray[np.in
     return np.repeat(first - new, count) + np.arange(int(count.sum()))
 
 
+def spread(first: NDArray[np.integer], count: int) -> NDArray[np.int64]:
+    """The places `first` to `first + count - 1` of each variant (V, count)."""
+    return np.asarray(first, dtype=np.int64)[:, None] + np.arange(count)
+
+
+def windows(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDArray[Any] | None:
+    """View (V, count) of the values from `first` (V,) on, which writes to them; None where those lie anyhow."""
+    apart = np.diff(first)
+    apart_by = int(apart[0]) if len(apart) else count
+    if apart_by < count or (apart != apart_by).any():
+        return None
+    (size,) = values.strides
+    return np.lib.stride_tricks.as_strided(values[int(first[0]) :], (len(first), count), (apart_by * size, size))
+
+
+def store(values: NDArray[Any], first: NDArray[np.integer], rows: NDArray[Any]) -> None:
+    """Sets the values from `first` (V,) on to `rows` (V, count), or (count,) for all."""
+    view = windows(values, first, rows.shape[-1])
+    if view is None:
+        values[spread(first, rows.shape[-1])] = rows
+    else:
+        view[:] = rows
+
+
 def _rows(values: NDArray[Any], places: Places, width: int) -> NDArray[Any]:
     """The values at these places, `width` each; the first of all where there are none, as Warp reads no empty array."""
     if width > 1:
@@ -140,7 +166,7 @@ class Packed:
     bodies: NDArray[Any]
     strands: NDArray[Any]
     seat: NDArray[np.int32]
-    assemblies: tuple[Assembly, ...]
+    assemblies: Assemblies
     frame: FrameLayout = FRAME
 
     @property
@@ -188,11 +214,9 @@ class Packed:
             name: _spread(drives[kind.first].astype(np.int64), kind.count(drives).astype(np.int64))
             for name, kind in KINDS.items()
         }
-        return self._of(drives, chosen, places, tuple(self.assemblies[v] for v in which))
+        return self._of(drives, chosen, places, self.assemblies.taken(chosen))
 
-    def _of(
-        self, drives: NDArray[Any], chosen: Places, places: Mapping[str, Places], assemblies: tuple[Assembly, ...]
-    ) -> Packed:
+    def _of(self, drives: NDArray[Any], chosen: Places, places: Mapping[str, Places], assemblies: Assemblies) -> Packed:
         """The ensemble of `chosen` variants, whose rows are `drives` and whose parts stand at `places` in this one."""
         arrays: dict[str, Any] = {
             name: _rows(getattr(self, name), places[kind], width) for name, (kind, width) in FIELDS.items()

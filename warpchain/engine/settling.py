@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_limit
 from warpchain.drive import Drive
-from warpchain.engine.alike import alike
+from warpchain.drive.stack import Stack, picked, stacks_of
 from warpchain.engine.devices import engine_on
 from warpchain.engine.fill import FORMS, escape, widen_box
-from warpchain.engine.pack import STATE_ROWS
-from warpchain.engine.packed import Packed
+from warpchain.engine.packed import Packed, spread
 from warpchain.engine.resting import lay_to_rest, springs
 from warpchain.kernels import relaxation
+from warpchain.kernels.rows import STATE_ROWS
 
 SETTLE_LIMIT = 100_000
 """Most steps that settling takes a variant."""
@@ -106,6 +106,7 @@ def settle(
     cores: int,
     steps: int,
     run: Callable[[list[Future[None]], Callable[[], tuple[float, float]]], bool],
+    stacks: Sequence[Stack] | None = None,
 ) -> NDArray[Any]:
     """Settles the variants that ask for it: moves rollers, arms and boxes of `packed`, whose velocities stay.
 
@@ -115,14 +116,16 @@ def settle(
         cores: CPU threads.
         steps: of one launch.
         run: waits for launches, given a function that tells (done, total) in roller-steps; False ends the settling.
+        stacks: the drives sorted into kinds, where they are.
 
     Returns:
         (variants,) `kernels.relaxation.Settling`: residual and steps of each variant.
     """
     wanted = np.array([drive.run.settle for drive in drives])
     state = np.zeros(packed.variants, dtype=relaxation.Settling.numpy_dtype())
-    firsts, which = alike(drives)
-    state["step"] = SETTLE_STEP * np.array([step_limit(drives[v]) for v in firsts])[which]
+    stacks = stacks_of(drives) if stacks is None else stacks
+    for stack in stacks:
+        state["step"][stack.members] = SETTLE_STEP * step_limit(stack.drive)
     state["tolerance"] = SETTLE_TOLERANCE
     state["limit"] = np.where(wanted, SETTLE_LIMIT, 0)
     if not wanted.any():
@@ -148,12 +151,24 @@ def settle(
         moved, bodies = engine.rollers(), engine.bodies()
     finally:
         engine.close()
-    for v in np.flatnonzero(wanted).tolist():
-        first, rows = packed.first_value(v), packed.rows(v)
-        rows[0:2] = moved[first : first + rows.size].reshape(STATE_ROWS, -1)[0:2]
-        last = int(packed.drives["first_body"][v] + packed.drives["bodies"][v])
-        arms = slice(last - int(packed.drives["arms"][v]), last)
-        packed.bodies["angle"][arms] = bodies["angle"][arms]
-        widen_box(packed.drives[v], rows[0:2], escape(drives[v], packed.assemblies[v]))
+    for stack in stacks:
+        if stack.drive.run.settle:
+            _move(packed, stack, moved, bodies)
     lay_to_rest(packed)
     return now
+
+
+def _move(packed: Packed, stack: Stack, moved: NDArray[np.floating], bodies: NDArray[Any]) -> None:
+    """Moves rollers, arms and boxes of a stack's variants to where they have settled."""
+    drive, rows = stack.drive, packed.drives[stack.members]
+    links, sprockets = drive.chain.links, len(drive.sprockets)
+    xy = spread(STATE_ROWS * rows["first_roller"].astype(np.int64), 2 * links)
+    packed.rollers[xy] = moved[xy]
+    arms = spread(rows["first_body"] + sprockets, len(drive.arms))
+    packed.bodies["angle"][arms] = bodies["angle"][arms]
+    for places, assembly in packed.assemblies.among(stack.members):
+        margin = escape(picked(drive, places), assembly)[..., None]
+        box = rows[places]
+        widen_box(box, moved[xy[places]].reshape(-1, 2, links), margin)
+        for name in ("low", "high"):
+            packed.drives[name][stack.members[places]] = box[name]

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.drive.copies import Replicates, each_copy
+from warpchain.drive.stack import Stack, first_of, first_refused, stacks_of
 from warpchain.engine.progress import Report, Stop, interruptible, reporter
 from warpchain.engine.recorder import Recorder, Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
@@ -121,11 +122,12 @@ def simulate(
     if not chosen:
         raise SimulationError("drives: none given; at least one is needed")
     recording = Recording(record or Record(), precision, memory, archive, archive_options, overwrite)
-    schedules = schedules_of(chosen, duration, step, recording.record, window)
+    stacks = stacks_of(chosen)
+    schedules = schedules_of(chosen, duration, step, recording.record, window, stacks)
     cores = workers or available_cores()
-    packed = replace(pack(chosen, schedules), frame=frame_of(recording.record.channels))
+    packed = replace(pack(chosen, schedules, stacks), frame=frame_of(recording.record.channels))
     real_of(precision)  # an unknown precision ends here
-    layouts = layouts_of(chosen, packed.assemblies)
+    layouts = layouts_of(chosen, packed.assemblies, stacks)
     _warn(LayoutWarning, layout_line(layouts))
     devices, why = devices_for(device, packed, precision, cores)
     info = replace(_run_info(devices, precision, schedules), choice=why)
@@ -137,7 +139,7 @@ def simulate(
     engine = None
     try:
         with reporter(progress) as report, interruptible() as stop:
-            settling = chosen if keeper is None else keeper.unsettled()
+            settling = (chosen, stacks) if keeper is None else (keeper.unsettled(), None)
             with loading(devices, packed, precision):
                 settled = _settle(packed, settling, devices, cores, steps, report, stop)
             left = net_force(packed, settled["residual"])
@@ -153,7 +155,8 @@ def simulate(
         info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
         steps_done, diverged = _ends(engine)
         causes = causes_of(engine, chosen, diverged)
-        ended = Ended(chosen, schedules, steps_done, diverged, settled, engaged(engine, chosen), layouts, left, causes)
+        on = engaged(engine, chosen, stacks)
+        ended = Ended(chosen, schedules, steps_done, diverged, settled, on, layouts, left, causes, stacks)
         metrics = with_copies(_metrics(engine, ended, limits), copies.count)
         _warn(SuspectWarning, told(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
@@ -176,6 +179,7 @@ def schedules_of(
     step: float | str | None,
     record: Record,
     window: tuple[float, float] | None,
+    stacks: Sequence[Stack] | None = None,
 ) -> list[Schedule]:
     """Each variant's steps, samples and window, in whole steps.
 
@@ -183,37 +187,53 @@ def schedules_of(
         DriveError: a step beyond a variant's limit.
         SimulationError: a duration that is not positive, or a window outside the run.
     """
-    from warpchain.engine.alike import alike
-    from warpchain.results.schedule import Schedule, whole_steps
-
     if duration is not None and not (np.isfinite(duration) and duration > 0.0):
         raise SimulationError(f"duration = {duration!r}: allowed is a finite number above 0 (s)")
     recorded = set(record.indices(len(drives)))
-    schedules = []
-    firsts, which = alike(drives)
-    resolved: dict[int, float] = {}
-    for v, (drive, kind) in enumerate(zip(drives, which, strict=True)):
-        try:
-            if v == firsts[kind]:
-                resolved[kind] = resolve_step(drive, step)
-        except DriveError as error:
-            raise DriveError(f"variant {v}: {error}") from None
-        h = resolved[kind]
+    found: list[Schedule] = []
+    known: dict[tuple[float, float, float, bool], Schedule] = {}
+    for v, (drive, h) in enumerate(zip(drives, _steps(drives, step, stacks), strict=True)):
         length = duration if duration is not None else drive.run.duration
-        steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
-        start, end = window if window is not None else (0.5 * length, length)
-        first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
-        if not 0 <= first < last <= steps:
-            raise SimulationError(
-                f"window = ({start:g}, {end:g}) s: allowed is 0 <= start < end <= duration = {length:g} s (variant {v})"
-            )
         rate = record.rate if record.rate is not None else drive.run.sample_rate
-        every = 0
-        if v in recorded:
-            period = 1.0 / (rate * h) if rate * h > 0.0 else np.inf
-            every = max(1, whole_steps(f"rate = {rate:g} Hz: a sample's period at a step of {h:.4g} s", period))
-        schedules.append(Schedule(h, steps, first, last, every))
-    return schedules
+        key = h, length, rate, v in recorded
+        if key not in known:
+            start, end = window if window is not None else (0.5 * length, length)
+            known[key] = _schedule(v, h, length, (start, end), rate if v in recorded else None)
+        found.append(known[key])
+    return found
+
+
+def _steps(drives: Sequence[Drive], step: float | str | None, stacks: Sequence[Stack] | None) -> list[float]:
+    """The step that each variant takes [s]; a DriveError names the first that cannot."""
+    found = np.zeros(len(drives))
+    refused: list[tuple[int, DriveError]] = []
+    for stack in stacks_of(drives) if stacks is None else stacks:
+        try:
+            found[stack.members] = resolve_step(stack.drive, step)
+        except DriveError:
+            refused.append(first_refused(stack, lambda drive: resolve_step(drive, step)))
+    if refused:
+        raise first_of(refused)
+    steps: list[float] = found.tolist()
+    return steps
+
+
+def _schedule(v: int, h: float, length: float, window: tuple[float, float], rate: float | None) -> Schedule:
+    """The steps of variant v, with the sample rate of its frames [Hz]; None for no frames."""
+    from warpchain.results.schedule import Schedule, whole_steps
+
+    start, end = window
+    steps = max(1, whole_steps(f"duration = {length:g} s at a step of {h:.4g} s", length / h))
+    first, last = (whole_steps(f"window: {time:g} s at a step of {h:.4g} s", time / h) for time in (start, end))
+    if not 0 <= first < last <= steps:
+        raise SimulationError(
+            f"window = ({start:g}, {end:g}) s: allowed is 0 <= start < end <= duration = {length:g} s (variant {v})"
+        )
+    every = 0
+    if rate is not None:
+        period = 1.0 / (rate * h) if rate * h > 0.0 else np.inf
+        every = max(1, whole_steps(f"rate = {rate:g} Hz: a sample's period at a step of {h:.4g} s", period))
+    return Schedule(h, steps, first, last, every)
 
 
 def _run_info(devices: Sequence[str], precision: str, schedules: Sequence[Schedule]) -> RunInfo:
@@ -243,7 +263,7 @@ def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) ->
 
 def _settle(
     packed: Packed,
-    drives: Sequence[Drive],
+    drives: tuple[Sequence[Drive], Sequence[Stack] | None],
     devices: Sequence[str],
     cores: int,
     steps: int,
@@ -258,7 +278,7 @@ def _settle(
 
     from warpchain.engine.settling import settle
 
-    return settle(packed, drives, devices, cores, steps, run)
+    return settle(packed, drives[0], devices, cores, steps, run, drives[1])
 
 
 def _march(

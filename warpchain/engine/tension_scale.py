@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.drive import Drive
+from warpchain.drive.each import power
 from warpchain.drive.motion import ElasticMount, Load, SliderMount
 
 SHARE = 0.1
@@ -21,19 +23,25 @@ def _moment(load: Load, speed: float) -> float:
     return abs(load.torque) + abs(table) + load.viscous * speed + load.quadratic * speed * speed
 
 
-def tension_scale(drive: Drive, assembly: Assembly) -> float:
+def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
     """A tenth of the sum of what loads, preloads and the chain's speed pull with [N], positive.
 
     Loads and preloads of mounts are taken to act on the same strand, so that it is rather too large than too small.
+
+    Args:
+        drive: one, or a stack, and
+        assembly: its states, (V, ...) of a stack.
     """
     chain = drive.chain
     driver = drive.sprockets[drive.driver].prescribed
     speed = abs(driver.top_speed) * drive.pitch_radius(drive.driver) if driver else 0.0
-    tension = max(0.0, chain.stiffness * assembly.path.pitch * assembly.strain) + chain.mass / chain.pitch * speed**2
+    stretched = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
+    tension = stretched + chain.mass / chain.pitch * power(speed, 2)
     for s, sprocket in enumerate(drive.sprockets):
         radius = drive.pitch_radius(s)
         if sprocket.load is not None:
-            tension += _moment(sprocket.load, speed / radius) / radius
+            tension = tension + _moment(sprocket.load, speed / radius) / radius
         if isinstance(sprocket.mount, ElasticMount | SliderMount):
-            tension += float(np.hypot(*np.broadcast_to(sprocket.mount.preload, 2)))
-    return SHARE * max(tension, LEAST * chain.stiffness * chain.pitch)
+            preload = sprocket.mount.preload
+            tension = tension + np.hypot(*(preload if isinstance(preload, tuple) else (preload, preload)))
+    return SHARE * np.maximum(tension, LEAST * chain.stiffness * chain.pitch)

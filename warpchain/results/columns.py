@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from warpchain.drive import Drive
 from warpchain.drive.mounts import moves
 from warpchain.drive.rubbing import guide_rubbing, tooth_rubbing
+from warpchain.drive.stack import Stack, stacks_of
 from warpchain.results.formulas import (
     THINGS,
     Values,
@@ -449,12 +450,17 @@ def _kind(drive: Drive) -> Hashable:
     return (*sprockets, None, *(guide.name for guide in drive.guides), None, *bodies, None, *has)
 
 
-def same_columns(drives: Sequence[Drive]) -> list[NDArray[np.intp]]:
-    """Numbers of the drives of each kind: those of one kind have the same columns, formed alike."""
-    kinds: dict[Hashable, list[int]] = {}
-    for v, drive in enumerate(drives):
-        kinds.setdefault(_kind(drive), []).append(v)
-    return [np.array(numbers) for numbers in kinds.values()]
+def same_columns(drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> list[NDArray[np.int64]]:
+    """Numbers of the drives that have the same columns, formed alike, kind by kind; a stack's all have the same.
+
+    Args:
+        drives: the drives.
+        stacks: them sorted into stacks, where they are.
+    """
+    kinds: dict[Hashable, list[NDArray[np.int64]]] = {}
+    for stack in stacks_of(drives) if stacks is None else stacks:
+        kinds.setdefault(_kind(drives[int(stack.members[0])]), []).append(stack.members)
+    return [np.sort(np.concatenate(numbers)) for numbers in kinds.values()]
 
 
 def metric_names(drive: Drive) -> list[str]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,12 @@ class Summed:
     batches: Summed | None = None
     tension: tuple[NDArray[np.integer], NDArray[np.float64]] | None = None
 
+    @cached_property
+    def below(self) -> NDArray[np.float64]:
+        """(V, bins) link tensions in each bin and those before it."""
+        assert self.tension is not None
+        return np.cumsum(self.tension[0], axis=1, dtype=np.float64)
+
 
 def total(field: str) -> Callable[[Summed], Values]:
     """A sum itself."""
@@ -110,7 +117,7 @@ def tension_quantile(share: float) -> Callable[[Summed], Values]:
 
     def value(of: Summed) -> Values:
         assert of.tension is not None
-        return quantile(*of.tension, of.sums["tension_min"], of.sums["tension_max"], share)
+        return quantile(*of.tension, of.sums["tension_min"], of.sums["tension_max"], share, of.below)
 
     return value
 

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
+from warpchain.drive.stack import Stack
 from warpchain.results.columns import (
     BALANCE,
     DESIGN,
@@ -29,7 +31,7 @@ from warpchain.results.columns import (
 )
 from warpchain.results.formulas import Balance, Drifts, Judged, Summed, where
 from warpchain.results.judgement import Limits, judge
-from warpchain.results.schedule import Schedule
+from warpchain.results.schedule import Schedule, schedule_columns
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -54,6 +56,7 @@ class Ended:
         layouts: (V,) what is wrong with the drives' layouts; None where it is not known.
         settle_force: (V,) largest net force that settling left on a roller [N]; None where it is not known.
         causes: (V,) why it diverged, of `judgement.CAUSES`, "" where it did not; None where it is not known.
+        stacks: the drives sorted into kinds, where they are.
     """
 
     drives: Sequence[Drive]
@@ -65,6 +68,7 @@ class Ended:
     layouts: Sequence[Sequence[str]] | None = None
     settle_force: NDArray[np.float64] | None = None
     causes: Sequence[str] | None = None
+    stacks: Sequence[Stack] | None = None
 
     def of(self, variants: NDArray[np.intp]) -> Ended:
         """Some of them."""
@@ -81,14 +85,18 @@ class Ended:
             None if self.causes is None else [self.causes[v] for v in variants],
         )
 
-    @property
+    @cached_property
     def measured(self) -> NDArray[np.bool_]:
         """(V,) whether it came to the end of its window."""
         return (self.steps > self.schedule("window_end")) & ~self.diverged
 
     def schedule(self, field: str) -> NDArray[Any]:
         """(V,) one field of the schedules."""
-        return np.array([getattr(schedule, field) for schedule in self.schedules])
+        return self._columns[field]
+
+    @cached_property
+    def _columns(self) -> Mapping[str, NDArray[Any]]:
+        return schedule_columns(self.schedules)
 
 
 def run_columns(ended: Ended) -> Columns:
@@ -233,7 +241,7 @@ def metrics_table(
     known |= run_columns(ended)
     columns = {name: (values.filled(0), np.ma.getmaskarray(values)) for name, values in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
-    for variants in same_columns(ended.drives):
+    for variants in same_columns(ended.drives, ended.stacks):
         found = metrics_of(ended.of(variants), sums_of(variants))
         for place, (name, values) in enumerate(found.items()):
             having = ~np.ma.getmaskarray(values)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 
@@ -39,3 +43,14 @@ class Schedule:
     def frames(self) -> int:
         """Number of frames of the whole run, the one at t = 0 among them."""
         return self.steps // self.sample_every + 1 if self.sample_every else 0
+
+
+def schedule_columns(schedules: Sequence[Schedule]) -> dict[str, NDArray[np.float64 | np.int64]]:
+    """(V,) each field of schedules, of which many are the same."""
+    known = {id(schedule): schedule for schedule in schedules}
+    places = {key: place for place, key in enumerate(known)}
+    which = np.array([places[id(schedule)] for schedule in schedules], dtype=np.int64)
+    return {
+        field.name: np.array([getattr(schedule, field.name) for schedule in known.values()])[which]
+        for field in fields(Schedule)
+    }

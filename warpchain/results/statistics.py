@@ -33,7 +33,14 @@ LARGE = 0.01
 """and if it is more than this of the mean."""
 
 
-def quantile(counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, share: float) -> Array:
+def quantile(
+    counts: NDArray[np.integer],
+    edges: Array,
+    low: ArrayLike,
+    high: ArrayLike,
+    share: float,
+    below: Array | None = None,
+) -> Array:
     """The value that a share of what was counted lies below, (V,); nan where nothing was counted.
 
     Within a bin values count as evenly spread; bins end at the smallest and the largest value there is.
@@ -43,8 +50,9 @@ def quantile(counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: Ar
         edges: (V, bins + 1) ascending.
         low, high: (V,) the smallest and the largest value.
         share: from 0 to 1.
+        below: (V, bins) in each bin and those before it, where it is known.
     """
-    below = np.cumsum(counts, axis=1, dtype=np.float64)
+    below = np.cumsum(counts, axis=1, dtype=np.float64) if below is None else below
     total = below[:, -1]
     wanted = share * total
     bins = np.minimum((below < wanted[:, None]).sum(axis=1), counts.shape[1] - 1)

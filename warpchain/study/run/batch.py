@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from warpchain.assembly import assemble
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
+from warpchain.drive.changes import Changes
 from warpchain.drive.copies import copies_of
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import DriveError, SimulationError, StudyError, WarpchainError
@@ -112,11 +113,12 @@ def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant]) -> Non
 def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
     """Makes the drives of all rows, each once, and the copies that are run of them."""
     made: Variant | None = None
+    changes = Changes(base)
     for variant in variants:
         if made is not None and made.row["variant"] == variant.row["variant"]:
             variant.drive, variant.reason, variant.adjusted = made.drive, made.reason, made.adjusted
         else:
-            _build(study, base, variant)
+            _build(study, base, variant, changes)
             made = variant
     feasible = [(variant, variant.drive) for variant in variants if variant.drive is not None]
     numbers = [variant.copy for variant, _ in feasible]
@@ -125,12 +127,12 @@ def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
         variant.drive = drive
 
 
-def _build(study: Study, base: Drive, variant: Variant) -> None:
+def _build(study: Study, base: Drive, variant: Variant, changes: Changes | None = None) -> None:
     """Makes a row's drive."""
     if variant.reason is not None:
         return
     try:
-        drive = placed(study, base, variant.row)
+        drive = placed(study, base, variant.row, changes)
         if study.adjust is not None:
             drive, variant.adjusted = adjusted(drive, study.adjust, variant.row)
         variant.drive = drive

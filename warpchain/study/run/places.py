@@ -7,13 +7,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from warpchain.drive import Drive, Guide
+from warpchain.drive.changes import Changes
 from warpchain.errors import StudyError
 from warpchain.study.spec import Study
 from warpchain.study.spec.factor import Factor
 
 
-def placed(study: Study, base: Drive, row: Mapping[str, Any]) -> Drive:
+def placed(study: Study, base: Drive, row: Mapping[str, Any], changes: Changes | None = None) -> Drive:
     """The drive of a row, before anything is adjusted: values first, then shifts from where parts then stand.
+
+    Args:
+        study: whose factors say where values go.
+        base: the base drive.
+        row: values of the factors.
+        changes: of the base drive, where many rows are placed.
 
     Raises:
         DriveError: a value that the drive refuses.
@@ -24,7 +31,7 @@ def placed(study: Study, base: Drive, row: Mapping[str, Any]) -> Drive:
         for factor in study.factors
         for _, path in factor.targets()
     }
-    drive = base.with_values(values)
+    drive = base.with_values(values) if changes is None else changes.drive(values)
     for factor in study.factors:
         if factor.shift is not None:
             drive = _shifted(drive, factor, factor.shift, float(row[factor.name]))

@@ -1,0 +1,142 @@
+"""Drives assembled and packed together, a stack of a kind at once: each as if it were alone, to the last bit."""
+
+import warnings
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from warpchain.assembly import assemble
+from warpchain.assembly.layout import findings, suspects
+from warpchain.assembly.route import chain_paths
+from warpchain.assembly.together import assemble_all
+from warpchain.drive import load_drive
+from warpchain.drive.examples import drive_path, example_names
+from warpchain.drive.stack import LARGEST, arrays_of, picked, size_of, stacked, stacks_of
+from warpchain.errors import DriveError
+
+
+def marine(**values):
+    return load_drive(drive_path("marine")).with_values(
+        {key.replace("__", "."): value for key, value in values.items()}
+    )
+
+
+def scattered(name, count, seed=1):
+    """Variants of an example with sprockets elsewhere: taut and slack, worn, turned on, under another gravity."""
+    base, random = load_drive(drive_path(name)), np.random.default_rng(seed)
+    found = []
+    for v in range(count):
+        values = {"chain.elongation": float(random.uniform(-0.001, 0.004))}
+        for sprocket in base.sprockets:
+            place = np.array(sprocket.center) + 0.03 * base.chain.pitch * random.standard_normal(2)
+            values[f"sprockets.{sprocket.name}.center"] = tuple(place.tolist())
+        if v % 5 == 0:
+            values["run.phase"] = float(random.uniform(-0.5, 0.5))
+        if v % 7 == 0:
+            values["chain.pitch"] = base.chain.pitch * (1.0 + 1e-3 * float(random.standard_normal()))
+        if v % 11 == 0:
+            values["run.gravity"] = (1.0, -3.0)
+        if v % 13 == 0:
+            values["chain.outer"] = {"elongation": 0.002}
+        found.append(base.with_values(values))
+    return found
+
+
+def assert_same(found, expected):
+    for field in fields(expected):
+        mine, other = getattr(found, field.name), getattr(expected, field.name)
+        if hasattr(other, "__dataclass_fields__"):
+            assert_same(mine, other)
+        elif isinstance(other, tuple):
+            assert repr(mine) == repr(other)
+        else:
+            assert np.array_equal(mine, other) and np.shape(mine) == np.shape(other), field.name
+
+
+@pytest.mark.parametrize("name", [name for name in example_names() if name != "car"])
+def test_each_is_assembled_as_if_alone(name):
+    drives = scattered(name, 40)
+    stacks = stacks_of(drives)
+    assert len(stacks) < len(drives) / 2  # else nothing is shown
+    for found, drive in zip(assemble_all(stacks), drives, strict=True):
+        assert_same(found, assemble(drive))
+
+
+def test_layouts_without_suspicion_have_no_findings():
+    """All that `findings` tells of is suspect; here bars cut through, dent, and strands cross."""
+    random, base, paths = np.random.default_rng(2), marine(), {}
+    for _ in range(200):
+        ends = {
+            f"guides.tight strand.{end}": tuple(random.uniform((-2.0, 0.0), (2.0, 6.0))) for end in ("start", "end")
+        }
+        drive = base.with_values(ends | {"sprockets.tightener.center": (random.uniform(-1.0, 2.0), 3.0)})
+        try:
+            path = chain_paths(drive)
+        except DriveError:
+            continue
+        if not any(path.strings):
+            paths[drive] = path
+    drives = list(paths)
+    suspect = [bool(suspects(drive, path)[0]) for drive, path in paths.items()]
+    told = [bool(findings(drive, path[0])) for drive, path in paths.items()]
+    assert all(s or not t for s, t in zip(suspect, told, strict=True))
+    assert 20 < sum(told) <= sum(suspect) < len(drives) - 20
+    drive = stacked(drives)
+    assert suspects(drive, chain_paths(drive)).tolist() == suspect
+
+
+def test_the_first_variant_that_does_not_fit_is_named():
+    drives = [marine(chain__stiffness=1e9 + v) for v in range(20)]
+    far = {5: (1.0, 9.0), 3: (0.30, 3.5), 17: (0.3, 9.0)}
+    for v, center in far.items():
+        drives[v] = marine(sprockets__camshaft__center=center)
+    with pytest.raises(DriveError) as alone:
+        assemble(drives[3])
+    with pytest.raises(DriveError) as together:
+        assemble_all(stacks_of(drives))
+    assert str(together.value) == f"variant 3: {alone.value}"
+
+
+def test_a_chain_around_a_bar_shares_a_stack_with_one_that_is_not():
+    """The bar stands up to two thirds of a pitch deep in its strand: in the way from half a roller's radius on."""
+    base, drives = marine(), []
+    for depth in np.linspace(-0.02, 0.08, 12):
+        shift = {
+            f"guides.tight strand.{end}": (place[0] - depth, place[1])
+            for end, place in (("start", base.guides[0].start), ("end", base.guides[0].end))
+        }
+        drives.append(base.with_values(shift))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (stack,) = stacks_of(drives)
+    states = assemble_all([stack])
+    bent = [any(string is not None for string in state.path.strings) for state in states]
+    assert any(bent) and not all(bent)
+    for state, drive in zip(states, drives, strict=True):
+        assert_same(state, assemble(drive))
+
+
+def test_a_car_stands_by_its_own_stiffness():
+    """The chain's stiffness moves its tensioner's arm; before stacks, variants that differed in it shared one state."""
+    base = load_drive(drive_path("car"))
+    other = base.with_values({"chain.stiffness": 1.1 * base.chain.stiffness})
+    together = assemble_all(stacks_of([base, other]))
+    assert_same(together[1], assemble(other))
+    assert together[0].arm_angle[0] != together[1].arm_angle[0]
+
+
+def test_a_stack_holds_arrays_of_what_varies_alone():
+    drives = [marine(chain__stiffness=1e9 + v, sprockets__camshaft__center=(0.30, 5.96)) for v in range(3)]
+    drive = stacked(drives)
+    assert [column.tolist() for column in arrays_of(drive)] == [[1e9, 1e9 + 1, 1e9 + 2]] and size_of(drive) == 3
+    assert picked(drive, 1) == drives[1]
+    assert stacked([drives[0]] * 3) is drives[0]
+
+
+def test_zeros_given_values_and_counts_make_kinds():
+    changes = [{}, {"chain.damping": 2e5}, {"chain.damping": 0.0}, {"chain.damping_ratio": 0.1}, {"chain.links": 164},
+               {"sprockets.camshaft.load.torque": 5.0}, {"sprockets.tightener.teeth": 26}]  # fmt: skip
+    drives = [marine().with_values(change) for change in changes]
+    assert sorted(stack.members.tolist() for stack in stacks_of(drives)) == [[0, 1, 5], [2], [3], [4], [6]]
+    assert max(len(stack.members) for stack in stacks_of([drives[0], drives[1]] * LARGEST)) == LARGEST

@@ -1,0 +1,141 @@
+"""The initial states of many drives: a stack of a kind at once, and what differs in no place once."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.assembly.assembly import Assembly, assemble_stack
+from warpchain.assembly.path import Obstructed
+from warpchain.drive import Drive
+from warpchain.drive.stack import Stack, arrays_of, first_of, first_refused, picked, size_of
+from warpchain.errors import DriveError
+
+Places = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Assemblies(Sequence[Assembly]):
+    """The initial states of V variants.
+
+    Attributes:
+        blocks: of stacks; variants may share a state.
+        block, row: (V,) the block of each variant, and its row in it.
+    """
+
+    blocks: tuple[Assembly, ...]
+    block: Places
+    row: Places
+
+    def __len__(self) -> int:
+        return len(self.block)
+
+    @overload
+    def __getitem__(self, v: int) -> Assembly: ...
+    @overload
+    def __getitem__(self, v: slice) -> Assemblies: ...
+    def __getitem__(self, v: int | slice) -> Assembly | Assemblies:
+        if isinstance(v, slice):
+            return Assemblies(self.blocks, self.block[v], self.row[v])
+        return self.blocks[self.block[v]][int(self.row[v])]
+
+    def taken(self, which: Places) -> Assemblies:
+        """Those of some variants, each as often as it is named."""
+        return Assemblies(self.blocks, self.block[which], self.row[which])
+
+    def among(self, members: Places) -> Iterator[tuple[Places, Assembly]]:
+        """Some variants block by block: places (K,) in `members`, and their states (K, ...)."""
+        mine = self.block[members]
+        for block in np.unique(mine).tolist():
+            places, state = np.flatnonzero(mine == block), self.blocks[block]
+            rows = self.row[members[places]]
+            whole = len(rows) == len(state.position) and bool((rows == np.arange(len(rows))).all())
+            yield places, state if whole else state.of(rows)
+
+
+def assemble_all(stacks: Sequence[Stack]) -> Assemblies:
+    """Assembles the drives of stacks.
+
+    Raises:
+        DriveError: for a drive whose chain does not fit; the message names the first variant.
+    """
+    count = sum(len(stack.members) for stack in stacks)
+    block, row = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    blocks: list[Assembly] = []
+    known: dict[Hashable, int] = {}
+    refused: list[tuple[int, DriveError]] = []
+    for stack in stacks:
+        drive, which = _layouts(stack.drive, len(stack.members))
+        key = _layout(drive) if size_of(drive) == 1 else None
+        if key is not None and key in known:
+            block[stack.members] = known[key]
+            continue
+        try:
+            found = _assembled(drive)
+        except DriveError:
+            refused.append(first_refused(stack, _assembled))
+            continue
+        if key is not None:
+            known[key] = len(blocks)
+        for places, assembly in found:
+            own = np.full(size_of(drive), -1)
+            own[places] = np.arange(len(places))
+            mine = own[which] >= 0
+            block[stack.members[mine]], row[stack.members[mine]] = len(blocks), own[which][mine]
+            blocks.append(assembly)
+    if refused:
+        raise first_of(refused)
+    return Assemblies(tuple(blocks), block, row)
+
+
+def _assembled(drive: Drive) -> list[tuple[Places, Assembly]]:
+    """The states of a stack, in parts: which of its variants, and theirs."""
+    every = np.arange(size_of(drive))
+    try:
+        return [(every, assemble_stack(drive))]
+    except Obstructed as around:
+        free, others = np.flatnonzero(~around.which), np.flatnonzero(around.which)
+    found = [(free, assemble_stack(picked(drive, free)))] if len(free) else []
+    return found + [(np.array([v]), assemble_stack(picked(drive, int(v)))) for v in others]
+
+
+def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
+    """A stack of the layouts of a stack, each once, and which of them each of its variants has (V,).
+
+    A layout is all of a drive that its initial state hangs on.
+    """
+    one = picked(drive, 0)
+    chain = {name: getattr(drive.chain, name) for name in ("pitch", "elongation", "roller_radius")}
+    run = {name: getattr(drive.run, name) for name in ("gravity", "phase")}
+    own = [{name: getattr(s, name) for name in ("center", "pitch", "prescribed", "mount")} for s in drive.sprockets]
+    layout = one.model_copy(
+        update={
+            "chain": one.chain.model_copy(update=chain),
+            "sprockets": tuple(s.model_copy(update=of) for s, of in zip(one.sprockets, own, strict=True)),
+            "guides": drive.guides,
+            "run": one.run.model_copy(update=run),
+        }
+    )
+    columns = list(arrays_of(layout))
+    if not columns:
+        return layout, np.zeros(count, dtype=np.int64)
+    table = np.stack(columns, axis=1).view(np.int64)
+    _, first, which = np.unique(table, axis=0, return_index=True, return_inverse=True)
+    if len(first) == count:
+        return layout, np.arange(count)
+    return picked(layout, first), which.ravel().astype(np.int64)
+
+
+def _layout(drive: Drive) -> Hashable:
+    """The layout of one drive, by value: with arms, what pulls and pushes them counts."""
+    chain = drive.chain
+    sprockets = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
+    wear = (chain.elongation, chain.worn_links, chain.outer, chain.play)
+    lengths = (chain.pitch, chain.links, *wear, chain.roller_radius)
+    pulls = (chain.stiffness, chain.mass) if drive.arms else ()
+    bodies = drive.guides, drive.arms, drive.tensioners
+    return (*lengths, *pulls, sprockets, *bodies, drive.contact.sprocket, drive.run.gravity, drive.run.phase)

@@ -1,0 +1,142 @@
+"""Many changed copies of a drive that differ in the same numbers: checked where something has changed.
+
+`Drive.with_values` takes a drive apart, and checks the whole of what it becomes. Where the same numbers are set again
+and again, only these can be wrong, and the rules of the parts that hold them: those are checked here, and what is wrong
+is left to `with_values`, which says it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from warpchain.drive.part import Part
+from warpchain.drive.paths import index_of, native
+
+if TYPE_CHECKING:
+    from warpchain.drive.drive import Drive
+
+Way = tuple[str | int, ...]
+"""Keys of parts and places in lists."""
+
+
+class Changes:
+    """Changed copies of a drive.
+
+    Args:
+        base: the drive.
+    """
+
+    def __init__(self, base: Drive) -> None:
+        self.base = base
+        self.forms: dict[tuple[str, ...], _Form | None] = {}
+
+    def drive(self, values: Mapping[str, Any]) -> Drive:
+        """The same as `base.with_values(values)`, without the warnings of copies after the first.
+
+        Raises:
+            DriveError: as `Drive.with_values`.
+        """
+        paths = tuple(values)
+        if paths not in self.forms:
+            found = self.base.with_values(values)
+            self.forms[paths] = _form(found, paths)
+            return found
+        form = self.forms[paths]
+        copied = None if form is None else form.copy([native(value) for value in values.values()])
+        return self.base.with_values(values) if copied is None else copied
+
+
+class _Form:
+    """A drive with numbers set at some places, and what it takes to set them again.
+
+    Args:
+        drive: with these numbers set.
+        ways: where they are.
+    """
+
+    def __init__(self, drive: Drive, ways: Sequence[Way]) -> None:
+        self.drive = drive
+        self.tree: dict[str | int, Any] = {}
+        for place, way in enumerate(ways):
+            branch = self.tree
+            for key in way[:-1]:
+                branch = branch.setdefault(key, {})
+            branch[way[-1]] = place
+
+    def copy(self, values: Sequence[Any]) -> Drive | None:
+        """The drive with other numbers; None where something is wrong with them."""
+        try:
+            return self._part(self.drive, self.tree, values)
+        except (ValidationError, _Wrong):
+            return None
+
+    def _part(self, part: Any, tree: Mapping[str | int, Any], values: Sequence[Any]) -> Any:
+        """A part with other numbers, which hold to its rules."""
+        kind = type(part)
+        changed = {}
+        for key, inner in tree.items():
+            own = part.__dict__[key]
+            if isinstance(inner, dict) and not _numeric(own):
+                changed[key] = self._inside(own, inner, values)
+            else:
+                changed[key] = _checker(kind, str(key)).validate_python(_put(own, inner, values))
+        copied = part.model_copy(update=changed)
+        for _ in kind._rules(copied):
+            raise _Wrong
+        return copied
+
+    def _inside(self, own: Any, tree: Mapping[str | int, Any], values: Sequence[Any]) -> Any:
+        """A part, or a list of some."""
+        if isinstance(own, Part):
+            return self._part(own, tree, values)
+        return tuple(self._part(one, tree[i], values) if i in tree else one for i, one in enumerate(own))
+
+
+class _Wrong(Exception):
+    """Signals a rule that is broken."""
+
+
+def _numeric(value: Any) -> bool:
+    """Whether a value is a tuple of numbers."""
+    return isinstance(value, tuple) and all(type(number) in (int, float) for number in value)
+
+
+def _put(own: Any, inner: Any, values: Sequence[Any]) -> Any:
+    """A number, or a tuple of some, with other values."""
+    if not isinstance(inner, dict):
+        return values[inner]
+    return tuple(values[inner[i]] if i in inner else number for i, number in enumerate(own))
+
+
+@cache
+def _checker(kind: type[Part], key: str) -> TypeAdapter[Any]:
+    """What checks the values of a part's field by themselves."""
+    field = kind.model_fields[key]
+    return TypeAdapter(Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation)
+
+
+def _form(drive: Drive, paths: Sequence[str]) -> _Form | None:
+    """The form of a drive with numbers at some paths; None where other values are there, or one path leads twice."""
+    ways = [tuple(_way(drive, path.split("."))) for path in paths]
+    ends = [_follow(drive, way) for way in ways]
+    if len(set(ways)) < len(ways) or not all(type(end) in (int, float) for end in ends):
+        return None
+    return _Form(drive, ways)
+
+
+def _way(node: Any, keys: Sequence[str]) -> Iterator[str | int]:
+    """A path with places in lists for names."""
+    for depth, key in enumerate(keys):
+        step = index_of(node, key, depth) if isinstance(node, tuple) else key
+        yield step
+        node = node[step] if isinstance(step, int) else node.__dict__.get(step) if isinstance(node, Part) else None
+
+
+def _follow(node: Any, way: Way) -> Any:
+    for step in way:
+        node = node[step] if isinstance(step, int) else node.__dict__.get(step) if isinstance(node, Part) else None
+    return node

@@ -1,0 +1,90 @@
+"""Numbers, or arrays of them over the variants of a stack (`warpchain.drive.stack`): what takes either.
+
+A variant's value has the same bits alone as among others: arrays are worked through number by number wherever numpy's
+own function could round otherwise than Python's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial, reduce, wraps
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+def many(*values: Any) -> bool:
+    """Whether any of some values is an array (...) of numbers."""
+    return any(getattr(value, "ndim", 0) for value in values)
+
+
+def each(function: Callable[..., float]) -> Callable[..., Any]:
+    """A function of numbers as one of numbers or arrays (...), applied to each."""
+
+    @wraps(function)
+    def over(*values: Any, **named: Any) -> Any:
+        if not many(*values):
+            return function(*values, **named)
+        import numpy as np
+
+        columns = np.broadcast_arrays(*values)
+        numbers = (column.ravel().tolist() for column in columns)
+        found = map(partial(function, **named) if named else function, *numbers)
+        return np.fromiter(found, float, columns[0].size).reshape(columns[0].shape)
+
+    return over
+
+
+power = each(pow)
+hypot = each(math.hypot)
+cbrt = each(math.cbrt)
+radians = each(math.radians)
+
+
+def sqrt(value: Any) -> Any:
+    """Square root, which numpy rounds as Python does."""
+    if not many(value):
+        return math.sqrt(value)
+    import numpy as np
+
+    return np.sqrt(value)
+
+
+def largest(*values: Any) -> Any:
+    """The largest of numbers, or of arrays at each place."""
+    if not many(*values):
+        return max(values)
+    import numpy as np
+
+    return reduce(np.maximum, values)
+
+
+def smallest(*values: Any) -> Any:
+    """The smallest of numbers, or of arrays at each place."""
+    if not many(*values):
+        return min(values)
+    import numpy as np
+
+    return reduce(np.minimum, values)
+
+
+def some(condition: Any) -> bool:
+    """Whether a condition holds, or holds anywhere."""
+    return bool(condition.any() if many(condition) else condition)
+
+
+def joined(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Numbers or arrays (...) as one array with a last axis more, (..., len(values))."""
+    import numpy as np
+
+    if not many(*values):
+        return np.array(values, dtype=float)
+    return np.stack(np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in values)), axis=-1)
+
+
+def along(value: Any) -> Any:
+    """A number as it is, an array (...) with a last axis of 1: what multiplies the rows of another array."""
+    return value[..., None] if many(value) else value
