@@ -85,6 +85,8 @@ RUNS = (
 )
 PARTS = 4
 """Of the range of speeds, whose spectra are averaged."""
+LEAST = 3
+"""Windows, a quarter of their length apart."""
 SLOWEST, SPEEDS, PHASES = 0.2, 5, 4
 """Of the top speed, where modes are sought first; at how many speeds and phases of a tooth pitch."""
 
@@ -195,9 +197,9 @@ def lines(run: RunUp, drive: Drive) -> Campbell:
     return over_a_pitch(loaded(run, drive), speeds.tolist(), run.count, PHASES)[0]
 
 
-def seen(run: RunUp, found: Campbell, trajectory: Trajectory) -> Iterator[Seen]:
-    """Modes in parts of a run-up, where they are seen: by the mean of the spectra of a part's windows, each over the
-    frequency relative to the mode's at the window's speed."""
+def seen(run: RunUp, found: Campbell, trajectory: Trajectory, least: int = LEAST) -> Iterator[Seen]:
+    """Modes in parts of a run-up, where they are seen: by the mean of the spectra of a part's windows (at least so
+    many), each over the frequency relative to the mode's at the window's speed."""
     assert trajectory.sprocket_speed is not None
     size, drive = int(run.window * run.rate), found.drive
     speeds = np.abs(np.asarray(trajectory.sprocket_speed[:, drive.driver], float))
@@ -216,7 +218,7 @@ def seen(run: RunUp, found: Campbell, trajectory: Trajectory) -> Iterator[Seen]:
                 row = np.interp(AROUND * frequency, places, power)
                 where = min(int(np.searchsorted(ends, speed)) - 1, PARTS - 1)
                 kept[max(where, 0)].append((float(trajectory.time[part].mean()), speed, frequency, row / row.sum()))
-        for rows in filter(None, kept):
+        for rows in (rows for rows in kept if len(rows) >= least):
             power = np.mean([row for *_, row in rows], axis=0)
             peak = int(np.argmax(np.where(np.abs(AROUND - 1.0) < BAND, power, 0.0)))
             if power[peak] >= power[[peak - 1, peak + 1]].max() and power[peak] > OUTSTANDING * np.median(power):
@@ -261,7 +263,7 @@ def main() -> None:
     """Runs up, tells peaks and modes, and draws them."""
     folder = parser().parse_args().folder
     figure = Figure(figsize=(14.0, 5.0), layout="constrained")
-    print(f"{'drive':<12}{'mode':<28}{'windows':>7}{'Hz':>16}{'mean off':>10}{'most off':>10}")
+    print(f"{'drive':<12}{'mode':<28}{'parts':>7}{'Hz':>16}{'mean off':>10}{'most off':>10}")
     for axis, run in zip(figure.subplots(1, len(RUNS)), RUNS, strict=True):
         drive = run_up_drive(run)
         trajectory = recorded(drive)
