@@ -2,10 +2,12 @@
 
     python scripts/modes_runup.py [docs/images]
 
-Three example drives, without dry friction (which modes leave out), run up to their speed. What hits the chain at every
-tooth rings all modes; their frequencies stand in the spectrum beside the orders. For windows of the run, the highest
-peak near each mode of the drive at that speed is told. Left out are windows in which an order passes by (the peak
-is then the order's), and those in which no peak stands out. Writes modes-runup.png.
+Three example drives, without dry friction and harmonics (which modes leave out), run up steadily to their speed. What
+hits the chain at every tooth rings all modes; their frequencies stand in the spectrum beside the orders. For each part
+of the range of speeds the highest peak near each mode is told, of the mean of its windows' spectra. The modes are those
+of the drive at that speed, means over a tooth pitch, with what the sprockets' inertia takes in the run-up as load. Left
+out are windows in which an order passes by (the peak is then the order's), and parts in which no peak stands out.
+Writes modes-runup.png.
 """
 
 import argparse
