@@ -263,6 +263,7 @@ def test_pictures_page_and_arrays_have_arms(car, tmp_path):
     assert len(shapes_figure(one).axes) == 1
     assert "tensioner holds" in page(one)
     assert save_recording(one, tmp_path / "modes.rrd").read_bytes()[:3] == b"RRF"
+    assert result.lost.min() > -1e-6 and result.lost.max() < 1.0 + 1e-6
     arrays = result.arrays()
     assert arrays["stroke"].shape == arrays["pressure"].shape == (26, 1)
     assert arrays["bodies"].shape == (26, 4, 3)

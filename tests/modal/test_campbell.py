@@ -13,6 +13,7 @@ from warpchain.modal.campbell import Campbell, assurance, campbell
 from warpchain.modal.figures import campbell_figure, shapes_figure
 from warpchain.modal.modes import modes, modes_of
 from warpchain.modal.page import page
+from warpchain.modal.phases import over_a_pitch
 from warpchain.modal.playback import save_recording
 from warpchain.modal.system import system
 
@@ -57,6 +58,19 @@ def test_unlike_links_excite_half_the_tooth_frequency():
     worn = [{"link": i, "elongation": 0.01} for i in range(0, 58, 2)]
     unlike = drive.with_values({"chain.worn_links": worn})
     assert Order(10.0, "links of two kinds") in orders(unlike)
+
+
+def test_means_over_a_pitch_lie_between_phases():
+    """Roots of means of squares. Half a pitch later both strands of this drive are a link longer at one end and shorter
+    at the other: a share of 1 / 19.5 of their length, and what that does to their tension, 1 % more."""
+    drive = two_sprockets(span=20.03, torque=100.0, stiffness=2e7)
+    found, phases = over_a_pitch(drive, [0.0, 2.0], 2, 2)
+    assert phases.shape == (2, 2, 2)
+    assert np.isfinite(phases).all()
+    assert found.frequency == pytest.approx(np.sqrt((phases**2).mean(axis=0)))
+    assert 0.0 < np.abs(phases[1] / phases[0] - 1.0).max() < 0.06
+    alone = campbell(drive.with_values({"run.phase": 0.5}), [0.0, 2.0], 2)
+    assert np.sort(phases[1], axis=1) == pytest.approx(np.sort(alone.frequency, axis=1), rel=1e-6)
 
 
 def test_crossings_and_tongues_lie_where_lines_meet(taut):
@@ -115,6 +129,7 @@ def test_the_command_prints_the_table_and_writes_arrays(tmp_path, capsys):
     [
         (["--speed", "1", "2", "3"], "must be one or two speeds"),
         (["-o", "modes.pdf"], "must end in .html"),
+        (["--phases", "4"], "takes a diagram over two speeds"),
         (["--set", "sprockets.conveyor.load.torque=1e7"], "does not settle"),
     ],
 )

@@ -27,9 +27,11 @@ def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         raise WarpchainError(f"-o {path}: must end in {', '.join(KINDS)}")
     if len(speeds) > 2 or min(speeds) < 0.0:
         raise WarpchainError(f"--speed {' '.join(map('{:g}'.format, speeds))}: must be one or two speeds of at least 0")
+    if arguments.phases > 1 and len(speeds) < 2:
+        raise WarpchainError(f"--phases {arguments.phases}: takes a diagram over two speeds, --speed FROM TO")
     found = None
     if len(speeds) == 2:
-        found = _campbell(drive, speeds, arguments.points, arguments.count)
+        found = _campbell(drive, speeds, arguments.points, arguments.count, arguments.phases)
         result = found.modes[0].first(arguments.count)
     else:
         result = modes(drive, arguments.count, speeds[0])
@@ -40,14 +42,18 @@ def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
     return said
 
 
-def _campbell(drive: Drive, speeds: list[float], points: int, count: int) -> Campbell:
+def _campbell(drive: Drive, speeds: list[float], points: int, count: int, phases: int) -> Campbell:
     """A Campbell diagram, with a bar while it is made."""
     import numpy as np
 
     from warpchain.engine.progress import bar as bar_of
     from warpchain.modal.campbell import campbell
+    from warpchain.modal.phases import over_a_pitch
 
     between = np.linspace(speeds[0], speeds[1], max(points, 2)).tolist()
+    if phases > 1:
+        with bar_of(phases, "modes", "phase") as bar:
+            return over_a_pitch(drive, between, count, phases, lambda done, _: bar.update(done - bar.n))[0]
     with bar_of(len(between), "modes", "speed") as bar:
         return campbell(drive, between, count, lambda done, _: bar.update(done - bar.n))
 

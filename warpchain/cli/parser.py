@@ -110,6 +110,8 @@ def _modes(commands: Any) -> None:
         help="driver's speed at which the drive runs; two: from one to the other, as a Campbell diagram (default 0)",
     )
     parser.add_argument("--points", type=whole_number, default=25, metavar="N", help="speeds of a diagram (default 25)")
+    phases = "of a tooth pitch that a diagram's frequencies are means of (default 1: as the drive stands)"
+    parser.add_argument("--phases", type=whole_number, default=1, metavar="N", help=phases)
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="also write there: .html, .png, .svg, .rrd (Rerun) or .npz"
     )

@@ -90,7 +90,8 @@ def plungers(found: System, vector: NDArray[np.complex128]) -> Plungers:
     leaked[:, at.chambers] = vector[at.solid :].T
     area = np.where(of["hydraulic"] == 1, of["area"], 1.0)
     stored = linear.stiffness * np.abs(stroke) ** 2 + linear.oil * np.abs(stroke + leaked) ** 2
-    lost = linear.damping * np.abs(stroke) ** 2 + linear.gap * np.abs(leaked) ** 2
+    through = linear.gap * (leaked - of["drag"] / area * stroke)
+    lost = linear.damping * np.abs(stroke) ** 2 + (leaked.conj() * through).real
     _, bodies = at.split(vector.T)
     kinetic = np.zeros(stroke.shape)
     for t, tensioner in enumerate(found.drive.tensioners):
