@@ -7,12 +7,13 @@ Prints the table of docs/optimization.md. The drive as drawn is run once more wi
 """
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from warpchain import Record, load_drive, simulate
+from warpchain import Drive, Record, load_drive, simulate
 from warpchain.results.objectives import add_objectives
 from warpchain.results.quantities import quantity, shown_unit
 from warpchain.study.analysis.pareto import non_dominated
@@ -23,27 +24,44 @@ from warpchain.study.spec import Study, load_study
 
 BLUE, RED, GRAY, ORANGE = "#1f77b4", "#d1495b", "#b4bcc4", "#e08a00"
 LETTERS = "ABCDEFGH"
+COPIES = 4
+"""Runs of each recommended design that its scatter is taken from."""
 
 
-def as_drawn(folder: Path, study: Study) -> dict[str, float]:
-    """The base drive: values of factors that have a place in it, and its metrics, run as the study runs its rows."""
-    record = Record("all", study.record.rate, study.record.channels)
-    run = study.run
+def run_as(study: Study, drives: Sequence[Drive], copies: int = 1) -> list[dict[str, float]]:
+    """Metrics of drives that are run as the study runs its rows, a row a copy."""
+    run, record = study.run, Record("all", study.record.rate, study.record.channels)
     done = simulate(
-        load_drive(folder / "drive.toml"),
+        drives,
         duration=run.duration,
         step=run.step,
         window=run.window,
         precision=run.precision,
         device=run.device,
         record=record,
+        replicates=copies,
     )
+    return list(add_objectives(done).to_pylist())
+
+
+def as_drawn(folder: Path, study: Study) -> dict[str, float]:
+    """The base drive: values of factors that have a place in it, and its metrics."""
     drive = load_drive(folder / "drive.toml")
     own = {factor.name: drive.get_value(factor.path) for factor in study.factors if factor.path is not None}
-    return {**own, **add_objectives(done).to_pylist()[0]}
+    return {**own, **run_as(study, [drive])[0]}
 
 
-def table(results: Results, goals: Goals, chosen: list[Recommended], drawn: dict[str, float]) -> None:
+def scatter(folder: Path, study: Study, goals: Goals) -> list[dict[str, float]]:
+    """Standard deviations of what is wanted between copies of each recommended design that begin at other phases."""
+    place = sorted((folder / "recommended").iterdir())[-1]
+    drives = [load_drive(file) for file in sorted(place.glob("design-*.toml"))]
+    rows = run_as(study, drives, COPIES)
+    each = [rows[k : k + COPIES] for k in range(0, len(rows), COPIES)]
+    return [{name: float(np.std([row[name] for row in mine], ddof=1)) for name in goals.metrics} for mine in each]
+
+
+def table(results: Results, goals: Goals, chosen: list[Recommended], drawn: dict[str, float],
+          copies: Sequence[Mapping[str, float]]) -> None:  # fmt: skip
     """Prints the designs, a column each, beside the drive as it is drawn."""
     names = [f"{LETTERS[k]}: variant {one.variant}" for k, one in enumerate(chosen)]
     print("| | as drawn | " + " | ".join(names) + " |\n" + "|---" * (2 + len(names)) + "|")
@@ -56,6 +74,8 @@ def table(results: Results, goals: Goals, chosen: list[Recommended], drawn: dict
         unit = results.unit(metric)
         values = [quantity(one.believed[metric][0], unit, one.believed[metric][1]) for one in chosen]
         print(f"| {metric} | {quantity(drawn[metric], unit)} | {' | '.join(values)} |")
+        between = [quantity(mine[metric], unit, digits=2) for mine in copies]
+        print(f"| between {COPIES} copies of it | | {' | '.join(between)} |")
 
 
 def figure(results: Results, goals: Goals, chosen: list[Recommended], drawn: dict[str, float]) -> Figure:
@@ -85,27 +105,33 @@ def figure(results: Results, goals: Goals, chosen: list[Recommended], drawn: dic
     for k, name in enumerate(results.factors):
         below = drawing.add_subplot(grid[k, 1], sharex=below)
         below.plot(x[front], axis[name][1] * results.values(name)[front], "o-", ms=4, lw=1, color=RED)
-        below.set(ylabel=f"{name} [{axis[name][0]}]")
+        values = axis[name][1] * results.values(name)
+        below.set(ylabel=f"{name} [{axis[name][0]}]", ylim=(0.95 * np.nanmin(values), 1.05 * np.nanmax(values)))
         below.tick_params(labelbottom=k == len(results.factors) - 1)
     assert below is not None  # a study has a factor
-    below.set(xlabel=f"along the front: {first} [{axis[first][0]}]")
+    below.set(xlabel=f"along the front [{axis[first][0]}]")
     for one_axis in drawing.axes:
         one_axis.grid(alpha=0.3)
     return drawing
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("folder", type=Path, help="of a search with two objectives or more")
+    made.add_argument("figure", type=Path, help="file of the figure")
+    return made
+
+
 def main() -> None:
     """Prints the table and draws the figure."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="of a search with two objectives or more")
-    parser.add_argument("figure", type=Path, help="file of the figure")
-    arguments = parser.parse_args()
+    arguments = parser().parse_args()
     study = load_study(arguments.folder / "study.toml")
     results = read_results(arguments.folder / "results.parquet", [f.name for f in study.factors if not f.hidden])
     goals = goals_of(study)
     chosen = recommend(results, goals, 4 if study.optimize is None else study.optimize.recommend)
     drawn = as_drawn(arguments.folder, study)
-    table(results, goals, chosen, drawn)
+    table(results, goals, chosen, drawn, scatter(arguments.folder, study, goals))
     figure(results, goals, chosen, drawn).savefig(arguments.figure, dpi=100)
 
 

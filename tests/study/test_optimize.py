@@ -375,7 +375,7 @@ def test_the_command_tells_what_to_build_and_how_to_play_it(whole, capsys):
     assert main(["optimize", str(folder.parent / "study.toml"), "-o", str(folder)]) == 0
     out = capsys.readouterr().out
     assert "10 variants in 3 rounds" in out
-    assert f"play it: warpchain view {found.archives[0][0]} --variant 0" in out
+    assert f"play it: warpchain view {found.archives[0][0]} --variant {found.recommended[0].variant}" in out
     assert "±" in out and "torque = " in out
     assert Path(found.drives[0]).is_file()
 
@@ -387,7 +387,8 @@ def test_any_variant_can_be_played(whole, tmp_path, capsys):
     archive = folder / "played" / "variant-000003.mcap"
     assert str(archive) in capsys.readouterr().out and saved.stat().st_size > 1000
     row = found.results.table.slice(3, 1).to_pylist()[0]
-    assert warpchain.read_archive(archive).metrics["tension_max"][0].as_py() == row["tension_max"]
+    played = warpchain.read_archive(archive)
+    assert played.metrics["tension_max"][0].as_py() == row["tension_max"] and list(played) == [3]
     when = archive.stat().st_mtime_ns
     assert main(["study", "play", str(folder), "3", "--save", str(saved), "--quiet"]) == 0
     assert archive.stat().st_mtime_ns == when  # not run again

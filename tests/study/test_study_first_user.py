@@ -29,6 +29,17 @@ def test_all_mistakes_of_a_study_file_are_told_at_once(tmp_path, capsys):
     for line, words in zip(err, ("run.step", "factors.y.path", "metrics.keep.0"), strict=True):
         assert words in line
     assert not (tmp_path / "out").exists()
+    lost = '[[objectives]]\nmetric = "tension_mx"\n'  # and a factor that is wrong in its place and in its values
+    text = (
+        source.read_text()
+        .replace("levels = [1, 2]", "levels = [1, 1]")
+        .replace("[limits]\nenergy_residual = inf", lost)
+    )
+    source.write_text(text)
+    status, _, err = run(capsys, "study", "run", source, "-o", tmp_path / "out")
+    assert status == 2 and len(err) == 5
+    for words in ("run.step", "factors.y.levels", "factors.y.path", "metrics.keep.0", "objectives.0.metric"):
+        assert any(words in line for line in err)
 
 
 def test_a_wrong_size_is_one_line():

@@ -224,3 +224,25 @@ def test_on_the_command_line_and_what_follows(tmp_path, capsys):
     (tmp_path / "a" / "tiny.toml").write_text((tmp_path / "a" / "tiny.toml").read_text().replace("0.2", "0.201"))
     status, _, told = run(capsys, "optimize", tmp_path / "a" / "study.toml", "-o", tmp_path / "other", "--known", c)
     assert status == 2 and told[0].endswith(f"{c}: another drive than {tmp_path / 'a' / 'study.toml'} has")
+
+
+def test_states_come_along_and_a_longer_window_goes_on_from_them(tmp_path):
+    """Windows of 320 steps become 640; `b` has none of its states kept."""
+    changes = [("duration = 0.0005", "duration = 0.0032"), ("step = 1e-5", "step = 1e-5\nwindow = [0.0, 0.0032]")]
+    kept = ("shard = {shard}", "shard = {shard}\nkeep_states = true")
+    plain = (RECORD, "")
+    _, a = studied(tmp_path / "a", *changes, kept, plain)
+    _, b = studied(tmp_path / "b", SEED, *changes, plain)
+    c = tmp_path / "c"
+    join_studies([a, b], c)
+    longer = tmp_path / "longer"
+    longer.mkdir()
+    for name in ("study.toml", "drive.toml", "rows.parquet"):
+        (longer / name).write_bytes((c / name).read_bytes())
+    text = (longer / "study.toml").read_text()
+    assert "duration = 0.0032" in text and "window = [0.0, 0.0032]" in text
+    (longer / "study.toml").write_text(text.replace("0.0032", "0.0064"))
+    run_study(longer / "study.toml", c, grow=True)
+    assert study_status(c).went_on == (8, 8)
+    run_study(longer / "study.toml", tmp_path / "new")
+    assert rows_of(c) == rows_of(tmp_path / "new")

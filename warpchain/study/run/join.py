@@ -29,6 +29,7 @@ from warpchain.study.design import make_design
 from warpchain.study.run.folder import Folder, open_folder, plan_file, write_plan
 from warpchain.study.run.joinable import joined_study, start_of
 from warpchain.study.run.merge import Outcome, finish, runs_of, study_status
+from warpchain.study.run.stood import states_of, write_joined
 from warpchain.study.run.tasks import blocks_of
 from warpchain.study.spec import Study, dumps_study
 from warpchain.study.store import write_table, write_text
@@ -231,6 +232,7 @@ def _write_shard(
         chosen = [(k, pool.runs[task]) for k, task in enumerate(wanted) if pool.runs[task][0] == f]
         pieces.append(table.take(pa.array([mine[row, wanted[k][1]] for k, (_, row) in chosen], pa.int64())))
         order += [(k, f) for k, _ in chosen]
+    _keep_states(joined, shard, opened, [(*pool.runs[task], *task) for task in wanted])
     table = pa.concat_tables(pieces, promote_options="permissive").combine_chunks()
     place = sorted(range(len(order)), key=lambda i: order[i][0])
     table, owners = table.take(pa.array(place, pa.int64())), [order[i][1] for i in place]
@@ -238,6 +240,16 @@ def _write_shard(
         table = _with_recordings(joined, shard, table, [opened[f] for f in owners])
     table = table.drop_columns(["before"] if joined.copies > 1 else ["before", COPY])
     joined.write(joined.table_path(shard), table.replace_schema_metadata(None), shard)
+
+
+def _keep_states(
+    joined: Folder, shard: int, opened: Sequence[Folder], runs: Sequence[tuple[int, int, int, int]]
+) -> None:
+    """Carries over where runs stood; `runs` has folder, row there, joined row and copy of each."""
+    held = {
+        f: states_of(opened[f], [(row, copy) for of, row, _, copy in runs if of == f]) for f in {r[0] for r in runs}
+    }
+    write_joined(joined, shard, [(number, copy, held[f].get((row, copy))) for f, row, number, copy in runs])
 
 
 class _Recordings(Mapping[int, Trajectory]):

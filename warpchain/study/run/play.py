@@ -31,6 +31,8 @@ def recording_of(
         StudyError: no such folder or variant, or one that gives no drive.
         SimulationError, DriveError, ArchiveError: as in `simulate`.
     """
+    from warpchain.archive import read_archive
+    from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.simulation import simulate
     from warpchain.results.run import Record
 
@@ -49,7 +51,7 @@ def recording_of(
         return path / name, number
     archive = path / "played" / f"variant-{variant:06d}.mcap"
     if archive.exists():
-        return archive, 0
+        return archive, read_archive(archive).numbers[0]  # 0 where an earlier version played it
     row = {factor.name: results.table[factor.name][rows[0]].as_py() for factor in study.factors}
     made = Variant(row)
     _build(study, drive, made)
@@ -67,8 +69,9 @@ def recording_of(
         window=run.window,
         progress=progress,
         archive=archive,
+        archive_options=ArchiveOptions(numbers=(variant,)),
         workers=workers,
         memory=memory,
         limits=study.limits,
     )
-    return archive, 0
+    return archive, variant

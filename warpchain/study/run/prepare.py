@@ -22,6 +22,7 @@ from warpchain.study.run.folder import Folder, differences, make_folder, open_fo
 from warpchain.study.run.grow import growable, grown
 from warpchain.study.spec import Study, check_drive, load_study
 from warpchain.study.spec.factor import Factor
+from warpchain.study.spec.objectives import Bound, Objective, split_limits
 from warpchain.study.spec.parts import Adjust, Keep, Recording, RunOptions
 from warpchain.study.spec.study import Subject
 
@@ -112,20 +113,29 @@ def _what_stands(source: str | os.PathLike[str]) -> Study | None:
     import tomllib
 
     try:
-        values = tomllib.loads(Path(source).read_text(encoding="utf-8"))
+        values = split_limits(tomllib.loads(Path(source).read_text(encoding="utf-8")))
     except (OSError, ValueError, RecursionError):
         return None
     subject = valid(Subject, values.get("study"))
     if subject is None:
         return None
-    factors = [valid(Factor, factor) for factor in elements(values, "factors")]
+    factors = [valid(Factor, factor) or valid(Factor, _place(factor)) for factor in elements(values, "factors")]
     held: dict[str, Any] = {
         "run": valid(RunOptions, values.get("run")) or RunOptions(),
         "metrics": valid(Keep, values.get("metrics")) or Keep(),
         "record": valid(Recording, values.get("record")) or Recording(),
         "adjust": valid(Adjust, values.get("adjust")),
+        "objectives": tuple(o for o in (valid(Objective, e) for e in elements(values, "objectives")) if o is not None),
+        "bounds": tuple(b for b in (valid(Bound, e) for e in elements(values, "bounds")) if b is not None),
     }
     return Study.model_construct(study=subject, factors=tuple(f for f in factors if f is not None), **held)
+
+
+def _place(factor: Any) -> dict[str, Any]:
+    """A factor of the same place in the drive, whose own values hold a mistake."""
+    keys = ("name", "path", "paths", "shift", "along", "relative", "offset")
+    held = {key: factor[key] for key in keys if key in factor} if isinstance(factor, dict) else {}
+    return {**held, "range": [0.0, 1.0]}
 
 
 def shard_size(study: Study, drive: Drive, rows: int, parts: int, cores: int, memory: int) -> int:

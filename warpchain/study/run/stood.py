@@ -36,6 +36,32 @@ def write_states(folder: Folder, shard: int, variants: Sequence[Variant]) -> Non
     folder.write(folder.states_path(shard), table, shard)
 
 
+def states_of(folder: Folder, tasks: Sequence[tuple[int, int]]) -> dict[tuple[int, int], bytes]:
+    """The states that a folder keeps of some of its runs, by row and copy."""
+    numbers = folder.design()[ROW].to_pylist()
+    wanted = {(numbers[row], copy): (row, copy) for row, copy in tasks}
+    rows = {row for row, _ in tasks}
+    found = {}
+    for shard in folder.shards:
+        path = folder.states_path(shard)
+        if folder.done(shard) and path.exists() and not rows.isdisjoint(folder.tasks(shard)[0].tolist()):
+            for held in read_table(path, None, folder.part(shard).identity or None).to_pylist():
+                task = wanted.get((held[ROW], held[COPY]))
+                if task is not None and held[STATE] is not None:
+                    found[task] = held[STATE]
+    return found
+
+
+def write_joined(folder: Folder, shard: int, states: Sequence[tuple[int, int, bytes | None]]) -> None:
+    """Writes a shard's states (number, copy, state) of runs that were joined; nothing where there are none."""
+    import pyarrow as pa
+
+    numbers, copies, held = zip(*states, strict=True)
+    if any(state is not None for state in held):
+        columns = {ROW: numbers, COPY: copies, GONE_ON: [False] * len(held), STATE: pa.array(held, pa.large_binary())}
+        folder.write(folder.states_path(shard), pa.table(columns), shard)
+
+
 def begin_with(folder: Folder, variants: Sequence[Variant]) -> None:
     """Gives runs the states of those before that a study with another duration or window had.
 
