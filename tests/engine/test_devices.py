@@ -14,7 +14,7 @@ from warpchain.drive.examples import drive_path
 from warpchain.engine.block_shape import THREADS, BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
-from warpchain.engine.gpu import Bucket, GpuEngine, kernel_shape, launch_steps, refusal, rows_apart
+from warpchain.engine.gpu import Bucket, GpuEngine, _distinct, kernel_shape, launch_steps, refusal, rows_apart
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
 from warpchain.kernels.gpu.block_kind import BlockKind
@@ -140,6 +140,12 @@ def test_every_kernel_finds_its_rows(room_, moves):
         assert there[0] >= 7 * of.values and there[1] >= 7 * of.integers and there[2] >= 7 * of.doubles
     # a roller has 6 values and an int, 52 bytes, and its thread 24 for 3 moments: 640 would need 48,640 of 47,000 bytes
     assert (there[0] >= 7 * 6 * room_, there[1] == 7 * room_) == (room_ >= 640, room_ >= 640)
+
+
+def test_kinds_of_variants_are_found_the_largest_first():
+    keys = np.array([[32, 0, 1], [64, 0, 0], [32, 0, 1], [64, 0, 1]])
+    assert _distinct(keys) == [(64, 0, 1), (64, 0, 0), (32, 0, 1)]
+    assert _distinct(keys[[0, 2]]) == [(32, 0, 1)]
 
 
 def test_no_gpu_is_told_in_one_line(monkeypatch):
