@@ -262,3 +262,19 @@ def test_warps_messages_come_where_they_are_asked_for():
     assert "Warp" in out + err
     out, err = said("import warp\nwarp.init()\n" + SCRIPT)
     assert "Warp" in out + err and "load on device" in out + err
+
+
+LOADED = """
+import sys
+sys.path.insert(0, "tests")
+from drives import two_sprockets
+from warpchain import simulate
+simulate(two_sprockets(duration=0.0005, settle="false"))
+print([name for name in ("pandas", "warpchain.engine.gpu", "matplotlib", "rerun") if name in sys.modules])
+"""
+
+
+@pytest.mark.skipif(wp.is_cuda_available(), reason="with a GPU its engine is asked whether it could run the drive")
+def test_a_run_loads_nothing_that_it_does_not_need():
+    pytest.importorskip("pandas")  # which pyarrow loads wherever it is installed, unless it is given buffers
+    assert said(LOADED) == ("[]\n", "")

@@ -178,7 +178,7 @@ def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
     return int(needs[0]), int(needs[1]), int(needs[2])
 
 
-def _distinct(keys: NDArray[np.integer]) -> list[tuple[int, ...]]:
+def _distinct(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
     """The different rows of some keys, the largest first."""
     differ = (keys != keys[0]).any(axis=0)
     rows = np.unique(keys[:, differ], axis=0, return_index=True)[1] if differ.any() else np.zeros(1, dtype=int)
