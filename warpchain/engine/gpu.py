@@ -231,12 +231,13 @@ class GpuEngine:
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
+        processors = self._processors
         buckets = []
         for key in _distinct(keys):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
             slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles = key
-            shape = block_shape(slots, len(order) >= MANY * self._processors)
+            shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
             bodies = arms, tensioners, bool(profiles)
