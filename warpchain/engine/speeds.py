@@ -31,7 +31,6 @@ from warpchain.files import write_text
 from warpchain.version import installed
 
 if TYPE_CHECKING:
-    from warpchain.engine.devices import Engine
     from warpchain.engine.packed import Packed
 
 METRICS = {"cpu": 1.5, "gpu": 1.4}
@@ -250,7 +249,7 @@ LEAST, TRIES = 0.06, 4
 """Seconds that a rate is taken over, and how often; the best counts, as others may be using the machine."""
 
 
-def _rate(make: Callable[[], Engine]) -> _Rate:
+def _rate(make: Callable[[], Any]) -> _Rate:
     """What an engine does, its kernel once loaded."""
     make().close()  # streams, pools and contexts are there now
     begin = time.perf_counter()
@@ -289,11 +288,9 @@ def _sample(precision: str, variants: int) -> Packed:
     return pack([drive], [schedule]).at_precision(precision).taken([0] * variants)
 
 
-def lines(gpus: Sequence[str]) -> list[str]:
+def lines(gpus: Sequence[str], cores: int) -> list[str]:
     """What is known of this machine's devices, in lines."""
-    from warpchain.engine.simulation import available_cores
-
-    cores, known = available_cores(), stored(gpus)
+    known = stored(gpus)
     told = [f"cpu: {_processor()}, {cores} cores"]
     if gpus:
         told += [f"{gpu}: {name}" for gpu, name in zip(gpus, machine(gpus)["gpus"], strict=True)]
