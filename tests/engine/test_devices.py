@@ -14,7 +14,7 @@ from warpchain.drive.examples import drive_path
 from warpchain.engine.block_shape import THREADS, BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
-from warpchain.engine.gpu import Bucket, GpuEngine, kernel_shape, launch_steps, refusal, rows_apart
+from warpchain.engine.gpu import Bucket, GpuEngine, _distinct, kernel_shape, launch_steps, refusal, rows_apart
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
 from warpchain.kernels.gpu.block_kind import BlockKind
@@ -142,6 +142,12 @@ def test_every_kernel_finds_its_rows(room_, moves):
     assert (there[0] >= 7 * 6 * room_, there[1] == 7 * room_) == (room_ >= 640, room_ >= 640)
 
 
+def test_kinds_of_variants_are_found_the_largest_first():
+    keys = np.array([[32, 0, 1], [64, 0, 0], [32, 0, 1], [64, 0, 1]])
+    assert _distinct(keys) == [(64, 0, 1), (64, 0, 0), (32, 0, 1)]
+    assert _distinct(keys[[0, 2]]) == [(32, 0, 1)]
+
+
 def test_no_gpu_is_told_in_one_line(monkeypatch):
     monkeypatch.setattr("warpchain.engine.devices._gpus", dict)
     packed = pack([two_sprockets()], [Schedule(1e-5, 100, 0, 100, 0)])
@@ -256,3 +262,19 @@ def test_warps_messages_come_where_they_are_asked_for():
     assert "Warp" in out + err
     out, err = said("import warp\nwarp.init()\n" + SCRIPT)
     assert "Warp" in out + err and "load on device" in out + err
+
+
+LOADED = """
+import sys
+sys.path.insert(0, "tests")
+from drives import two_sprockets
+from warpchain import simulate
+simulate(two_sprockets(duration=0.0005, settle="false"))
+print([name for name in ("pandas", "warpchain.engine.gpu", "matplotlib", "rerun") if name in sys.modules])
+"""
+
+
+@pytest.mark.skipif(wp.is_cuda_available(), reason="with a GPU its engine is asked whether it could run the drive")
+def test_a_run_loads_nothing_that_it_does_not_need():
+    pytest.importorskip("pandas")  # which pyarrow loads wherever it is installed, unless it is given buffers
+    assert said(LOADED) == ("[]\n", "")

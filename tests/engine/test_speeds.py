@@ -1,6 +1,7 @@
 """What a run is estimated to take on a device, and which one is chosen; devices here are numbers."""
 
 import json
+import math
 
 import pytest
 from command import run as command
@@ -38,10 +39,11 @@ def test_estimates_are_what_the_equations_say():
     assert seconds_on(["cpu"], ensemble(1), 4, CPU) == pytest.approx(STEPS * ROLLERS / 1e8, rel=2e-5)
     assert seconds_on(["cpu"], ensemble(8), 4, CPU) == pytest.approx(2 * STEPS * ROLLERS / 1e8, rel=2e-5)
     assert seconds_on(["cpu"], ensemble(8), 2, CPU) == pytest.approx(4 * STEPS * ROLLERS / 1e8, rel=2e-5)  # two threads
-    one = 0.5 + STEPS * 2e-6
     for count, gpus in ((1, ["cuda:0"]), (1000, ["cuda:0"]), (1000, ["cuda:0", "cuda:1"])):
         full = count * STEPS * ROLLERS / 5e10 / len(gpus)
-        assert seconds_on(gpus, ensemble(count), 4, GPU) == pytest.approx(one + full, rel=2e-5)
+        assert seconds_on(gpus, ensemble(count), 4, GPU) == pytest.approx(
+            0.5 + math.hypot(STEPS * 2e-6, full), rel=2e-5
+        )
     for names, kind, speed in ((["cpu"], "cpu", CPU), (["cuda:0"], "gpu", Speed(5e10, 2e-6))):
         bare, measured = (seconds_on(names, ensemble(1, measured=of), 4, speed) for of in (False, True))
         assert measured / bare == pytest.approx(speeds.METRICS[kind], rel=3e-5)
@@ -52,10 +54,10 @@ def test_what_finishes_first_is_chosen_and_told(known):
     alone = quickest(gpus, ensemble(1), "float64", 4)
     # 0.06 s of the CPU; 0.5 + 0.2 s of a GPU
     assert alone == (("cpu",), "0.06 s estimated against 0.7 s on cuda:0 and 0.7 s on cuda:0,cuda:1")
-    # 1.5 s of four cores, 0.5 + 0.2 + 0.012 s of a GPU, 0.006 s less of two: not worth a second one
+    # 1.5 s of four cores, 0.5 + hypot(0.2, 0.012) s of a GPU, hardly less of two: not worth a second one
     crowd = quickest(gpus, ensemble(100), "float64", 4)
-    assert crowd == (("cuda:0",), "0.71 s estimated against 1.5 s on cpu and 0.71 s on cuda:0,cuda:1")
-    # 0.5 + 0.2 + 1.2 s of a GPU, 0.6 s less of two
+    assert crowd == (("cuda:0",), "0.7 s estimated against 1.5 s on cpu and 0.7 s on cuda:0,cuda:1")
+    # 0.5 + hypot(0.2, 1.2) s of a GPU, 0.6 s less of two
     assert quickest(gpus, ensemble(10_000), "float64", 4).devices == gpus
 
 
@@ -75,11 +77,11 @@ def test_it_is_measured_once_and_only_where_it_pays(known, monkeypatch):
         return found
 
     monkeypatch.setattr(speeds, "measured", measured)
-    long = ensemble(1, 500 * STEPS)  # 30 s of the CPU, 100 s of the GPU by their class
+    long = ensemble(1, 1500 * STEPS)  # 90 s of the CPU, 300 s of the GPU by their class
     quickest(("cuda:0",), ensemble(1), "float64", 4)  # too short for that
-    quickest(("cuda:0",), ensemble(10_000, 50 * STEPS), "float64", 4)  # 7500 s and 70 s: plain
+    quickest(("cuda:0",), ensemble(10_000, 60 * STEPS), "float64", 4)  # 9000 s and 73 s: plain
     assert asked == []
-    assert quickest(("cuda:0",), long, "float64", 4) == (("cpu",), "30 s estimated against 4e+02 s on cuda:0")
+    assert quickest(("cuda:0",), long, "float64", 4) == (("cpu",), "90 s estimated against 9.5e+02 s on cuda:0")
     assert quickest(("cuda:0",), ensemble(100), "float64", 4).devices == ("cpu",)  # from what is stored
     assert asked == ["float64"]
     quickest(("cuda:0",), long, "float32", 4)

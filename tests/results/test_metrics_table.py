@@ -2,12 +2,13 @@
 
 import numpy as np
 import pyarrow as pa
+import pytest
 from drives import two_sprockets
 
 from warpchain.drive import Drive
 from warpchain.kernels import relaxation, sum_structs
 from warpchain.results.columns import same_columns
-from warpchain.results.metrics import Ended, energy_balance, metrics_table
+from warpchain.results.metrics import Ended, _column, energy_balance, metrics_table
 from warpchain.results.schedule import Schedule
 
 STRUCTS = {
@@ -113,3 +114,30 @@ def test_kinds_go_by_columns():
     assert [kind.tolist() for kind in same_columns(every)] == [[0, 3, 5], [1, 6], [2, 4, 7]]
     longer = every[0].with_values({"run.duration": 9.0})
     assert len(same_columns([every[0], longer])) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        (float, np.array([1.5, np.nan, -0.0, np.inf, 2.0, 3.0, 4.0, 5.0, 6.0])),
+        (float, np.arange(10.0)[::2]),
+        (int, np.array([1, -(2**62), 3], dtype=np.int64)),
+        (int, np.array([1, 2, 3], dtype=np.int32)),
+        (bool, np.arange(19) % 3 == 0),
+        (float, np.zeros(0)),
+    ],
+)
+def test_columns_are_what_pyarrow_makes_of_them(kind, values):
+    for missing in (np.zeros(len(values), dtype=bool), np.arange(len(values)) % 2 == 0):
+        column = _column(kind, values, missing)
+        column.validate(full=True)
+        assert column.equals(pa.array(values, type=column.type, mask=missing)) or np.isnan(values).any()
+        told, plain = column.to_pylist(), pa.array(values, type=column.type, mask=missing).to_pylist()
+        assert list(map(repr, told)) == list(map(repr, plain))  # so that nan is nan, and -0.0 is that
+
+
+@pytest.mark.parametrize("words", [[], ["ok"], ["ok", "", "Spannräder – größer", "diverged"], ["ok", None]])
+def test_columns_of_texts_are_what_pyarrow_makes_of_them(words):
+    column = _column(str, words, None)
+    column.validate(full=True)
+    assert column.equals(pa.array(words, pa.string()))

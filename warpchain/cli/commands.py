@@ -66,11 +66,11 @@ def devices(arguments: argparse.Namespace) -> int:
     from warpchain.engine.start import start_warp
 
     start_warp(precompiled=False)
-    gpus = usable_gpus()
+    gpus, cores = usable_gpus(), available_cores()
     if arguments.calibrate:
         for precision in ("float64", "float32"):
-            measured(gpus, precision, available_cores())
-    for line in lines(gpus):
+            measured(gpus, precision, cores)
+    for line in lines(gpus, cores):
         print(line)
     return DONE
 

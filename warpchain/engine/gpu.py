@@ -178,6 +178,13 @@ def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
     return int(needs[0]), int(needs[1]), int(needs[2])
 
 
+def _distinct(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
+    """The different rows of some keys, the largest first."""
+    differ = (keys != keys[0]).any(axis=0)
+    rows = np.unique(keys[:, differ], axis=0, return_index=True)[1] if differ.any() else np.zeros(1, dtype=int)
+    return sorted((tuple(row) for row in keys[rows].tolist()), reverse=True)
+
+
 class GpuEngine:
     """Steps an ensemble on one GPU.
 
@@ -210,6 +217,8 @@ class GpuEngine:
         windows = {name: np.ascontiguousarray(drives[name]) for name in ("window_start", "window_end")}
         # rows in global memory, which launches share
         self._apart = [any(rows_apart(packed.real, [bucket])) for bucket in self.buckets]
+        measuring = bool((windows["window_start"] < drives["steps"]).any())
+        self._names = ("advance", "measure") if measuring else ("advance",)
         self._windows = [{name: of[bucket.variants] for name, of in windows.items()} for bucket in self.buckets]
         self._settling_now: NDArray[Any] = np.zeros(0)
 
@@ -222,12 +231,13 @@ class GpuEngine:
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
+        processors = self._processors
         buckets = []
-        for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
+        for key in _distinct(keys):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
             slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles = key
-            shape = block_shape(slots, len(order) >= MANY * self._processors)
+            shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
             bodies = arms, tensioners, bool(profiles)
@@ -293,7 +303,7 @@ class GpuEngine:
 
     def advance(self, steps: int, frames: FrameBuffer) -> list[Future[None]]:
         """Starts `steps` steps of every variant that has not ended; frames go to `frames`."""
-        self._load("advance", "measure")
+        self._load(*self._names)
 
         def work() -> None:
             with _memory_named(self.device, self.packed):

@@ -4,10 +4,10 @@ With variants of n rollers and w steps each, a CPU whose cores do r roller-steps
 once, and a GPU that does r when it is full take about
 
     t_cpu = start + max(most of w n, (sum of w n) / s) / r                                                    (1)
-    t_gpu = start + l (most of w) + (sum of w n) / r                                                          (2)
+    t_gpu = start + sqrt((l (most of w))^2 + ((sum of w n) / r)^2)                                            (2)
 
-where l is what a step takes of a GPU however few variants there are. (2) is within a fifth of what was measured from 1
-to 16,896 variants (docs/performance.md). The drive that is measured stands for others: what makes one slower, such as
+where l is what a step takes of a GPU however few variants there are. (2) is within a fifth of what was measured of 1 to
+4,224 variants (docs/devices.md). The drive that is measured stands for others: what makes one slower, such as
 friction, does so on either device. Steps inside the window of the metrics count `METRICS` times. Settling is left out:
 it takes as much more on either.
 """
@@ -31,13 +31,12 @@ from warpchain.files import write_text
 from warpchain.version import installed
 
 if TYPE_CHECKING:
-    from warpchain.engine.devices import Engine
     from warpchain.engine.packed import Packed
 
 METRICS = {"cpu": 1.5, "gpu": 1.4}
 """What a step with metrics takes beside one without."""
 
-WORTH_MEASURING = 20.0
+WORTH_MEASURING = 60.0
 """Estimated seconds from which on it pays to measure, where the answer is not plain from the class."""
 
 PLAIN = 4.0
@@ -95,7 +94,7 @@ def seconds_on(devices: Sequence[str], packed: Packed, cores: int, speed: Speed)
         work = work_of(packed, "cpu")
         return speed.start + max(work.longest, work.total / min(speed.cores, cores)) / speed.rate
     work = work_of(packed, "gpu")
-    return speed.start + speed.latency * work.steps + work.total / (speed.rate * len(devices))
+    return speed.start + math.hypot(speed.latency * work.steps, work.total / (speed.rate * len(devices)))
 
 
 def class_speed(device: str, precision: str, cores: int) -> Speed:
@@ -108,7 +107,7 @@ def class_speed(device: str, precision: str, cores: int) -> Speed:
     gpu = wp.get_device(device)
     full = gpu.arch in (70, 80, 90, 100)  # the others do float64 at 1/64 to 1/32 of float32
     each = (4.0e8 if single else 3.5e8) if full else (2.5e8 if single else 2.5e7)
-    return Speed(each * int(gpu.sm_count), latency=2.0e-6 if full or single else 8.0e-6, start=0.6)
+    return Speed(each * int(gpu.sm_count), latency=2.0e-6 if full or single else 8.0e-6, start=0.1)
 
 
 class Choice(NamedTuple):
@@ -235,7 +234,7 @@ def measured_gpu(device: str, precision: str) -> Speed:
     alone = _rate(lambda: GpuEngine(_sample(precision, 1), device))
     full = _rate(lambda: GpuEngine(_sample(precision, many), device))
     rollers = float(_sample(precision, 1).drives["rollers"][0])
-    return Speed(full.rate, latency=max(0.0, rollers / alone.rate - rollers / full.rate), start=alone.start)
+    return Speed(full.rate, latency=rollers / alone.rate, start=BEGINNING + alone.start)
 
 
 class _Rate(NamedTuple):
@@ -243,11 +242,14 @@ class _Rate(NamedTuple):
     start: float  # what it took to make the engine [s]
 
 
+BEGINNING = 0.05
+"""Seconds that a run on a GPU takes besides memory and steps: loading its kernels, settling's memory, sums."""
+
 LEAST, TRIES = 0.06, 4
 """Seconds that a rate is taken over, and how often; the best counts, as others may be using the machine."""
 
 
-def _rate(make: Callable[[], Engine]) -> _Rate:
+def _rate(make: Callable[[], Any]) -> _Rate:
     """What an engine does, its kernel once loaded."""
     make().close()  # streams, pools and contexts are there now
     begin = time.perf_counter()
@@ -282,15 +284,13 @@ def _sample(precision: str, variants: int) -> Packed:
     from warpchain.results.schedule import MOST_STEPS, Schedule
 
     drive = load_drive(drive_path("industrial"))
-    schedule = Schedule(resolve_step(drive), MOST_STEPS, MOST_STEPS - 1, MOST_STEPS, 0)
+    schedule = Schedule(resolve_step(drive), MOST_STEPS, MOST_STEPS, MOST_STEPS, 0)
     return pack([drive], [schedule]).at_precision(precision).taken([0] * variants)
 
 
-def lines(gpus: Sequence[str]) -> list[str]:
+def lines(gpus: Sequence[str], cores: int) -> list[str]:
     """What is known of this machine's devices, in lines."""
-    from warpchain.engine.simulation import available_cores
-
-    cores, known = available_cores(), stored(gpus)
+    known = stored(gpus)
     told = [f"cpu: {_processor()}, {cores} cores"]
     if gpus:
         told += [f"{gpu}: {name}" for gpu, name in zip(gpus, machine(gpus)["gpus"], strict=True)]
