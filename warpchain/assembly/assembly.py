@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.arms import balanced
-from warpchain.assembly.path import ChainPath, check_fit
+from warpchain.assembly.path import ChainPath, Plan, check_fit
 from warpchain.assembly.route import chain_path, chain_paths
 from warpchain.assembly.seating import Seating, seat_chain, seat_string
 from warpchain.assembly.tables import initial_speed
@@ -236,9 +236,10 @@ def _seated(drive: Drive) -> tuple[ChainPath, Seating]:
     seating = seat_chain(drive, path)
     if not drive.arms:
         return path, seating
+    plan = Plan(drive)
     for _ in range(_BALANCES):
         before = path.arm_angle
-        path = balanced(drive, float((seating.strain - path.nominal_strain)[0]), before)
+        path = balanced(drive, float((seating.strain - path.nominal_strain)[0]), before, plan)
         seating = seat_chain(drive, path)
         if float(np.abs(path.arm_angle - before).max()) <= _STILL:
             break

@@ -40,7 +40,6 @@ from warpchain.assembly.walk import Curve
 from warpchain.drive.each import hypot, some
 from warpchain.drive.mounts import initial_center
 from warpchain.drive.profile import direction
-from warpchain.drive.stack import size_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -145,13 +144,14 @@ class _Loop:
         self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.guides = [guide.name for guide in drive.guides]
-        variants = size_of(drive)
+        variants = len(path.radius)
         wide = (variants, self.size)
         self.center = np.stack(
             [np.broadcast_to(initial_center(sprocket), (variants, 2)) for sprocket in drive.sprockets], axis=1
         )
         self.radius = np.broadcast_to(path.radius, wide)
         self.pitch = np.broadcast_to(path.pitch, variants)
+        self.strings: dict[int, tuple[tuple[float, float], Taut]] = {}  # as last drawn, from where to where
         self.chords = np.zeros(wide)  # what links laid on a string measure beyond its chain length [m]
         links = np.atleast_2d(drive.chain.pulled_lengths)
         self.links = np.broadcast_to(links, (variants, links.shape[1]))
@@ -224,11 +224,15 @@ class _Loop:
             return None
         following = (k + 1) % self.size
         leave, arrive = self.ends(seating, k)
-        seats = self._seat(k, float(leave[0])), self._seat(following, float(arrive[0]))
-        try:
-            string = taut(point(seats[0]), point(seats[1]), self.runs[k])
-        except TautError as error:
-            raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
+        ends = float(leave[0]), float(arrive[0])
+        known, string = self.strings.get(k, (None, None))
+        if string is None or known != ends:
+            seats = self._seat(k, ends[0]), self._seat(following, ends[1])
+            try:
+                string = taut(point(seats[0]), point(seats[1]), self.runs[k], string)
+            except TautError as error:
+                raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
+            self.strings[k] = ends, string
         return string if string.touches else None
 
     def _seat(self, s: int, polar: float) -> tuple[float, float]:

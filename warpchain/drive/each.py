@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 def many(*values: Any) -> bool:
     """Whether any of some values is an array (...) of numbers."""
-    return any(getattr(value, "ndim", 0) for value in values)
+    for value in values:  # noqa: SIM110  a loop takes half the time of any()
+        if type(value) is not float and getattr(value, "ndim", None):
+            return True
+    return False
 
 
 def each(function: Callable[..., float]) -> Callable[..., Any]:
