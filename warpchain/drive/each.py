@@ -33,7 +33,8 @@ def each(function: Callable[..., float]) -> Callable[..., Any]:
             return function(*values, **named)
         import numpy as np
 
-        columns = np.broadcast_arrays(*values)
+        alike = len({getattr(value, "shape", None) for value in values}) == 1
+        columns = values if alike else np.broadcast_arrays(*values)
         numbers = (column.ravel().tolist() for column in columns)
         found = map(partial(function, **named) if named else function, *numbers)
         return np.fromiter(found, float, columns[0].size).reshape(columns[0].shape)
