@@ -5,9 +5,9 @@
     python scripts/bench_assembly.py --kinds 224           # the marine drive with as many numbers of teeth and links
 
 Stages: `made` by `Drive.with_values`, and by `Changes` as studies make them; `sorted` into stacks; `steps` resolved;
-`assembled`; `packed` into arrays (without assembling); `layouts` looked at; `metrics` formed of a run of some steps. CPU
-time counts, the least of some rounds, as other work on the machine disturbs that less than the clock; one variant alone is packed for
-comparison. Five values differ: stiffness, speed, the place of a sprocket, a load, an inertia.
+`assembled`; `packed` into arrays (without assembling); `layouts` looked at; `metrics` formed of a run of a few steps.
+CPU time counts, the least of some rounds, which other work on the machine disturbs less than the clock; beside it what one
+variant takes alone. Five values differ: stiffness, speed, the place of a sprocket, a load, an inertia.
 """
 
 import argparse

@@ -159,6 +159,8 @@ def assemble_stack(drive: Drive) -> Assembly:
 
 def _patterns(seating: Seating) -> list[NDArray[np.int64]]:
     """Variants whose rollers sit alike."""
+    if len(seating.strain) == 1:
+        return [np.zeros(1, dtype=np.int64)]
     table = np.concatenate([seating.seats, seating.links], axis=1)
     _, which = np.unique(table, axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
@@ -218,6 +220,16 @@ class _Placement:
 def _each(vector: Array, alike: NDArray[np.int64]) -> Array:
     """A vector (2,), or those (V, 2) of some variants, beside their rollers."""
     return vector if vector.ndim == 1 else vector[alike, None]
+
+
+def assembled_strain(drive: Drive) -> tuple[ChainPath, float]:
+    """The path and the strain of the assembled chain, without placing its rollers.
+
+    Raises:
+        DriveError: as `assemble`.
+    """
+    path, seating = _seated(drive)
+    return path[0], float(seating.strain[0])
 
 
 def assembled_path(drive: Drive) -> ChainPath:
