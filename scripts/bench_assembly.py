@@ -6,7 +6,7 @@
 
 Stages: `made` by `Drive.with_values`, and by `Changes` as studies make them; `sorted` into stacks; `steps` resolved;
 `assembled`; `packed` into arrays (without assembling); `layouts` looked at; `metrics` formed of a run of a few steps.
-CPU time counts, the least of some rounds, which other work on the machine disturbs less than the clock; beside it what one
+CPU time counts, the least of some rounds, as other work on the machine disturbs that less; beside it what one
 variant takes alone. Five values differ: stiffness, speed, the place of a sprocket, a load, an inertia.
 """
 
