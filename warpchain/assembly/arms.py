@@ -138,7 +138,10 @@ def chain_moment(drive: Drive, path: ChainPath, a: int, beyond: float = 0.0) -> 
 
 
 def balanced(
-    drive: Drive, beyond: float = 0.0, angles: Sequence[float] | NDArray[np.float64] | None = None
+    drive: Drive,
+    beyond: float = 0.0,
+    angles: Sequence[float] | NDArray[np.float64] | None = None,
+    plan: Plan | None = None,
 ) -> ChainPath:
     """The path of the chain with all arms in balance (a), as that of a stack.
 
@@ -146,6 +149,7 @@ def balanced(
         drive: with arms.
         beyond: what the chain's strain is beyond the path's nominal one [-].
         angles: (A,) first guess [rad]; None is as drawn.
+        plan: of the drive, where it is known.
 
     Raises:
         DriveError: an arm without a balance; or as `path_at`.
@@ -154,7 +158,7 @@ def balanced(
     for a, arm in enumerate(drive.arms):
         low, high = arm.stops_rad
         found[a] = min(max(found[a], low), high)
-    plan, still = Plan(drive), [StillArm(drive, a) for a in range(len(found))]
+    plan, still = plan or Plan(drive), [StillArm(drive, a) for a in range(len(found))]
     for _ in range(_SWEEPS):
         before = list(found)
         for a in range(len(found)):

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.arms import balanced
-from warpchain.assembly.path import ChainPath, check_fit
+from warpchain.assembly.path import ChainPath, Plan, check_fit
 from warpchain.assembly.route import chain_path, chain_paths
 from warpchain.assembly.seating import Seating, seat_chain, seat_string
 from warpchain.assembly.tables import initial_speed
@@ -159,6 +159,8 @@ def assemble_stack(drive: Drive) -> Assembly:
 
 def _patterns(seating: Seating) -> list[NDArray[np.int64]]:
     """Variants whose rollers sit alike."""
+    if len(seating.strain) == 1:
+        return [np.zeros(1, dtype=np.int64)]
     table = np.concatenate([seating.seats, seating.links], axis=1)
     _, which = np.unique(table, axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
@@ -220,6 +222,16 @@ def _each(vector: Array, alike: NDArray[np.int64]) -> Array:
     return vector if vector.ndim == 1 else vector[alike, None]
 
 
+def assembled_strain(drive: Drive) -> tuple[ChainPath, float]:
+    """The path and the strain of the assembled chain, without placing its rollers.
+
+    Raises:
+        DriveError: as `assemble`.
+    """
+    path, seating = _seated(drive)
+    return path[0], float(seating.strain[0])
+
+
 def assembled_path(drive: Drive) -> ChainPath:
     """The path of the assembled chain: `chain_path`, but with arms where the chain on its seats holds them.
 
@@ -236,9 +248,10 @@ def _seated(drive: Drive) -> tuple[ChainPath, Seating]:
     seating = seat_chain(drive, path)
     if not drive.arms:
         return path, seating
+    plan = Plan(drive)
     for _ in range(_BALANCES):
         before = path.arm_angle
-        path = balanced(drive, float((seating.strain - path.nominal_strain)[0]), before)
+        path = balanced(drive, float((seating.strain - path.nominal_strain)[0]), before, plan)
         seating = seat_chain(drive, path)
         if float(np.abs(path.arm_angle - before).max()) <= _STILL:
             break

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.assembly import Assembly, assemble, assembled_strain
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, path_at
 from warpchain.assembly.route import chain_path
 from warpchain.errors import DriveError
@@ -46,7 +46,7 @@ _EXACT = 1e-7  # strain that a solution may miss; more is a jump where a roller 
 class _Goal:
     """What is wanted: the strain that it takes, and what a strain amounts to, at a strand's chord.
 
-    Or with `arm` an angle of it [rad].
+    Or with `arm` an angle of it [rad]. `sags` where the chord counts.
     """
 
     text: str
@@ -56,6 +56,7 @@ class _Goal:
     strand: int
     arm: int | None = None
     angle: float = 0.0
+    sags: bool = False
 
 
 def fit_position(
@@ -263,7 +264,7 @@ def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float 
     if _across(drive, path.strand_end[k] - path.strand_start[k]) <= 0.0:
         raise DriveError(f'strand "{names[k]}": gravity does not act across it, so that it has no sag')
     text = f'sag {sag:g} m of strand "{names[k]}"'
-    return _Goal(text, " m", lambda moved, chord: _sag_strain(moved, chord, sag), _sag, k)
+    return _Goal(text, " m", lambda moved, chord: _sag_strain(moved, chord, sag), _sag, k, sags=True)
 
 
 def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> _Goal:
@@ -370,11 +371,14 @@ class _Search:
         """Strain in excess of the wanted one of the assembled drive; NaN where it does not assemble."""
         drive = self.moved(place)
         try:
+            if not self.goal.sags:  # where rollers stand does not matter
+                path, strain = assembled_strain(drive)
+                if self.goal.arm is not None:
+                    return _ANGLE * (float(path.arm_angle[self.goal.arm]) - self.goal.angle)
+                return strain - self.goal.strain(drive, self._tangent(path))
             assembly = assemble(drive)
         except DriveError:
             return math.nan
-        if self.goal.arm is not None:
-            return _ANGLE * (float(assembly.arm_angle[self.goal.arm]) - self.goal.angle)
         return assembly.strain - self.goal.strain(drive, _chord(assembly, self.goal.strand))
 
     def roots(self) -> Iterator[float]:

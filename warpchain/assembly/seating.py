@@ -29,7 +29,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,6 @@ from warpchain.assembly.walk import Curve
 from warpchain.drive.each import hypot, some
 from warpchain.drive.mounts import initial_center
 from warpchain.drive.profile import direction
-from warpchain.drive.stack import size_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -143,15 +142,17 @@ class _Loop:
         self.pitch_angle = 2.0 * math.pi / self.teeth
         self.step = np.array([sprocket.sign for sprocket in drive.sprockets]) * self.pitch_angle
         self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
+        self.leans = any(map(some, self.lean))
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.guides = [guide.name for guide in drive.guides]
-        variants = size_of(drive)
+        variants = len(path.radius)
         wide = (variants, self.size)
         self.center = np.stack(
             [np.broadcast_to(initial_center(sprocket), (variants, 2)) for sprocket in drive.sprockets], axis=1
         )
         self.radius = np.broadcast_to(path.radius, wide)
         self.pitch = np.broadcast_to(path.pitch, variants)
+        self.strings: dict[int, tuple[tuple[float, float], Taut]] = {}  # as last drawn, from where to where
         self.chords = np.zeros(wide)  # what links laid on a string measure beyond its chain length [m]
         links = np.atleast_2d(drive.chain.pulled_lengths)
         self.links = np.broadcast_to(links, (variants, links.shape[1]))
@@ -205,18 +206,16 @@ class _Loop:
                 f"which leaves no link between the seats; allowed is more than the pitch, {self.pitch[v]:.6g} m"
             )
 
-    def ends(self, seating: Seating, k: int) -> tuple[Numbers, Numbers]:
-        """Polar angles of the last roller before strand k and of the first one after it (V,)."""
+    def ends(self, seating: Seating, k: Any) -> tuple[Numbers, Numbers]:
+        """Polar angles of the last roller before strand k and of the first one after it, (V,), or (V, K) of some."""
         following = (k + 1) % self.size
         leave = seating.first_angle[:, k] + (seating.seats[:, k] - 1) * self.step[k]
         arrive = seating.first_angle[:, following]
-        if not (some(self.lean[k]) or some(self.lean[following])):
-            return leave, arrive
-        last = seating.last[:, k]
-        return (
-            leave + forth(last) * self.lean[k],
-            arrive + forth(last + seating.links[:, k]) * self.lean[following],
-        )
+        if self.leans:
+            last, lean = seating.last[:, k], np.array(self.lean)
+            leave = leave + forth(last) * lean[k]
+            arrive = arrive + forth(last + seating.links[:, k]) * lean[following]
+        return leave, arrive
 
     def string(self, seating: Seating, k: int) -> Taut | None:
         """Strand k from seat to seat around its guides; None where it touches none."""
@@ -224,31 +223,31 @@ class _Loop:
             return None
         following = (k + 1) % self.size
         leave, arrive = self.ends(seating, k)
-        seats = self._seat(k, float(leave[0])), self._seat(following, float(arrive[0]))
-        try:
-            string = taut(point(seats[0]), point(seats[1]), self.runs[k])
-        except TautError as error:
-            raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
+        ends = float(leave[0]), float(arrive[0])
+        known, string = self.strings.get(k, (None, None))
+        if string is None or known != ends:
+            seats = self._seat(k, ends[0]), self._seat(following, ends[1])
+            try:
+                string = taut(point(seats[0]), point(seats[1]), self.runs[k], string)
+            except TautError as error:
+                raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
+            self.strings[k] = ends, string
         return string if string.touches else None
 
     def _seat(self, s: int, polar: float) -> tuple[float, float]:
         (x, y), radius = self.center[0, s].tolist(), float(self.radius[0, s])
         return x + radius * math.cos(polar), y + radius * math.sin(polar)
 
-    def span(self, seating: Seating, k: int) -> tuple[Numbers, Numbers, Numbers]:
-        """Lengths of strand k from seat to seat (V,) [m], and the unit vectors along which it leaves and arrives."""
-        string = self.string(seating, k)
-        if string is None:
-            along, length = self.chord(seating, k)
-            return length, along, along
-        length = string.chain_length(float(self.pitch[0])) + self.chords[:, k]
-        return length, np.array([direction(string.first)]), np.array([direction(string.last)])
-
     def inward(self, seating: Seating, k: int) -> tuple[Numbers, Numbers]:
         """Unit vectors of strand k where it leaves and arrives, times the outward unit vectors of the seats there."""
-        _, first, last = self.span(seating, k)
         leave, arrive = self.ends(seating, k)
-        return _outward(first, leave), _outward(last, arrive)
+        string = self.string(seating, k)
+        if string is None:
+            (x, y), _ = self.chord(leave, arrive, k)
+            u, v = x, y
+        else:
+            (x, y), (u, v) = ([np.array([part]) for part in direction(h)] for h in (string.first, string.last))
+        return x * np.cos(leave) + y * np.sin(leave), u * np.cos(arrive) + v * np.sin(arrive)
 
     def laid(self, seating: Seating, k: int) -> float:
         """What the links of strand k, laid as chords on its string, measure beyond its chain length [m]."""
@@ -259,14 +258,16 @@ class _Loop:
         links = self.links[0, np.arange(roller, roller + seating.links[0, k]) % self.links.shape[1]]
         return Curve(string.pieces).scale(links) * float(links.sum()) - string.chain_length(float(self.pitch[0]))
 
-    def chord(self, seating: Seating, k: int) -> tuple[Numbers, Numbers]:
-        """Strand k from seat to seat: its unit vectors (V, 2) and lengths (V,) [m]."""
+    def chord(self, leave: Numbers, arrive: Numbers, k: Any) -> tuple[tuple[Numbers, Numbers], Numbers]:
+        """Strand k from seat to seat, between polar angles: its unit vectors' components and lengths [m]."""
         following = (k + 1) % self.size
-        leave, arrive = self.ends(seating, k)
-        end = self.center[:, following] + self.radius[:, following, None] * _polar(arrive)
-        chord = end - (self.center[:, k] + self.radius[:, k, None] * _polar(leave))
-        length = hypot(chord[:, 0], chord[:, 1])
-        return chord / length[:, None], length
+        center, radius = self.center, self.radius
+        x = center[:, following, 0] + radius[:, following] * np.cos(arrive)
+        y = center[:, following, 1] + radius[:, following] * np.sin(arrive)
+        x = x - (center[:, k, 0] + radius[:, k] * np.cos(leave))
+        y = y - (center[:, k, 1] + radius[:, k] * np.sin(leave))
+        length = hypot(x, y)
+        return (x / length, y / length), length
 
     def natural(self, seating: Seating) -> Numbers:
         """(V, S) unloaded lengths of the strands: the sums of their own links'."""
@@ -332,16 +333,24 @@ class _Loop:
 
     def _conditions(self, seating: Seating, lengths: Numbers, elastic: Numbers) -> tuple[Numbers, Numbers]:
         """What is left of (a) (V, S) [m], and its Jacobian (V, S, S)."""
-        residual, jacobian = np.zeros(lengths.shape), np.zeros((*lengths.shape, self.size))
-        for k in range(self.size):
-            following = (k + 1) % self.size
-            length, first, last = self.span(seating, k)
-            leave, arrive = self.ends(seating, k)
-            residual[:, k] = length - lengths[:, k] - elastic[:, k] * seating.strain
-            jacobian[:, k, following] = self.radius[:, following] * _sideward(last, arrive)
-            jacobian[:, k, k] = -self.radius[:, k] * _sideward(first, leave)
-            jacobian[:, k, self.driver] = -elastic[:, k]
-        return residual, jacobian
+        strands = np.arange(self.size)
+        following = (strands + 1) % self.size
+        leave, arrive = self.ends(seating, strands)
+        (x, y), length = self.chord(leave, arrive, strands)
+        (u, v) = (x, y)
+        if any(self.runs):
+            x, y, u, v = x.copy(), y.copy(), x.copy(), y.copy()
+            for k in range(self.size):
+                string = self.string(seating, k)
+                if string is not None:
+                    length[:, k] = string.chain_length(float(self.pitch[0])) + self.chords[:, k]
+                    (x[:, k], y[:, k]), (u[:, k], v[:, k]) = direction(string.first), direction(string.last)
+        jacobian = np.zeros((*lengths.shape, self.size))
+        radius = self.radius
+        jacobian[:, strands, following] = radius[:, following] * (v * np.cos(arrive) - u * np.sin(arrive))
+        jacobian[:, strands, strands] = -radius * (y * np.cos(leave) - x * np.sin(leave))
+        jacobian[:, :, self.driver] = -elastic
+        return length - lengths - elastic * seating.strain[:, None], jacobian
 
     def adjust(self, seating: Seating) -> NDArray[np.bool_]:
         """Adds and gives back seats at both ends of every strand; where anything has changed (V,).
@@ -379,18 +388,3 @@ class _Loop:
         more = inside & (seating.links[:, k] > 1) & (seats < self.teeth[s])
         less = ~inside & outside & (seats > 1)
         return more.astype(np.int64) - less
-
-
-def _polar(angle: Numbers) -> Numbers:
-    """Unit vectors (V, 2) at polar angles (V,) [rad]."""
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
-def _outward(vector: Numbers, polar: Numbers) -> Numbers:
-    """Parts of vectors (V, 2) along polar angles (V,)."""
-    return np.asarray(vector[:, 0] * np.cos(polar) + vector[:, 1] * np.sin(polar))
-
-
-def _sideward(vector: Numbers, polar: Numbers) -> Numbers:
-    """Parts of vectors (V, 2) square to polar angles (V,), counter-clockwise."""
-    return np.asarray(vector[:, 1] * np.cos(polar) - vector[:, 0] * np.sin(polar))

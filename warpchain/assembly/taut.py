@@ -195,15 +195,20 @@ def obstacle(profile: Profile, offset: float, guide: int, along: bool) -> tuple[
     return tuple(arcs) if along else tuple(_turned(arc) for arc in reversed(arcs))
 
 
-def taut(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]]) -> Taut:
+def taut(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Taut | None = None) -> Taut:
     """The taut string from the circle or point `first` to `last` around obstacles.
+
+    Args:
+        first, last: its ends.
+        obstacles: runs of arcs, in the order in which they are passed.
+        like: a string that probably touches the same of these arcs.
 
     Raises:
         TautError: if a guide and an end overlap so that no tangent joins them.
     """
     runs = [arc for run in obstacles for arc in run]
     where = {id(arc): (run, i) for run in obstacles for i, arc in enumerate(run)}
-    chosen = [first, last]
+    chosen = [first, *_touched(like, where), last]
     for _ in range(_ROUNDS):
         missing = _tangents(chosen, where)
         if isinstance(missing, tuple):
@@ -248,6 +253,12 @@ def _turned(arc: Arc) -> Arc:
     place = arc.place + arc.slope * (arc.end - arc.begin)
     begin, end = arc.end + math.pi, arc.begin + math.pi
     return Arc(arc.center, arc.radius, 1.0, begin, end, arc.guide, place, arc.slope, arc.after, arc.before)
+
+
+def _touched(like: Taut | None, where: _Where) -> list[Arc]:
+    """The arcs that a string touches, if they are all known."""
+    arcs = [] if like is None else [touch.arc for touch in like.touches]
+    return arcs if all(id(arc) in where for arc in arcs) else []
 
 
 def _neighbor(arc: Arc, where: _Where, step: int) -> Arc | None:

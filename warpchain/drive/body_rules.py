@@ -42,7 +42,8 @@ def place_rules(drive: Any) -> Iterator[Problem]:
     for kind, keys in PLACES.items():
         for i, part in enumerate(elements(drive, kind)):
             for key in keys:
-                yield from (problem.under(kind, i) for problem in too_far((key,), get(part, key)))
+                for problem in too_far((key,), get(part, key)):
+                    yield problem.under(kind, i)
 
 
 def profile_rules(drive: Any) -> Iterator[Problem]:

@@ -76,7 +76,7 @@ class _Form:
 
     def _part(self, part: Any, tree: Mapping[str | int, Any], values: Sequence[Any]) -> Any:
         """A part with other numbers, which hold to its rules."""
-        kind = type(part)
+        kind: Any = type(part)
         changed = {}
         for key, inner in tree.items():
             own = part.__dict__[key]
@@ -85,7 +85,7 @@ class _Form:
             else:
                 changed[key] = _checker(kind, str(key)).validate_python(_put(own, inner, values))
         copied = part.model_copy(update=changed)
-        for _ in kind._rules(copied):
+        for _ in kind._number_rules(copied):
             raise _Wrong
         return copied
 
@@ -116,7 +116,8 @@ def _put(own: Any, inner: Any, values: Sequence[Any]) -> Any:
 def _checker(kind: type[Part], key: str) -> TypeAdapter[Any]:
     """What checks the values of a part's field by themselves."""
     field = kind.model_fields[key]
-    return TypeAdapter(Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation)
+    plain: Any = field.annotation
+    return TypeAdapter(Annotated[plain, *field.metadata] if field.metadata else plain)
 
 
 def _form(drive: Drive, paths: Sequence[str]) -> _Form | None:

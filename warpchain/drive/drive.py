@@ -46,6 +46,23 @@ from warpchain.errors import DriveError, drive_error
 from warpchain.files import read_text, reason, write_text
 from warpchain.show import html
 
+RULES = (
+    sprocket_rules,
+    name_rules,
+    place_rules,
+    shaft_rules,
+    guide_rules,
+    rolling_rules,
+    size_rules,
+    profile_rules,
+    arm_rules,
+    tensioner_rules,
+)
+"""What ties the parts of a drive together, in the order in which errors are told."""
+
+WORD_RULES = (sprocket_rules, name_rules, shaft_rules, rolling_rules)
+"""Those of the rules that look at no number."""
+
 
 class Drive(Part):
     """A whole drive: immutable, compared and hashed by value.
@@ -294,16 +311,14 @@ class Drive(Part):
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
-        yield from sprocket_rules(node)
-        yield from name_rules(node)
-        yield from place_rules(node)
-        yield from shaft_rules(node)
-        yield from guide_rules(node)
-        yield from rolling_rules(node)
-        yield from size_rules(node)
-        yield from profile_rules(node)
-        yield from arm_rules(node)
-        yield from tensioner_rules(node)
+        for rule in RULES:
+            yield from rule(node)
+
+    @classmethod
+    def _number_rules(cls, node: Any) -> Iterable[Problem]:
+        for rule in RULES:
+            if rule not in WORD_RULES:
+                yield from rule(node)
 
     @model_validator(mode="wrap")
     @classmethod

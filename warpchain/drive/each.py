@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 def many(*values: Any) -> bool:
     """Whether any of some values is an array (...) of numbers."""
-    return any(getattr(value, "ndim", 0) for value in values)
+    for value in values:  # noqa: SIM110  a loop takes half the time of any()
+        if type(value) is not float and getattr(value, "ndim", None):
+            return True
+    return False
 
 
 def each(function: Callable[..., float]) -> Callable[..., Any]:
@@ -30,7 +33,8 @@ def each(function: Callable[..., float]) -> Callable[..., Any]:
             return function(*values, **named)
         import numpy as np
 
-        columns = np.broadcast_arrays(*values)
+        alike = len({getattr(value, "shape", None) for value in values}) == 1
+        columns = values if alike else np.broadcast_arrays(*values)
         numbers = (column.ravel().tolist() for column in columns)
         found = map(partial(function, **named) if named else function, *numbers)
         return np.fromiter(found, float, columns[0].size).reshape(columns[0].shape)

@@ -149,7 +149,8 @@ class Problem(NamedTuple):
 
 def get(node: Any, key: str) -> Any:
     """The value of a key in a part, or in a mapping that should become one; None where there is none."""
-    part, mapping = _nature(type(node))
+    kind: Any = type(node)
+    part, mapping = _nature(kind)
     if part:
         return getattr(node, key, None)
     return node.get(key) if mapping else None
@@ -165,7 +166,7 @@ def elements(node: Any, key: str) -> Sequence[Any]:
     """The list under a key, empty where there is none."""
     value = get(node, key)
     if type(value) is tuple:
-        return value  # type: ignore[no-any-return]
+        return value
     return value if isinstance(value, Sequence) and not isinstance(value, str) else ()
 
 
@@ -185,9 +186,12 @@ FARTHEST = 1e4
 
 def too_far(path: tuple[str | int, ...], point: Any) -> Iterator[Problem]:
     """The rule of places, which lie within all reason."""
-    along = [x for x in point if isinstance(x, (int, float))] if isinstance(point, (list, tuple)) else []
-    if any(abs(x) > FARTHEST for x in along):
-        yield Problem(path, list(point), f"must be within {FARTHEST:g} m of the origin")
+    if not isinstance(point, (list, tuple)):
+        return
+    for x in point:
+        if isinstance(x, (int, float)) and abs(x) > FARTHEST:
+            yield Problem(path, list(point), f"must be within {FARTHEST:g} m of the origin")
+            return
 
 
 def nearest(key: str, known: Iterable[str]) -> str:
@@ -255,6 +259,11 @@ class Part(BaseModel):
     def _rules(cls, node: Any) -> Iterable[Problem]:
         """Errors that concern several values; `node` is the part, or a mapping if single values are wrong."""
         return ()
+
+    @classmethod
+    def _number_rules(cls, node: Any) -> Iterable[Problem]:
+        """Those of the rules that look at numbers."""
+        return cls._rules(node)
 
     @classmethod
     def _missing(cls, key: str, node: Any) -> Problem:

@@ -23,11 +23,12 @@ from warpchain.drive.drive import Drive
 from warpchain.drive.each import many
 from warpchain.drive.motion import Load
 from warpchain.drive.part import Part
-from warpchain.drive.parts import RunSettings
 from warpchain.drive.table import Table
 from warpchain.errors import DriveError
 
 Value = TypeVar("Value")
+
+_PLAIN = (float, int, str, bool, type(None))
 
 LARGEST = 1024
 """Most variants of a stack: more are several, so that what is worked on stays in the processor's caches."""
@@ -111,7 +112,10 @@ class _Columns:
     def of(self, values: Sequence[Any]) -> Any:
         """All of them as one; of several kinds, anything."""
         first = values[0]
-        if first is values[-1] and len(set(map(id, values))) == 1:
+        if isinstance(first, Part | tuple):
+            if first is values[-1] and len(set(map(id, values))) == 1:
+                return first
+        elif first != 0.0 and values.count(first) == len(values):  # not 0, which has two signs
             return first
         types = set(map(type, values))
         if types == {float}:
@@ -130,9 +134,8 @@ class _Columns:
 
     def _fields(self, first: Part, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """What differs from the first part; a seed that displaces rollers is no part of a stack."""
-        if isinstance(first, RunSettings):
-            fields = [{**of, "nudge": None} for of in fields]
-        columns = {name: self.of(list(map(itemgetter(name), fields))) for name in fields[0]}
+        names = [name for name in fields[0] if name != "nudge"]
+        columns = {name: self.of(list(map(itemgetter(name), fields))) for name in names}
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
 
     def _numbers(self, values: Sequence[float]) -> float | NDArray[np.float64]:
@@ -186,7 +189,15 @@ def _same(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def size_of(drive: Drive) -> int:
     """Number of variants of a stack; 1 where they do not differ."""
-    return next((len(column) for column in arrays_of(drive)), 1)
+    todo: list[Any] = [drive]
+    while todo:
+        value = todo.pop()
+        if type(value) in _PLAIN or isinstance(value, Table):
+            continue
+        if isinstance(value, np.ndarray):
+            return len(value)
+        todo.extend(value if isinstance(value, tuple) else value.__dict__.values())
+    return 1
 
 
 def arrays_of(value: Any) -> Iterator[NDArray[np.float64]]:

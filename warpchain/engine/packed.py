@@ -31,6 +31,10 @@ def real_of(precision: str) -> type:
 
 def state_rows(position: NDArray[np.float64], velocity: NDArray[np.float64], precision: str) -> NDArray[np.floating]:
     """Rows x, y, vx, vy and the low parts of x, y: what `precision` rounds off a position, (..., 6, N)."""
+    if precision == position.dtype:
+        rows = np.zeros((*position.shape[:-2], STATE_ROWS, position.shape[-2]))
+        rows[..., 0:2, :], rows[..., 2:4, :] = np.swapaxes(position, -1, -2), np.swapaxes(velocity, -1, -2)
+        return rows
     high = position.astype(precision)
     return np.concatenate([np.swapaxes(of, -1, -2) for of in (high, velocity, position - high)], axis=-2).astype(
         precision

@@ -259,9 +259,7 @@ def metrics_table(
 
 def table_of(rows: Sequence[Row]) -> pa.Table:
     """A pyarrow table of rows; a column that a row lacks is null there, and its field says its unit."""
-    names: dict[str, None] = {}
-    for row in rows:
-        names |= dict.fromkeys(row)
+    names = dict.fromkeys(name for row in dict.fromkeys(map(tuple, rows)) for name in row)  # many have the same
     names.pop("variant", None)
     columns = {name: ([row.get(name) for row in rows], None) for name in names}
     return _table({"variant": (range(len(rows)), None), **columns})

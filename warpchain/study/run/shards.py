@@ -137,7 +137,8 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
 def _kept(study: Study, variants: Sequence[Variant]) -> list[dict[str, Any]]:
     """The metrics that the study keeps, of each variant."""
     patterns = kept_patterns(study)
-    names = dict.fromkeys(name for variant in variants for name in variant.metrics or ())
+    different = dict.fromkeys(tuple(variant.metrics or ()) for variant in variants)
+    names = dict.fromkeys(name for row in different for name in row)
     dropped = {"variant", "diverged", *OUTCOME}
     kept = {name for name in names if name not in dropped and any(fnmatchcase(name, p) for p in patterns)}
     return [{n: value for n, value in (variant.metrics or {}).items() if n in kept} for variant in variants]

@@ -1,0 +1,158 @@
+"""Benchmark of what the processor does for many drives that differ: microseconds a variant of each stage, on one core.
+
+    python scripts/bench_assembly.py                       # marine, engine, car; 10,000, 10,000 and 20 variants
+    python scripts/bench_assembly.py --count 2000 --drives marine
+    python scripts/bench_assembly.py --kinds 224           # the marine drive with as many numbers of teeth and links
+
+Stages: `made` by `Drive.with_values`, and by `Changes` as studies make them; `sorted` into stacks; `steps` resolved;
+`assembled`; `packed` into arrays (without assembling); `layouts` looked at; `metrics` formed of a run of a few steps.
+CPU time counts, the least of some rounds, as other work on the machine disturbs that less; beside it what one
+variant takes alone. Five values differ: stiffness, speed, the place of a sprocket, a load, an inertia.
+"""
+
+import argparse
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+from warpchain import Record, load_drive, simulate
+from warpchain.assembly.together import assemble_all
+from warpchain.drive import Drive
+from warpchain.drive.changes import Changes
+from warpchain.drive.examples import drive_path
+from warpchain.drive.stack import stacks_of
+from warpchain.engine import pack as packing
+from warpchain.engine import simulation
+from warpchain.engine.ends import layouts_of
+from warpchain.engine.start import start_warp
+from warpchain.errors import DriveError
+
+STAGES = ("made", "by changes", "sorted", "steps", "assembled", "packed", "layouts")
+NONE = Record("none")
+SLOW = 500
+"""A drive with arms is assembled by itself: so many times fewer variants of it."""
+
+
+def values_of(drive: Drive, random: np.random.Generator) -> dict[str, Any]:
+    """Values of a variant: each within a hundredth of the drive's own, the place within a fiftieth of a pitch."""
+
+    def about(value: float) -> float:
+        return value * (1.0 + 0.01 * float(random.random()))
+
+    driver, last = drive.sprockets[drive.driver], drive.sprockets[-1]
+    x, _ = drive.sprockets[1].center
+    return {
+        "chain.stiffness": about(drive.chain.stiffness),
+        f"sprockets.{driver.name}.prescribed.speed": about(driver.prescribed.top_speed if driver.prescribed else 0.0),
+        f"sprockets.{drive.sprockets[1].name}.center.0": x + 0.02 * drive.chain.pitch * float(random.random() - 0.5),
+        f"sprockets.{last.name}.load.torque": about(last.load.torque if last.load else 1.0),
+        f"sprockets.{last.name}.inertia": about(last.inertia or 1.0),
+    }
+
+
+def kinds_of(drive: Drive, count: int) -> list[Drive]:
+    """Drives of as many kinds: with other teeth of the last sprocket, and the links that then fit."""
+    found: list[Drive] = []
+    for teeth in range(drive.sprockets[-1].teeth, drive.sprockets[-1].teeth + 60):
+        for links in range(drive.chain.links - 8, drive.chain.links + 40, 2):
+            one = drive.with_values({f"sprockets.{len(drive.sprockets) - 1}.teeth": teeth, "chain.links": links})
+            try:
+                assemble_all(stacks_of([one]))
+            except DriveError:  # that one does not fit
+                continue
+            found.append(one)
+            if len(found) == count:
+                return found
+    return found
+
+
+@contextmanager
+def spent(times: dict[str, float], stage: str, count: int) -> Iterator[None]:
+    """Notes the microseconds a variant that what is done inside takes, if it is the least so far."""
+    begin = time.process_time()
+    yield
+    times[stage] = min(times.get(stage, np.inf), 1e6 * (time.process_time() - begin) / count)
+
+
+def stages(bases: list[Drive], count: int, rounds: int) -> dict[str, float]:
+    """Microseconds a variant of each stage."""
+    random, times = np.random.default_rng(1), dict.fromkeys(STAGES, np.inf)
+    for _ in range(rounds):
+        values = [values_of(bases[v % len(bases)], random) for v in range(count)]
+        with spent(times, "made", count):
+            drives = [bases[v % len(bases)].with_values(each) for v, each in enumerate(values)]
+        changes = [Changes(base) for base in bases]
+        with spent(times, "by changes", count):
+            for v, each in enumerate(values):
+                changes[v % len(bases)].drive(each)
+        with spent(times, "sorted", count):
+            stacks = stacks_of(drives)
+        with spent(times, "steps", count):
+            schedules = simulation.schedules_of(drives, None, None, NONE, None, stacks)
+        with spent(times, "assembled", count):
+            assemblies = assemble_all(stacks)
+        with spent(times, "packed", count), mock.patch.object(packing, "assemble_all", return_value=assemblies):
+            packing.pack(drives, schedules, stacks)
+        with spent(times, "layouts", count):
+            layouts_of(drives, assemblies, stacks)
+    times["alone"] = alone(drives[:5], rounds)
+    return times
+
+
+def alone(drives: list[Drive], rounds: int) -> float:
+    """Microseconds to sort, assemble and pack one drive by itself."""
+    times: dict[str, float] = {}
+    for drive in drives * rounds:
+        with spent(times, "alone", 1):
+            stacks = stacks_of([drive])
+            packing.pack([drive], simulation.schedules_of([drive], None, None, NONE, None, stacks), stacks)
+    return times["alone"]
+
+
+def metrics(base: Drive, count: int) -> float:
+    """Microseconds a variant to form the metrics of a run of a few steps on the CPU."""
+    random, times = np.random.default_rng(2), dict[str, float]()
+    drives = [base.with_values({"run.settle": False} | values_of(base, random)) for _ in range(count)]
+    formed: Callable[..., Any] = simulation.metrics_table
+
+    def timed(*arguments: Any) -> Any:
+        with spent(times, "metrics", count):
+            return formed(*arguments)
+
+    with mock.patch.object(simulation, "metrics_table", timed):
+        for _ in range(2):
+            simulate(drives, device="cpu", duration=40 * simulation.resolve_step(base), record=NONE)
+    return times["metrics"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--drives", nargs="*", default=["marine", "engine", "car"])
+    parser.add_argument("--count", type=int, default=10_000, help="variants (of the car, a 500th of them)")
+    parser.add_argument("--kinds", type=int, default=0, help="kinds of the marine drive among them")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--metrics", action="store_true", help="simulate 2,000 variants for a few steps, too")
+    arguments = parser.parse_args()
+    start_warp()
+    warnings.simplefilter("ignore")
+    print("us a variant  " + "".join(f"{stage:>12}" for stage in (*STAGES, "all packing", "alone")))
+    for name in ["marine"] if arguments.kinds else arguments.drives:
+        base = load_drive(drive_path(name))
+        bases = kinds_of(base, arguments.kinds) if arguments.kinds else [base]
+        count = max(20, arguments.count // SLOW) if base.arms else arguments.count
+        times = stages(bases, count, arguments.rounds)
+        whole = sum(times[stage] for stage in ("sorted", "steps", "assembled", "packed"))
+        row = [times[stage] for stage in STAGES] + [whole, times["alone"]]
+        title = f"{name} {count}" + (f" of {len(bases)}" if arguments.kinds else "")
+        print(f"{title:14}" + "".join(f"{value:12.1f}" for value in row), flush=True)
+    if arguments.metrics:
+        print(f"metrics of 2000 marine variants: {metrics(load_drive(drive_path('marine')), 2000):.1f} us each")
+
+
+if __name__ == "__main__":
+    main()
