@@ -433,6 +433,7 @@ def types(Real: type) -> SimpleNamespace:
         impact_speed: wp.array[Real]
         first: wp.int32  # of this partner's rollers
         stage: wp.int32  # v0 is kept at stage 0 only, a step's start (rk4 has three more)
+        measured: wp.int32  # 1: what metrics want is added up too
         lag: Real  # how far the velocities are behind the forces [s]
 
     @wp.struct

@@ -48,7 +48,6 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         joint = ensemble.joints[variant]
-        links = ensemble.links[variant]
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
@@ -59,9 +58,10 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
             now = instant_of(drive, step)
             stage = int(0)
             while stage < 4:
-                evaluate(ensemble, state, drive, chain, joint, links, w, stage)
+                measured = wp.where(stage == 0 and step >= drive.window_start and step <= drive.window_end, 1, 0)
+                evaluate(ensemble, state, variant, joint, w, stage, measured)
                 if stage == 0:
-                    if step >= drive.window_start and step <= drive.window_end:
+                    if measured != 0:
                         observe.measure(ensemble, state, sums, variant, drive, chain, w, now)
                     if drive.sample_every > 0:
                         if step % drive.sample_every == 0:

@@ -18,6 +18,7 @@ from ..sums import metered
 from .guides import guide_passes
 from .joints import joint_passes
 from .rollers import passes, rows
+from .teeth import teeth_passes
 
 
 @wp.func
@@ -47,7 +48,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
     """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     part = passes(Real, capacity)
-    link_pass, sprocket_pass = part.link_pass, part.sprocket_pass
+    link_pass, sprocket_pass = part.link_pass, teeth_passes(Real, capacity).sprocket_pass
     guide_pass, profile_pass = guide_passes(Real, capacity).guide_pass, guide_passes(Real, capacity).profile_pass
     joints = joint_passes(Real, capacity)
 
@@ -55,14 +56,19 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
     def evaluate(
         ensemble: kinds.Ensemble,
         state: kinds.State,
-        drive: Drive,
-        chain: kinds.Chain,
+        variant: int,
         joint: kinds.Joint,
-        links: kinds.Links,
         w: wp.array[Real],
         stage: int,
+        measured: int,
     ):
-        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`."""
+        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
+
+        Totals have what only metrics want where `measured` is 1.
+        """
+        drive = ensemble.drives[variant]
+        chain = ensemble.chains[variant]
+        links = ensemble.links[variant]
         n = drive.rollers
         if links.uneven != 0:
             joints.pull_uneven(w, n, chain, links)
@@ -81,6 +87,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         memory.impact_speed = state.impact_speed
         memory.first = drive.first_contact
         memory.stage = stage
+        memory.measured = measured
         if drive.integrator == 0:
             memory.lag = Real(wp.float64(0.5) * drive.step)
         for s in range(drive.sprockets):

@@ -25,7 +25,7 @@ import warp as wp
 
 from ..rows import accessors
 from ..structs import Pose
-from .friction import friction
+from .friction import bounded, coefficient
 from .guide import guide_gap
 from .impact import contact_force, elastic_force
 from .tooth import nearest_seat, seat_step, tooth_gap, wrapped_seat
@@ -81,19 +81,33 @@ def misses(penetration: Any, impact_speed: Any, bar: Any):
 
 
 @wp.func
-def rub(size: Any, normal: Any, relative: Any, sliding: Any):
-    """Friction on the roller (vector) [N] in a contact that presses with `size` >= 0.
+def drag_of(mu: Any, size: Any, normal: Any, relative: Any, stop: Any):
+    """Friction on the roller (vector) [N] of a given coefficient, in a contact that presses with `size` >= 0.
 
     Args:
+        mu: [-].
         size: the contact force's magnitude [N].
         normal: unit vector towards the roller.
         relative: velocity of the partner's material point less the roller's [m/s].
-        sliding: what rubs (`structs.Sliding`).
+        stop: beta m_e / h [N s/m].
     """
     along = type(normal)(-normal[1], normal[0])
     speed = wp.dot(relative, along)
-    drag = friction(size, wp.abs(speed), sliding.stop, sliding.law)
+    drag = bounded(mu, size, wp.abs(speed), stop)
     return wp.where(speed < type(size)(0.0), -drag, drag) * along
+
+
+@wp.func
+def rub(size: Any, normal: Any, relative: Any, sliding: Any):
+    """Friction on the roller (vector) [N] as from `drag_of`, of the coefficient at which it slides.
+
+    Args:
+        size, normal, relative: as of `drag_of`.
+        sliding: what rubs (`structs.Sliding`).
+    """
+    along = type(normal)(-normal[1], normal[0])
+    mu = coefficient(wp.abs(wp.dot(relative, along)), sliding.law)
+    return drag_of(mu, size, normal, relative, sliding.stop)
 
 
 @wp.func

@@ -29,13 +29,13 @@ def coefficient(speed: Any, law: Any):
 
 
 @wp.func
-def friction(normal: Any, speed: Any, stop: Any, law: Any):
-    """Size [N] of the force against a sliding speed, at most mu(v) N.
+def bounded(mu: Any, normal: Any, speed: Any, stop: Any):
+    """Size [N] of the force against a sliding speed, at most mu N.
 
     Args:
+        mu: of that speed (`coefficient`) [-].
         normal: N >= 0 [N].
         speed: |v| [m/s].
         stop: beta m_e / h [N s/m].
-        law: what rubs (`structs.Friction`).
     """
-    return wp.min(coefficient(speed, law) * normal, stop * speed)
+    return wp.min(mu * normal, stop * speed)

@@ -1,0 +1,290 @@
+"""What the CPU kernel's contacts with one partner answer: the passes that teeth, guide-bars and profiles share.
+
+Rollers are looked at in groups of 64, of which a mask of bits says which are near the partner. What tracks a seat or a
+piece goes from bit to bit; the rest are plain loops over rows, from the first roller that is near to the last, which
+vectorize (see `rollers`). A roller in between that is not near has a penetration of 0, as one that does not touch.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..physics.contact import dissipated, drag_of, reaction, respond, rub
+from ..rows import LANES, accessors
+from ..structs import types
+from ..sum_structs import Totals
+from .rollers import passes, rows
+
+GROUP = wp.constant(64)
+"""Rollers of a group."""
+
+
+@wp.struct
+class Group:
+    """Rollers one after the other of which some are near a partner."""
+
+    first: wp.int32
+    near: wp.uint64  # bit k: roller `first` + k is near
+    low: wp.int32  # the first that is near, or up to seven before
+    high: wp.int32  # after the last that is near, by a multiple of eight from `low`
+
+
+@wp.func_native("return __builtin_ctzll(bits);")
+def lowest_bit(bits: wp.uint64) -> int: ...
+
+
+@wp.func_native("return 63 - __builtin_clzll(bits);")
+def highest_bit(bits: wp.uint64) -> int: ...
+
+
+@wp.func
+def bit_of(k: int):
+    """Bit k."""
+    return wp.uint64(1) << wp.uint64(k)
+
+
+@wp.func
+def next_bits(bits: wp.uint64):
+    """`bits` without the lowest."""
+    return bits & (bits - wp.uint64(1))
+
+
+@wp.func
+def is_near(group: Group, i: int):
+    """Whether roller i, between `low` and `high`, is near."""
+    return ((group.near >> wp.uint64(i - group.first)) & wp.uint64(1)) != wp.uint64(0)
+
+
+@wp.func
+def group_of(first: int, near: wp.uint64):
+    """The group that begins at roller `first`; `near` is not 0."""
+    group = Group()
+    group.first = first
+    group.near = near
+    group.low = first + (lowest_bit(near) & -LANES)
+    group.high = first + (highest_bit(near) & -LANES) + LANES
+    return group
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """The passes of contacts with one partner."""
+
+    kept_from: wp.Function
+    touch: wp.Function
+    answer: wp.Function
+
+
+@cache
+def contacts(Real: type, capacity: int) -> Contacts:
+    """The passes of contacts with one partner, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    at = rows(capacity)
+    FX, FY, BEFORE, OPEN, KEPT = at.fx, at.fy, at.before, at.open, at.kept
+    PENETRATION, SIZE, DAMPER, ENERGY = at.penetration, at.size, at.damper, at.energy
+    ARM_X, ARM_Y, NORMAL_X, NORMAL_Y, RELATIVE_X, RELATIVE_Y = (
+        at.arm_x,
+        at.arm_y,
+        at.normal_x,
+        at.normal_y,
+        at.relative_x,
+        at.relative_y,
+    )
+    PRESS_X, PRESS_Y, DRAG_X, DRAG_Y = at.press_x, at.press_y, at.drag_x, at.drag_y
+    MOMENT, DAMPED, RUBBED = at.moment_of, at.damped, at.rubbed
+
+    @wp.func
+    def kept_from(w: wp.array[Real], group: Group, memory: kinds.Memory):
+        """What contacts have kept until now."""
+        bits = group.near
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            store_row(w, BEFORE + i, load_row(memory.impact_speed, memory.first + i))
+            bits = next_bits(bits)
+
+    @wp.func
+    def touch(w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2):
+        """How roller i stands on the partner: `arm` from its body's center, 0 or less deep where it does not touch."""
+        store_row(w, ARM_X + i, arm[0])
+        store_row(w, ARM_Y + i, arm[1])
+        store_row(w, PENETRATION + i, penetration)
+        store_row(w, NORMAL_X + i, normal[0])
+        store_row(w, NORMAL_Y + i, normal[1])
+        store_row(w, RELATIVE_X + i, relative[0])
+        store_row(w, RELATIVE_Y + i, relative[1])
+
+    @wp.func
+    def normal_of(w: wp.array[Real], i: int):
+        """Normal of roller i's contact."""
+        return vec2(load_row(w, NORMAL_X + i), load_row(w, NORMAL_Y + i))
+
+    @wp.func
+    def relative_of(w: wp.array[Real], i: int):
+        """Relative velocity of roller i's contact [m/s]."""
+        return vec2(load_row(w, RELATIVE_X + i), load_row(w, RELATIVE_Y + i))
+
+    @wp.func
+    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw):
+        """The normal force on roller i, and what its contact keeps."""
+        penetration = load_row(w, PENETRATION + i)
+        force = vec2(Real(0.0), Real(0.0))
+        size = Real(0.0)
+        damper = Real(0.0)
+        energy = Real(0.0)
+        kept = load_row(w, OPEN + i)
+        if penetration > Real(0.0):
+            before = load_row(w, BEFORE + i)
+            force, size, kept, damper, energy = respond(penetration, normal_of(w, i), relative_of(w, i), before, law)
+        store_row(w, PRESS_X + i, force[0])
+        store_row(w, PRESS_Y + i, force[1])
+        store_row(w, SIZE + i, size)
+        store_row(w, KEPT + i, kept)
+        store_row(w, DAMPER + i, damper)
+        store_row(w, ENERGY + i, energy)
+
+    @wp.func
+    def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
+        """Normal forces; of a linear law in a loop of its own, which vectorizes."""
+        i = group.low
+        if law.exponent == Real(1.0):
+            law.exponent = Real(1.0)  # so that the compiler knows
+            while i < group.high:
+                press_one(w, i, law)
+                i = i + 1
+        else:
+            while i < group.high:
+                press_one(w, i, law)
+                i = i + 1
+
+    @wp.func
+    def add_drag(w: wp.array[Real], i: int, drag: vec2):
+        """Adds friction to the force on roller i."""
+        store_row(w, DRAG_X + i, drag[0])
+        store_row(w, DRAG_Y + i, drag[1])
+        store_row(w, PRESS_X + i, load_row(w, PRESS_X + i) + drag[0])
+        store_row(w, PRESS_Y + i, load_row(w, PRESS_Y + i) + drag[1])
+
+    @wp.func
+    def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding):
+        """Friction; of one coefficient at all speeds in a loop of its own, which vectorizes."""
+        i = group.low
+        if sliding.law.mu_static == sliding.law.mu_dynamic:
+            while i < group.high:
+                size = load_row(w, SIZE + i)
+                add_drag(w, i, drag_of(sliding.law.mu_dynamic, size, normal_of(w, i), relative_of(w, i), sliding.stop))
+                i = i + 1
+        else:
+            while i < group.high:
+                add_drag(w, i, rub(load_row(w, SIZE + i), normal_of(w, i), relative_of(w, i), sliding))
+                i = i + 1
+
+    @wp.func
+    def add_forces(w: wp.array[Real], group: Group, row: int):
+        """Adds the forces to those on rollers, and their magnitudes to a row of magnitudes; the moments of each."""
+        i = group.low
+        while i < group.high:
+            force = vec2(load_row(w, PRESS_X + i), load_row(w, PRESS_Y + i))
+            arm = vec2(load_row(w, ARM_X + i), load_row(w, ARM_Y + i))
+            store_row(w, FX + i, load_row(w, FX + i) + force[0])
+            store_row(w, FY + i, load_row(w, FY + i) + force[1])
+            store_row(w, row + i, load_row(w, row + i) + load_row(w, SIZE + i))
+            store_row(w, MOMENT + i, reaction(arm, force))
+            i = i + 1
+
+    @wp.func
+    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: kinds.Memory, chain: kinds.Chain):
+        """Powers that dampers and friction take."""
+        i = group.low
+        while i < group.high:
+            a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+            damper = load_row(w, DAMPER + i) * normal_of(w, i)
+            store_row(w, DAMPED + i, dissipated(damper, relative_of(w, i), a, memory.lag))
+            i = i + 1
+        if sliding.rubs != 0:
+            i = group.low
+            while i < group.high:
+                a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+                drag = vec2(load_row(w, DRAG_X + i), load_row(w, DRAG_Y + i))
+                store_row(w, RUBBED + i, dissipated(drag, relative_of(w, i), a, memory.lag))
+                i = i + 1
+
+    @wp.func
+    def add_up(w: wp.array[Real], group: Group, memory: kinds.Memory, totals: Totals):
+        """`totals` with what the group's contacts add, roller by roller; what they keep goes to the memory."""
+        moment = totals.moment
+        x = Real(totals.push[0])
+        y = Real(totals.push[1])
+        bits = group.near
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            if load_row(w, PENETRATION + i) > Real(0.0):
+                moment += wp.float64(load_row(w, MOMENT + i))
+                x -= load_row(w, PRESS_X + i)
+                y -= load_row(w, PRESS_Y + i)
+            if memory.stage == 0:
+                store_row(memory.impact_speed, memory.first + i, load_row(w, KEPT + i))
+            bits = next_bits(bits)
+        totals.moment = moment
+        totals.push = wp.vec2d(wp.float64(x), wp.float64(y))
+        return totals
+
+    @wp.func
+    def add_measured(w: wp.array[Real], group: Group, sliding: kinds.Sliding, totals: Totals):
+        """`totals` with what only metrics want."""
+        force = totals.force
+        largest = totals.force_max
+        damped = totals.dissipated
+        energy = totals.energy
+        friction = totals.friction
+        impacts = totals.impacts
+        bits = group.near
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            if load_row(w, PENETRATION + i) > Real(0.0):
+                size = wp.float64(load_row(w, SIZE + i))
+                force += size
+                largest = wp.max(largest, size)
+                damped += wp.float64(load_row(w, DAMPED + i))
+                energy += wp.float64(load_row(w, ENERGY + i))
+                if sliding.rubs != 0:
+                    friction += wp.float64(load_row(w, RUBBED + i))
+                if load_row(w, BEFORE + i) <= Real(0.0):
+                    impacts += 1
+            bits = next_bits(bits)
+        totals.force = force
+        totals.force_max = largest
+        totals.dissipated = damped
+        totals.energy = energy
+        totals.friction = friction
+        totals.impacts = impacts
+        return totals
+
+    @wp.func
+    def answer(
+        w: wp.array[Real],
+        group: Group,
+        row: int,
+        law: kinds.ContactLaw,
+        sliding: kinds.Sliding,
+        memory: kinds.Memory,
+        chain: kinds.Chain,
+        totals: Totals,
+    ):
+        """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to.
+
+        `row` is that of the forces' magnitudes.
+        """
+        press(w, group, law)
+        if sliding.rubs != 0:
+            rub_rollers(w, group, sliding)
+        add_forces(w, group, row)
+        totals = add_up(w, group, memory, totals)
+        if memory.measured != 0:
+            lose(w, group, sliding, memory, chain)
+            totals = add_measured(w, group, sliding, totals)
+        return totals
+
+    return Contacts(kept_from=kept_from, touch=touch, answer=answer)
