@@ -9,7 +9,7 @@ STATE_ROWS = wp.constant(6)
 """A variant's rows in `structs.State.rollers`: x, y, vx, vy, and the low parts of x, y."""
 
 LANES = wp.constant(8)
-"""Rollers that the CPU's loops over rows take at a time. What lies beyond the chain's end is worked out and not read."""
+"""Rollers that the CPU's loops over rows take at a time; what lies beyond the chain's end is worked out, not read."""
 
 
 @wp.func

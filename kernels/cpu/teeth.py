@@ -6,7 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..physics.contact import UNTOUCHED, after_teeth, tracked_seat, turned
-from ..physics.tooth import tooth_gap
+from ..physics.tooth import beyond_tip, endless_gap, on_tip
 from ..rows import accessors
 from ..structs import Pose, types
 from ..sum_structs import Totals
@@ -32,7 +32,7 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     at = rows(capacity)
     X, Y, VX, VY, SPROCKET_FORCE = at.x, at.y, at.vx, at.vy, at.sprocket_force
     RADIAL, LATERAL, OUTWARD_X, OUTWARD_Y = at.radial, at.lateral, at.outward_x, at.outward_y
-    BEFORE, OPEN, PENETRATION = at.before, at.open, at.penetration
+    BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
 
     @wp.func
     def center_of(body: Pose):
@@ -92,22 +92,55 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             bits = next_bits(bits)
 
     @wp.func
-    def touch_teeth(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
-        """How the rollers stand in their gaps, eq. (5)-(14); see `contact.in_teeth`."""
+    def touch_flanks(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
+        """How the rollers stand in their gaps, eq. (5)-(14), as `contact.in_teeth` but for tips; 1 if any is at one."""
         center = center_of(body)
         center_velocity = vec2(Real(body.velocity[0]), Real(body.velocity[1]))
         omega = Real(body.speed)
+        tipped = int(0)
         i = group.low
         while i < group.high:
             arm = vec2(load_row(w, X + i), load_row(w, Y + i)) - center
             p = place(w, i) - body.center
             v = vec2(load_row(w, VX + i), load_row(w, VY + i)) - center_velocity
-            penetration, radial, lateral = tooth_gap(load_row(w, RADIAL + i), load_row(w, LATERAL + i), sprocket)
-            normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), radial, lateral)
+            xi = load_row(w, RADIAL + i)
+            lateral = load_row(w, LATERAL + i)
+            gap = endless_gap(xi, lateral, sprocket)
+            depth = wp.where(is_near(group, i), gap[0], Real(0.0))
+            tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
+            normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), gap[1], gap[2])
             surface = vec2(-omega * Real(p[1]), omega * Real(p[0]))
-            touch(w, i, arm, wp.where(is_near(group, i), penetration, Real(0.0)), normal, surface - v)
+            touch(w, i, arm, depth, normal, surface - v)
             store_row(w, OPEN + i, after_teeth(load_row(w, BEFORE + i)))
             i = i + 1
+        return tipped
+
+    @wp.func
+    def touch_tips(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket):
+        """Mends the depths and normals of rollers at tips, which are few."""
+        i = group.low
+        while i < group.high:
+            xi = load_row(w, RADIAL + i)
+            lateral = load_row(w, LATERAL + i)
+            if beyond_tip(load_row(w, PENETRATION + i), xi, lateral, sprocket):
+                gap = on_tip(xi, lateral, sprocket)
+                normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), gap[1], gap[2])
+                store_row(w, PENETRATION + i, gap[0])
+                store_row(w, NORMAL_X + i, normal[0])
+                store_row(w, NORMAL_Y + i, normal[1])
+            i = i + 1
+
+    @wp.func
+    def touch_teeth(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
+        """How the rollers stand in their gaps, of straight flanks in a loop of its own."""
+        tipped = int(0)
+        if sprocket.flank_curvature > Real(0.0):
+            tipped = touch_flanks(w, group, sprocket, body)
+        else:
+            sprocket.flank_curvature = Real(0.0)  # so that the compiler knows
+            tipped = touch_flanks(w, group, sprocket, body)
+        if tipped != 0:
+            touch_tips(w, group, sprocket)
 
     @wp.func
     def first_touches(w: wp.array[Real], group: Group):
