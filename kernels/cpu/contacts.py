@@ -71,9 +71,11 @@ def group_of(first: int, near: wp.uint64):
 class Contacts:
     """The passes of contacts with one partner."""
 
-    kept_from: wp.Function
+    leave_seats: wp.Function
+    recall: wp.Function
     touch: wp.Function
     answer: wp.Function
+    add_sizes: wp.Function
 
 
 @cache
@@ -82,6 +84,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
     kinds = types(Real)
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
     FX, FY, BEFORE, OPEN, KEPT = at.fx, at.fy, at.before, at.open, at.kept
     PENETRATION, SIZE, DAMPER, ENERGY = at.penetration, at.size, at.damper, at.energy
@@ -97,7 +100,23 @@ def contacts(Real: type, capacity: int) -> Contacts:
     MOMENT, DAMPED, RUBBED = at.moment_of, at.damped, at.rubbed
 
     @wp.func
-    def kept_from(w: wp.array[Real], group: Group, memory: kinds.Memory):
+    def leave_seats(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
+        """Forgets the seats, or pieces, and contacts of rollers that are no longer near."""
+        seated = wp.uint64(0)
+        k = int(0)
+        while k < count:
+            if load_seat(memory.seat, memory.first + first + k) >= 0:
+                seated = seated | bit_of(k)
+            k = k + 1
+        left = seated & ~near
+        while left != wp.uint64(0):
+            i = memory.first + first + lowest_bit(left)
+            store_seat(memory.seat, i, -1)
+            store_row(memory.impact_speed, i, Real(0.0))
+            left = next_bits(left)
+
+    @wp.func
+    def recall(w: wp.array[Real], group: Group, memory: kinds.Memory):
         """What contacts have kept until now."""
         bits = group.near
         while bits != wp.uint64(0):
@@ -182,16 +201,23 @@ def contacts(Real: type, capacity: int) -> Contacts:
                 i = i + 1
 
     @wp.func
-    def add_forces(w: wp.array[Real], group: Group, row: int):
-        """Adds the forces to those on rollers, and their magnitudes to a row of magnitudes; the moments of each."""
+    def add_forces(w: wp.array[Real], group: Group):
+        """Adds the forces to those on rollers; the moments of each."""
         i = group.low
         while i < group.high:
             force = vec2(load_row(w, PRESS_X + i), load_row(w, PRESS_Y + i))
             arm = vec2(load_row(w, ARM_X + i), load_row(w, ARM_Y + i))
             store_row(w, FX + i, load_row(w, FX + i) + force[0])
             store_row(w, FY + i, load_row(w, FY + i) + force[1])
-            store_row(w, row + i, load_row(w, row + i) + load_row(w, SIZE + i))
             store_row(w, MOMENT + i, reaction(arm, force))
+            i = i + 1
+
+    @wp.func
+    def add_sizes(w: wp.array[Real], group: Group, row: int):
+        """Adds the forces' magnitudes to a row, which frames show."""
+        i = group.low
+        while i < group.high:
+            store_row(w, row + i, load_row(w, row + i) + load_row(w, SIZE + i))
             i = i + 1
 
     @wp.func
@@ -266,25 +292,21 @@ def contacts(Real: type, capacity: int) -> Contacts:
     def answer(
         w: wp.array[Real],
         group: Group,
-        row: int,
         law: kinds.ContactLaw,
         sliding: kinds.Sliding,
         memory: kinds.Memory,
         chain: kinds.Chain,
         totals: Totals,
     ):
-        """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to.
-
-        `row` is that of the forces' magnitudes.
-        """
+        """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to."""
         press(w, group, law)
         if sliding.rubs != 0:
             rub_rollers(w, group, sliding)
-        add_forces(w, group, row)
+        add_forces(w, group)
         totals = add_up(w, group, memory, totals)
         if memory.measured != 0:
             lose(w, group, sliding, memory, chain)
             totals = add_measured(w, group, sliding, totals)
         return totals
 
-    return Contacts(kept_from=kept_from, touch=touch, answer=answer)
+    return Contacts(leave_seats=leave_seats, recall=recall, touch=touch, answer=answer, add_sizes=add_sizes)

@@ -1,4 +1,4 @@
-"""The CPU kernel's passes over the rollers of one variant for its guides: straight bars, and profiles."""
+"""The CPU kernel's passes over a group of rollers for one guide, a straight bar or a profile: who is near, how deep."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -10,28 +10,31 @@ from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
 from ..rows import accessors
 from ..structs import Piece, Pose, types
 from ..sum_structs import Totals
-from .contacts import GROUP, Group, bit_of, contacts, group_of, is_near, lowest_bit, next_bits
+from .contacts import Group, bit_of, contacts, is_near, lowest_bit, next_bits
 from .rollers import passes, rows
 
 
 @dataclass(frozen=True)
 class GuidePasses:
-    """The passes over the rollers of one variant for its guides."""
+    """The passes for one guide."""
 
-    guide_pass: wp.Function
-    profile_pass: wp.Function
+    over_bar: wp.Function
+    leave_bar: wp.Function
+    touch_bar: wp.Function
+    over_profile: wp.Function
+    touch_profile: wp.Function
+    count_missed: wp.Function
 
 
 @cache
 def guide_passes(Real: type, capacity: int) -> GuidePasses:
-    """The passes for guides over the rollers of one variant, for rows of `capacity` values of type `Real`."""
+    """The passes for one guide, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity)
-    kept_from, touch, answer = contact.kept_from, contact.touch, contact.answer
+    vec2, place, touch = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity).touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
-    VX, VY, GUIDE_FORCE, BEFORE, OPEN, PENETRATION = at.vx, at.vy, at.guide_force, at.before, at.open, at.penetration
+    VX, VY, BEFORE, OPEN, PENETRATION = at.vx, at.vy, at.before, at.open, at.penetration
 
     @wp.func
     def over_bar(w: wp.array[Real], first: int, count: int, bar: kinds.Guide):
@@ -101,35 +104,18 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         return totals
 
     @wp.func
-    def guide_pass(
-        w: wp.array[Real],
-        n: int,
-        bar: kinds.Guide,
-        body: Pose,
-        memory: kinds.Memory,
-        sliding: kinds.Sliding,
-        chain: kinds.Chain,
-    ):
-        """Contacts of all rollers with one guide-bar on a body, eq. (21)-(23); returns their `Totals`."""
-        totals = Totals()
-        first = int(0)
-        while first < n:
-            count = wp.min(n - first, GROUP)
-            near = over_bar(w, first, count, bar)
-            if memory.stage == 0:
-                leave_bar(first, count, near, memory)
-            if near != wp.uint64(0):
-                group = group_of(first, near)
-                kept_from(w, group, memory)
-                touch_bar(w, group, bar, body)
-                totals = answer(w, group, GUIDE_FORCE, bar.law, sliding, memory, chain, totals)
-                if memory.measured != 0:
-                    totals = count_missed(w, group, totals)
-            first = first + GROUP
-        return totals
+    def over_profile(w: wp.array[Real], first: int, count: int, guide: kinds.Guide, body: Pose):
+        """Which of `count` rollers from `first` on are near a profile, as bits."""
+        near = wp.uint64(0)
+        k = int(0)
+        while k < count:
+            if near_profile(in_frame(place(w, first + k) - body.center, body), guide):
+                near = near | bit_of(k)
+            k = k + 1
+        return near
 
     @wp.func
-    def touch_profile(
+    def touch_piece(
         w: wp.array[Real], i: int, guide: kinds.Guide, body: Pose, pieces: wp.array[Piece], memory: kinds.Memory
     ):
         """How roller i, which is near, stands on a profile."""
@@ -145,55 +131,29 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         touch_face(w, i, vec2(Real(arm[0]), Real(arm[1])), penetration, normal, relative, guide)
 
     @wp.func
-    def over_profile(w: wp.array[Real], group: Group, guide: kinds.Guide, body: Pose, memory: kinds.Memory):
-        """Which of a group's rollers are near a profile, as bits; forgets the contacts of those that are not."""
-        near = wp.uint64(0)
-        i = group.low
-        while i < group.high:
-            if near_profile(in_frame(place(w, i) - body.center, body), guide):
-                near = near | bit_of(i - group.first)
-            elif load_piece(memory.seat, memory.first + i) >= 0:
-                store_piece(memory.seat, memory.first + i, -1)
-                store_row(memory.impact_speed, memory.first + i, Real(0.0))
-            i = i + 1
-        return near
-
-    @wp.func
-    def profile_pass(
+    def touch_profile(
         w: wp.array[Real],
-        n: int,
+        group: Group,
         guide: kinds.Guide,
         body: Pose,
         pieces: wp.array[Piece],
         memory: kinds.Memory,
-        sliding: kinds.Sliding,
-        chain: kinds.Chain,
     ):
-        """Contacts of all rollers with one guide's profile on a body; returns their `Totals`.
+        """How the rollers stand on a profile; the guide's `first_piece` is its first among all `pieces`."""
+        i = group.low
+        while i < group.high:
+            store_row(w, PENETRATION + i, Real(0.0))
+            i = i + 1
+        bits = group.near
+        while bits != wp.uint64(0):
+            touch_piece(w, group.first + lowest_bit(bits), guide, body, pieces, memory)
+            bits = next_bits(bits)
 
-        The guide's `first_piece` is its first among all `pieces`.
-        """
-        totals = Totals()
-        group = Group()
-        while group.first < n:
-            group.low = group.first
-            group.high = wp.min(group.first + GROUP, n)
-            near = over_profile(w, group, guide, body, memory)
-            if near != wp.uint64(0):
-                group = group_of(group.first, near)
-                i = group.low
-                while i < group.high:
-                    store_row(w, PENETRATION + i, Real(0.0))
-                    i = i + 1
-                kept_from(w, group, memory)
-                bits = near
-                while bits != wp.uint64(0):
-                    touch_profile(w, group.first + lowest_bit(bits), guide, body, pieces, memory)
-                    bits = next_bits(bits)
-                totals = answer(w, group, GUIDE_FORCE, guide.law, sliding, memory, chain, totals)
-                if memory.measured != 0:
-                    totals = count_missed(w, group, totals)
-            group.first = group.first + GROUP
-        return totals
-
-    return GuidePasses(guide_pass=guide_pass, profile_pass=profile_pass)
+    return GuidePasses(
+        over_bar=over_bar,
+        leave_bar=leave_bar,
+        touch_bar=touch_bar,
+        over_profile=over_profile,
+        touch_profile=touch_profile,
+        count_missed=count_missed,
+    )

@@ -74,6 +74,11 @@ class Rows:
     moment_of: int  # on the partner's body [N m]
     damped: int  # power that dampers take [W]
     rubbed: int  # power of friction [W]
+    least: int  # of links since their tallies were merged: least and greatest tension [N]
+    greatest: int
+    tensions: int  # sum of tensions and of their squares
+    squares: int
+    rates: int  # weighted sum of squares of rates of elongation
 
 
 ROWS = tuple(field.name for field in fields(Rows))

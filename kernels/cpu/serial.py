@@ -51,6 +51,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
+        observe.clear(w, n)
         end = wp.min(progress.step + steps, drive.steps + 1)
         at = drive.first_value
         step = progress.step
@@ -80,6 +81,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                     stage = stage + 1
             if progress.diverged == 0:
                 step = step + 1
+        observe.merge(ensemble, state, sums, variant, w)
         progress.step = step
         state.progress[variant] = progress
         part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)

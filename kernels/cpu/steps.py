@@ -7,18 +7,15 @@ import warp as wp
 
 from ..integrate import Rk4Stage
 from ..physics.arm import arm_rates
-from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
-from ..physics.contact import carried
+from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.tensioner import extension, push_by, tensioner_step, touch_of
 from ..rows import accessors
-from ..structs import GROUND, Drive, Pose, Wrench, types
-from ..sum_structs import Totals
+from ..structs import GROUND, Drive, Wrench, types
 from ..sums import metered
-from .guides import guide_passes
 from .joints import joint_passes
+from .partners import partners
 from .rollers import passes, rows
-from .teeth import teeth_passes
 
 
 @wp.func
@@ -47,9 +44,7 @@ class Evaluating:
 def evaluating(Real: type, capacity: int) -> Evaluating:
     """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    part = passes(Real, capacity)
-    link_pass, sprocket_pass = part.link_pass, teeth_passes(Real, capacity).sprocket_pass
-    guide_pass, profile_pass = guide_passes(Real, capacity).guide_pass, guide_passes(Real, capacity).profile_pass
+    link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity).meet
     joints = joint_passes(Real, capacity)
 
     @wp.func
@@ -81,7 +76,6 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
             joints.bend_links(w, n)
         for b in range(drive.bodies):
             state.wrenches[drive.first_body + b] = Wrench()
-        partner = drive.first_sprocket + drive.first_guide
         memory = kinds.Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
@@ -90,36 +84,12 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         memory.measured = measured
         if drive.integrator == 0:
             memory.lag = Real(wp.float64(0.5) * drive.step)
-        for s in range(drive.sprockets):
-            b = drive.first_body + s
-            pose = pose_of(state.bodies[b])
-            sprocket = ensemble.sprockets[drive.first_sprocket + s]
-            sliding = ensemble.tooth_sliding[drive.first_sprocket + s]
-            totals = sprocket_pass(w, n, sprocket, pose, ensemble.seats, memory, sliding, chain)
-            state.totals[partner] = totals
-            state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
-            partner += 1
-            memory.first = memory.first + n
-        for g in range(drive.guides):
-            bar = ensemble.guides[drive.first_guide + g]
-            sliding = ensemble.guide_sliding[drive.first_guide + g]
-            totals = Totals()
-            pose = Pose()
-            if bar.body != GROUND:
-                pose = pose_of(state.bodies[drive.first_body + bar.body])
-            if bar.pieces == 0:
-                if bar.body != GROUND:
-                    bar = carried(bar, pose)
-                totals = guide_pass(w, n, bar, pose, memory, sliding, chain)
-            else:
-                pose.cosine = wp.where(bar.body != GROUND, pose.cosine, wp.float64(1.0))
-                bar.first_piece = drive.first_piece + bar.first_piece
-                totals = profile_pass(w, n, bar, pose, ensemble.pieces, memory, sliding, chain)
-            state.totals[partner] = totals
-            if bar.body != GROUND:
-                b = drive.first_body + bar.body
+        for p in range(drive.sprockets + drive.guides):
+            totals, body = meet(ensemble, state, drive, chain, w, p, memory)
+            state.totals[drive.first_sprocket + drive.first_guide + p] = totals
+            if body != GROUND:
+                b = drive.first_body + body
                 state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
-            partner += 1
             memory.first = memory.first + n
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]

@@ -1,4 +1,4 @@
-"""The CPU kernel's pass over the rollers of one variant for one sprocket."""
+"""The CPU kernel's passes over a group of rollers for one sprocket: who is near, in which seat, how deep."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -9,28 +9,29 @@ from ..physics.contact import UNTOUCHED, after_teeth, tracked_seat, turned
 from ..physics.tooth import beyond_tip, endless_gap, on_tip
 from ..rows import accessors
 from ..structs import Pose, types
-from ..sum_structs import Totals
-from .contacts import GROUP, Group, bit_of, contacts, group_of, is_near, lowest_bit, next_bits
+from .contacts import Group, bit_of, contacts, is_near, lowest_bit, next_bits
 from .rollers import passes, rows
 
 
 @dataclass(frozen=True)
 class TeethPasses:
-    """The pass over the rollers of one variant for one sprocket."""
+    """The passes for one sprocket, in the order in which they are made."""
 
-    sprocket_pass: wp.Function
+    engaged: wp.Function
+    seat_rollers: wp.Function
+    touch_teeth: wp.Function
+    first_touches: wp.Function
 
 
 @cache
 def teeth_passes(Real: type, capacity: int) -> TeethPasses:
-    """The pass for one sprocket over the rollers of one variant, for rows of `capacity` values of type `Real`."""
+    """The passes for one sprocket, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity)
-    kept_from, touch, answer = contact.kept_from, contact.touch, contact.answer
+    vec2, place, touch = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity).touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
-    X, Y, VX, VY, SPROCKET_FORCE = at.x, at.y, at.vx, at.vy, at.sprocket_force
+    X, Y, VX, VY = at.x, at.y, at.vx, at.vy
     RADIAL, LATERAL, OUTWARD_X, OUTWARD_Y = at.radial, at.lateral, at.outward_x, at.outward_y
     BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
 
@@ -52,22 +53,6 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
                 near = near | bit_of(k)
             k = k + 1
         return near
-
-    @wp.func
-    def leave(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
-        """Forgets the seats of rollers that are no longer near."""
-        seated = wp.uint64(0)
-        k = int(0)
-        while k < count:
-            if load_seat(memory.seat, memory.first + first + k) >= 0:
-                seated = seated | bit_of(k)
-            k = k + 1
-        left = seated & ~near
-        while left != wp.uint64(0):
-            i = memory.first + first + lowest_bit(left)
-            store_seat(memory.seat, i, -1)
-            store_row(memory.impact_speed, i, Real(0.0))
-            left = next_bits(left)
 
     @wp.func
     def seat_rollers(
@@ -153,33 +138,4 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             i = i + 1
         return count
 
-    @wp.func
-    def sprocket_pass(
-        w: wp.array[Real],
-        n: int,
-        sprocket: kinds.Sprocket,
-        body: Pose,
-        seats: wp.array[wp.vec2d],
-        memory: kinds.Memory,
-        sliding: kinds.Sliding,
-        chain: kinds.Chain,
-    ):
-        """Contacts of all rollers with one sprocket, eq. (5)-(17); returns their `Totals`."""
-        totals = Totals()
-        first = int(0)
-        while first < n:
-            count = wp.min(n - first, GROUP)
-            near = engaged(w, first, count, sprocket, body)
-            leave(first, count, near, memory)
-            if near != wp.uint64(0):
-                group = group_of(first, near)
-                kept_from(w, group, memory)
-                seat_rollers(w, group, sprocket, body, seats, memory)
-                touch_teeth(w, group, sprocket, body)
-                totals = answer(w, group, SPROCKET_FORCE, sprocket.law, sliding, memory, chain, totals)
-                if memory.measured != 0:
-                    totals.contacts += first_touches(w, group)
-            first = first + GROUP
-        return totals
-
-    return TeethPasses(sprocket_pass=sprocket_pass)
+    return TeethPasses(engaged=engaged, seat_rollers=seat_rollers, touch_teeth=touch_teeth, first_touches=first_touches)
