@@ -79,6 +79,7 @@ class Rows:
     tensions: int  # sum of tensions and of their squares
     squares: int
     rates: int  # weighted sum of squares of rates of elongation
+    strand: int  # that the link is on
 
 
 ROWS = tuple(field.name for field in fields(Rows))

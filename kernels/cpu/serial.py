@@ -31,7 +31,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
     do = stepping(Real, capacity)
     observe = observing(Real, capacity, frame)
     evaluate = evaluating(Real, capacity).evaluate
-    inside, bodies_sound = part.inside, moving(Real).bodies_sound
+    inside, find_rates, bodies_sound = part.inside, moving(Real).find_rates, moving(Real).bodies_sound
 
     @wp.kernel(enable_backward=False, module="unique")
     def advance(
@@ -60,7 +60,9 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
             stage = int(0)
             while stage < 4:
                 measured = wp.where(stage == 0 and step >= drive.window_start and step <= drive.window_end, 1, 0)
+                at_stage = rk4_stage(stage, now.time, drive.step)
                 evaluate(ensemble, state, variant, joint, w, stage, measured)
+                find_rates(ensemble, state, drive, at_stage.time)
                 if stage == 0:
                     if measured != 0:
                         observe.measure(ensemble, state, sums, variant, drive, chain, w, now)
@@ -77,7 +79,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                     do.leapfrog(ensemble, state, drive, chain, w, now.time, leapfrog_kick(step, drive.step))
                     stage = 4
                 else:
-                    do.rk4(ensemble, state, drive, chain, w, rk4_stage(stage, now.time, drive.step))
+                    do.rk4(ensemble, state, drive, chain, w, at_stage)
                     stage = stage + 1
             if progress.diverged == 0:
                 step = step + 1

@@ -103,6 +103,7 @@ class BodyFunctions:
     """What moves the bodies of one variant, and observes them."""
 
     rates_of: wp.Function
+    find_rates: wp.Function
     leapfrog_bodies: wp.Function
     rk4_bodies: wp.Function
     wrench_on: wp.Function
@@ -138,6 +139,12 @@ def moving(Real: type) -> BodyFunctions:
         return body_rates(time, body, heading_of(body), wrench, load, motion, ensemble.mounts[b], ensemble.curves)
 
     @wp.func
+    def find_rates(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, time: wp.float64):
+        """Accelerations of all bodies at `time`, for whatever moves or observes them."""
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.rates[b] = rates_of(ensemble, state, drive, b, time)
+
+    @wp.func
     def flow(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive):
         """What flows through all tensioners in a step, once the bodies have moved; the meters count it."""
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
@@ -159,9 +166,8 @@ def moving(Real: type) -> BodyFunctions:
             ahead = wp.float64(0.0)
             if motion.prescribed == 1:
                 ahead, speed = prescribed_at(time + drive.step, motion, ensemble.curves)
-            rates = rates_of(ensemble, state, drive, b, time)
             state.bodies[b] = leapfrog_body(
-                time, kick, drive.step, state.bodies[b], rates, ahead, motion, ensemble.mounts[b]
+                time, kick, drive.step, state.bodies[b], state.rates[b], ahead, motion, ensemble.mounts[b]
             )
         flow(ensemble, state, drive)
 
@@ -169,12 +175,11 @@ def moving(Real: type) -> BodyFunctions:
     def rk4_bodies(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, at: Rk4Stage):
         """All bodies after one of the four stages."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            rates = rates_of(ensemble, state, drive, b, at.time)
             body, stages = rk4_body(
                 at,
                 state.bodies[b],
                 state.body_stages[b],
-                rates,
+                state.rates[b],
                 ensemble.motions[b],
                 ensemble.mounts[b],
                 ensemble.curves,
@@ -186,13 +191,12 @@ def moving(Real: type) -> BodyFunctions:
 
     @wp.func
     def body_now(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int, time: wp.float64, lag: wp.float64):
-        """Body `b` of all with its rates at `time`, `lag` after their own instant."""
+        """Body `b` of all with its rates at `time`, `lag` after their own instant; its accelerations are found."""
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
         if motion.prescribed == 1:
             angle, driven = prescribed_at(time, motion, ensemble.curves)
-        rates = rates_of(ensemble, state, drive, b, time)
-        return body_at(time, lag, state.bodies[b], rates, driven, motion, ensemble.mounts[b])
+        return body_at(time, lag, state.bodies[b], state.rates[b], driven, motion, ensemble.mounts[b])
 
     @wp.func
     def bodies_sound(state: kinds.State, drive: Drive):
@@ -206,6 +210,7 @@ def moving(Real: type) -> BodyFunctions:
 
     return BodyFunctions(
         rates_of=rates_of,
+        find_rates=find_rates,
         leapfrog_bodies=leapfrog_bodies,
         rk4_bodies=rk4_bodies,
         wrench_on=wrench_on,
