@@ -33,18 +33,17 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
     evaluate = evaluating(Real, capacity).evaluate
     inside, find_rates, bodies_sound = part.inside, moving(Real).find_rates, moving(Real).bodies_sound
 
-    @wp.kernel(enable_backward=False, module="unique")
-    def advance(
+    @wp.func
+    def march(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         sums: Sums,
+        variant: int,
         frames: wp.array[Real],
         w: wp.array[Real],
-        first: int,
         steps: int,
     ):
-        """Variants `first` + thread: `steps` steps on, sums and frames written on the way."""
-        variant = first + wp.tid()
+        """One variant: `steps` steps on. A function, of which the kernel's two forms share the code."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         joint = ensemble.joints[variant]
@@ -87,5 +86,18 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         progress.step = step
         state.progress[variant] = progress
         part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def advance(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        frames: wp.array[Real],
+        w: wp.array[Real],
+        first: int,
+        steps: int,
+    ):
+        """Variants `first` + thread: `steps` steps on, sums and frames written on the way."""
+        march(ensemble, state, sums, first + wp.tid(), frames, w, steps)
 
     return advance
