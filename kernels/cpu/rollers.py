@@ -51,6 +51,10 @@ class Rows:
     sum_vx: int
     sum_vy: int
     before: int  # of contacts with the partner at hand (`contacts`): v0 until now [m/s]
+    direction_x: int  # to where a seat points at angle zero, and what float32 rounds off
+    direction_y: int
+    direction_x_low: int
+    direction_y_low: int
     radial: int  # in a tooth gap: from the seat, along the seat's outward direction and across it [m]
     lateral: int
     outward_x: int  # that direction
