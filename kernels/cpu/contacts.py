@@ -10,7 +10,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import dissipated, drag_of, reaction, respond, rub
+from ..physics.contact import dissipated, reaction, respond, rub, rub_evenly
 from ..rows import LANES, accessors
 from ..structs import types
 from ..sum_structs import Totals
@@ -192,8 +192,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
         i = group.low
         if sliding.law.mu_static == sliding.law.mu_dynamic:
             while i < group.high:
-                size = load_row(w, SIZE + i)
-                add_drag(w, i, drag_of(sliding.law.mu_dynamic, size, normal_of(w, i), relative_of(w, i), sliding.stop))
+                add_drag(w, i, rub_evenly(load_row(w, SIZE + i), normal_of(w, i), relative_of(w, i), sliding))
                 i = i + 1
         else:
             while i < group.high:

@@ -25,7 +25,7 @@ import warp as wp
 
 from ..rows import accessors
 from ..structs import Pose
-from .friction import bounded, coefficient
+from .friction import bounded, friction
 from .guide import guide_gap
 from .impact import contact_force, elastic_force
 from .tooth import nearest_seat, seat_step, tooth_gap, wrapped_seat
@@ -81,33 +81,28 @@ def misses(penetration: Any, impact_speed: Any, bar: Any):
 
 
 @wp.func
-def drag_of(mu: Any, size: Any, normal: Any, relative: Any, stop: Any):
-    """Friction on the roller (vector) [N] of a given coefficient, in a contact that presses with `size` >= 0.
+def rub(size: Any, normal: Any, relative: Any, sliding: Any):
+    """Friction on the roller (vector) [N] in a contact that presses with `size` >= 0.
 
     Args:
-        mu: [-].
         size: the contact force's magnitude [N].
         normal: unit vector towards the roller.
         relative: velocity of the partner's material point less the roller's [m/s].
-        stop: beta m_e / h [N s/m].
+        sliding: what rubs (`structs.Sliding`).
     """
     along = type(normal)(-normal[1], normal[0])
     speed = wp.dot(relative, along)
-    drag = bounded(mu, size, wp.abs(speed), stop)
+    drag = friction(size, wp.abs(speed), sliding.stop, sliding.law)
     return wp.where(speed < type(size)(0.0), -drag, drag) * along
 
 
 @wp.func
-def rub(size: Any, normal: Any, relative: Any, sliding: Any):
-    """Friction on the roller (vector) [N] as from `drag_of`, of the coefficient at which it slides.
-
-    Args:
-        size, normal, relative: as of `drag_of`.
-        sliding: what rubs (`structs.Sliding`).
-    """
+def rub_evenly(size: Any, normal: Any, relative: Any, sliding: Any):
+    """As `rub`, of one coefficient at all speeds."""
     along = type(normal)(-normal[1], normal[0])
-    mu = coefficient(wp.abs(wp.dot(relative, along)), sliding.law)
-    return drag_of(mu, size, normal, relative, sliding.stop)
+    speed = wp.dot(relative, along)
+    drag = bounded(sliding.law.mu_dynamic, size, wp.abs(speed), sliding.stop)
+    return wp.where(speed < type(size)(0.0), -drag, drag) * along
 
 
 @wp.func

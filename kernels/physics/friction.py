@@ -39,3 +39,16 @@ def bounded(mu: Any, normal: Any, speed: Any, stop: Any):
         stop: beta m_e / h [N s/m].
     """
     return wp.min(mu * normal, stop * speed)
+
+
+@wp.func
+def friction(normal: Any, speed: Any, stop: Any, law: Any):
+    """Size [N] of the force against a sliding speed, at most mu(v) N.
+
+    Args:
+        normal: N >= 0 [N].
+        speed: |v| [m/s].
+        stop: beta m_e / h [N s/m].
+        law: what rubs (`structs.Friction`).
+    """
+    return bounded(coefficient(speed, law), normal, speed, stop)
