@@ -118,11 +118,22 @@ def contacts(Real: type, capacity: int) -> Contacts:
     @wp.func
     def recall(w: wp.array[Real], group: Group, memory: kinds.Memory):
         """What contacts have kept until now."""
-        bits = group.near
-        while bits != wp.uint64(0):
-            i = group.first + lowest_bit(bits)
-            store_row(w, BEFORE + i, load_row(memory.impact_speed, memory.first + i))
-            bits = next_bits(bits)
+        i = group.low
+        while i < group.high:
+            before = Real(0.0)
+            if is_near(group, i):
+                before = load_row(memory.impact_speed, memory.first + i)
+            store_row(w, BEFORE + i, before)
+            i = i + 1
+
+    @wp.func
+    def keep(w: wp.array[Real], group: Group, memory: kinds.Memory):
+        """What contacts keep from now on."""
+        i = group.low
+        while i < group.high:
+            if is_near(group, i):
+                store_row(memory.impact_speed, memory.first + i, load_row(w, KEPT + i))
+            i = i + 1
 
     @wp.func
     def touch(w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2):
@@ -144,6 +155,11 @@ def contacts(Real: type, capacity: int) -> Contacts:
     def relative_of(w: wp.array[Real], i: int):
         """Relative velocity of roller i's contact [m/s]."""
         return vec2(load_row(w, RELATIVE_X + i), load_row(w, RELATIVE_Y + i))
+
+    @wp.func
+    def where_touching(w: wp.array[Real], i: int, value: Real):
+        """`value` where roller i touches, else 0: beyond the chain's end values need not be numbers."""
+        return wp.where(load_row(w, PENETRATION + i) > Real(0.0), value, Real(0.0))
 
     @wp.func
     def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw):
@@ -208,7 +224,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
             arm = vec2(load_row(w, ARM_X + i), load_row(w, ARM_Y + i))
             store_row(w, FX + i, load_row(w, FX + i) + force[0])
             store_row(w, FY + i, load_row(w, FY + i) + force[1])
-            store_row(w, MOMENT + i, reaction(arm, force))
+            store_row(w, MOMENT + i, where_touching(w, i, reaction(arm, force)))
             i = i + 1
 
     @wp.func
@@ -226,35 +242,42 @@ def contacts(Real: type, capacity: int) -> Contacts:
         while i < group.high:
             a = acceleration(w, i, chain.inverse_mass, chain.gravity)
             damper = load_row(w, DAMPER + i) * normal_of(w, i)
-            store_row(w, DAMPED + i, dissipated(damper, relative_of(w, i), a, memory.lag))
+            store_row(w, DAMPED + i, where_touching(w, i, dissipated(damper, relative_of(w, i), a, memory.lag)))
             i = i + 1
         if sliding.rubs != 0:
             i = group.low
             while i < group.high:
                 a = acceleration(w, i, chain.inverse_mass, chain.gravity)
                 drag = vec2(load_row(w, DRAG_X + i), load_row(w, DRAG_Y + i))
-                store_row(w, RUBBED + i, dissipated(drag, relative_of(w, i), a, memory.lag))
+                store_row(w, RUBBED + i, where_touching(w, i, dissipated(drag, relative_of(w, i), a, memory.lag)))
                 i = i + 1
 
     @wp.func
-    def add_up(w: wp.array[Real], group: Group, memory: kinds.Memory, totals: Totals):
-        """`totals` with what the group's contacts add, roller by roller; what they keep goes to the memory."""
+    def add_up(w: wp.array[Real], group: Group, totals: Totals):
+        """`totals` with what the group's contacts add, roller by roller."""
         moment = totals.moment
         x = Real(totals.push[0])
         y = Real(totals.push[1])
-        bits = group.near
-        while bits != wp.uint64(0):
-            i = group.first + lowest_bit(bits)
-            if load_row(w, PENETRATION + i) > Real(0.0):
-                moment += wp.float64(load_row(w, MOMENT + i))
-                x -= load_row(w, PRESS_X + i)
-                y -= load_row(w, PRESS_Y + i)
-            if memory.stage == 0:
-                store_row(memory.impact_speed, memory.first + i, load_row(w, KEPT + i))
-            bits = next_bits(bits)
+        i = group.low
+        while i < group.high:
+            moment += wp.float64(load_row(w, MOMENT + i))
+            x -= load_row(w, PRESS_X + i)
+            y -= load_row(w, PRESS_Y + i)
+            i = i + 1
         totals.moment = moment
         totals.push = wp.vec2d(wp.float64(x), wp.float64(y))
         return totals
+
+    @wp.func
+    def begun(w: wp.array[Real], group: Group):
+        """How many contacts began."""
+        count = int(0)
+        i = group.low
+        while i < group.high:
+            if load_row(w, PENETRATION + i) > Real(0.0) and load_row(w, BEFORE + i) <= Real(0.0):
+                count = count + 1
+            i = i + 1
+        return count
 
     @wp.func
     def add_measured(w: wp.array[Real], group: Group, sliding: kinds.Sliding, totals: Totals):
@@ -263,28 +286,26 @@ def contacts(Real: type, capacity: int) -> Contacts:
         largest = totals.force_max
         damped = totals.dissipated
         energy = totals.energy
-        friction = totals.friction
-        impacts = totals.impacts
-        bits = group.near
-        while bits != wp.uint64(0):
-            i = group.first + lowest_bit(bits)
-            if load_row(w, PENETRATION + i) > Real(0.0):
-                size = wp.float64(load_row(w, SIZE + i))
-                force += size
-                largest = wp.max(largest, size)
-                damped += wp.float64(load_row(w, DAMPED + i))
-                energy += wp.float64(load_row(w, ENERGY + i))
-                if sliding.rubs != 0:
-                    friction += wp.float64(load_row(w, RUBBED + i))
-                if load_row(w, BEFORE + i) <= Real(0.0):
-                    impacts += 1
-            bits = next_bits(bits)
+        i = group.low
+        while i < group.high:
+            size = wp.float64(load_row(w, SIZE + i))
+            force += size
+            largest = wp.max(largest, size)
+            damped += wp.float64(load_row(w, DAMPED + i))
+            energy += wp.float64(load_row(w, ENERGY + i))
+            i = i + 1
         totals.force = force
         totals.force_max = largest
         totals.dissipated = damped
         totals.energy = energy
-        totals.friction = friction
-        totals.impacts = impacts
+        if sliding.rubs != 0:
+            friction = totals.friction
+            i = group.low
+            while i < group.high:
+                friction += wp.float64(load_row(w, RUBBED + i))
+                i = i + 1
+            totals.friction = friction
+        totals.impacts += begun(w, group)
         return totals
 
     @wp.func
@@ -302,7 +323,9 @@ def contacts(Real: type, capacity: int) -> Contacts:
         if sliding.rubs != 0:
             rub_rollers(w, group, sliding)
         add_forces(w, group)
-        totals = add_up(w, group, memory, totals)
+        totals = add_up(w, group, totals)
+        if memory.stage == 0:
+            keep(w, group, memory)
         if memory.measured != 0:
             lose(w, group, sliding, memory, chain)
             totals = add_measured(w, group, sliding, totals)
