@@ -8,7 +8,7 @@ import warp as wp
 STATE_ROWS = wp.constant(6)
 """A variant's rows in `structs.State.rollers`: x, y, vx, vy, and the low parts of x, y."""
 
-LANES = wp.constant(8)
+LANES = wp.constant(4)
 """Rollers that the CPU's loops over rows take at a time; what lies beyond the chain's end is worked out, not read."""
 
 
