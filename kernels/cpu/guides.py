@@ -6,6 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..physics.contact import MISSED, UNTOUCHED, misses, on_guide, surface_velocity, turned
+from ..physics.guide import at_face
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
 from ..rows import accessors
 from ..structs import Piece, Pose, types
@@ -38,14 +39,16 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
 
     @wp.func
     def over_bar(w: wp.array[Real], first: int, count: int, bar: kinds.Guide):
-        """Which of `count` rollers from `first` on are over a guide-bar, as bits."""
+        """Which of `count` rollers from `first` on are at a guide-bar's face or ends, as bits; only those touch it."""
         reach = wp.float64(bar.end_radius + bar.roller_radius)
         end = wp.float64(bar.length) + reach
         near = wp.uint64(0)
         k = int(0)
         while k < count:
-            along = wp.dot(place(w, first + k) - bar.start, bar.direction)
-            if along > -reach and along < end:
+            p = place(w, first + k) - bar.start
+            along = wp.dot(p, bar.direction)
+            across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
+            if along > -reach and along < end and at_face(across, bar):
                 near = near | bit_of(k)
             k = k + 1
         return near
