@@ -8,6 +8,15 @@ import warp as wp
 STATE_ROWS = wp.constant(6)
 """A variant's rows in `structs.State.rollers`: x, y, vx, vy, and the low parts of x, y."""
 
+LANES = wp.constant(4)
+"""Rollers that the CPU's loops over rows take at a time; what lies beyond the chain's end is worked out, not read."""
+
+
+@wp.func
+def whole(n: int):
+    """`n` rounded up to a multiple of `LANES`."""
+    return (n + LANES - 1) & -LANES
+
 
 @dataclass(frozen=True)
 class Accessors:

@@ -411,6 +411,7 @@ def types(Real: type) -> SimpleNamespace:
         bodies: wp.array[BodyState]  # (all bodies,)
         body_stages: wp.array[BodyStages]  # (all bodies,), for rk4
         wrenches: wp.array[Wrench]  # (all bodies,), of contacts
+        rates: wp.array[wp.vec3d]  # (all bodies,), on the CPU: accelerations of center [m/s^2] and angle [rad/s^2]
         tensioners: wp.array[TensionerState]  # (all tensioners,)
         pushes: wp.array[Push]  # (all tensioners,)
         meters: wp.array[TensionerFlows]  # (all tensioners,): what has flowed since the run began
@@ -433,6 +434,7 @@ def types(Real: type) -> SimpleNamespace:
         impact_speed: wp.array[Real]
         first: wp.int32  # of this partner's rollers
         stage: wp.int32  # v0 is kept at stage 0 only, a step's start (rk4 has three more)
+        measured: wp.int32  # 1: what metrics want is added up too
         lag: Real  # how far the velocities are behind the forces [s]
 
     @wp.struct

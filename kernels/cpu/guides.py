@@ -1,175 +1,162 @@
-"""The CPU kernel's passes over the rollers of one variant for its guides: straight bars, and profiles."""
+"""The CPU kernel's passes over a group of rollers for one guide, a straight bar or a profile: who is near, how deep."""
 
 from dataclasses import dataclass
 from functools import cache
 
 import warp as wp
 
-from ..physics.contact import (
-    MISSED,
-    UNTOUCHED,
-    dissipated,
-    misses,
-    on_guide,
-    reaction,
-    respond,
-    rub,
-    surface_velocity,
-    turned,
-)
+from ..physics.contact import MISSED, UNTOUCHED, misses, on_guide, surface_velocity, turned
+from ..physics.guide import at_face
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
 from ..rows import accessors
 from ..structs import Piece, Pose, types
 from ..sum_structs import Totals
+from .contacts import Group, bit_of, contacts, is_near, lowest_bit, next_bits
 from .rollers import passes, rows
 
 
 @dataclass(frozen=True)
 class GuidePasses:
-    """The passes over the rollers of one variant for its guides."""
+    """The passes for one guide."""
 
-    guide_pass: wp.Function
-    profile_pass: wp.Function
+    over_bar: wp.Function
+    leave_bar: wp.Function
+    touch_bar: wp.Function
+    over_profile: wp.Function
+    touch_profile: wp.Function
+    count_missed: wp.Function
 
 
 @cache
 def guide_passes(Real: type, capacity: int) -> GuidePasses:
-    """The passes for guides over the rollers of one variant, for rows of `capacity` values of type `Real`."""
+    """The passes for one guide, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    vec2, part = kinds.vec2, passes(Real, capacity)
+    vec2, place, touch = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity).touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
-    VX, VY, GUIDE_FORCE = at.vx, at.vy, at.guide_force
-    place, add_force, add_response, acceleration = part.place, part.add_force, part.add_response, part.acceleration
-
-    @wp.struct
-    class Touch:
-        """A roller on a guide: how deep, and how it slides."""
-
-        penetration: Real  # [m]
-        normal: vec2  # towards the roller
-        relative: vec2  # velocity of the guide's material point less the roller's [m/s]
-        arm: vec2  # the roller from the center of the guide's body [m]
+    VX, VY, BEFORE, OPEN, PENETRATION = at.vx, at.vy, at.before, at.open, at.penetration
 
     @wp.func
-    def press(
-        w: wp.array[Real],
-        i: int,
-        touch: Touch,
-        guide: kinds.Guide,
-        memory: kinds.Memory,
-        sliding: kinds.Sliding,
-        chain: kinds.Chain,
-        totals: Totals,
-    ):
-        """Roller i on a guide: its force [N], what the contact keeps, and `totals` with its part."""
-        before = load_row(memory.impact_speed, memory.first + i)
-        force = vec2(Real(0.0), Real(0.0))
-        kept = Real(UNTOUCHED)
-        if touch.penetration > Real(0.0) and misses(touch.penetration, before, guide):
-            kept = Real(MISSED)
-            totals.missing += 1
-            if before == Real(UNTOUCHED):
-                totals.missed += 1
-        elif touch.penetration > Real(0.0):
-            normal, relative = touch.normal, touch.relative
-            force, size, kept, damper, energy = respond(touch.penetration, normal, relative, before, guide.law)
-            drag = vec2(Real(0.0), Real(0.0))
-            if sliding.rubs != 0:
-                drag = rub(size, normal, relative, sliding)
-            force = force + drag
-            add_force(w, i, GUIDE_FORCE, force, size)
-            totals.moment += wp.float64(reaction(touch.arm, force))
-            a = acceleration(w, i, chain.inverse_mass, chain.gravity)
-            damped = wp.float64(dissipated(damper * normal, relative, a, memory.lag))
-            rubbed = wp.float64(dissipated(drag, relative, a, memory.lag))
-            totals = add_response(totals, wp.float64(size), damped, rubbed, wp.float64(energy))
-            if before == Real(UNTOUCHED):
-                totals.impacts += 1
-        if memory.stage == 0:
-            store_row(memory.impact_speed, memory.first + i, kept)
-        return force, totals
-
-    @wp.func
-    def guide_pass(
-        w: wp.array[Real],
-        n: int,
-        bar: kinds.Guide,
-        body: Pose,
-        memory: kinds.Memory,
-        sliding: kinds.Sliding,
-        chain: kinds.Chain,
-    ):
-        """Contacts of all rollers with one guide-bar on a body, eq. (21)-(23); returns their `Totals`."""
-        totals = Totals()
-        push = vec2(Real(0.0), Real(0.0))
+    def over_bar(w: wp.array[Real], first: int, count: int, bar: kinds.Guide):
+        """Which of `count` rollers from `first` on are at a guide-bar's face or ends, as bits; only those touch it."""
         reach = wp.float64(bar.end_radius + bar.roller_radius)
         end = wp.float64(bar.length) + reach
-        i = int(0)
-        while i < n:
-            p = place(w, i) - bar.start
+        near = wp.uint64(0)
+        k = int(0)
+        while k < count:
+            p = place(w, first + k) - bar.start
             along = wp.dot(p, bar.direction)
-            if along > -reach and along < end:
-                arm = place(w, i) - body.center
-                surface = surface_velocity(body, arm)
-                v = vec2(load_row(w, VX + i), load_row(w, VY + i))
-                touch = Touch()
-                touch.arm = vec2(Real(arm[0]), Real(arm[1]))
-                penetration, normal, relative = on_guide(p, v, vec2(Real(surface[0]), Real(surface[1])), bar)
-                touch.penetration = penetration
-                touch.normal = normal
-                touch.relative = relative
-                force, totals = press(w, i, touch, bar, memory, sliding, chain, totals)
-                push -= force
-            else:
-                if memory.stage == 0:
-                    store_row(memory.impact_speed, memory.first + i, Real(0.0))
+            across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
+            if along > -reach and along < end and at_face(across, bar):
+                near = near | bit_of(k)
+            k = k + 1
+        return near
+
+    @wp.func
+    def leave_bar(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
+        """Forgets the contacts of rollers that are no longer over it."""
+        kept = wp.uint64(0)
+        k = int(0)
+        while k < count:
+            if load_row(memory.impact_speed, memory.first + first + k) != Real(UNTOUCHED):
+                kept = kept | bit_of(k)
+            k = k + 1
+        left = kept & ~near
+        while left != wp.uint64(0):
+            store_row(memory.impact_speed, memory.first + first + lowest_bit(left), Real(UNTOUCHED))
+            left = next_bits(left)
+
+    @wp.func
+    def touch_face(
+        w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2, guide: kinds.Guide
+    ):
+        """How roller i stands on a guide; one that did not come in through the face does not touch it."""
+        kept = Real(UNTOUCHED)
+        if penetration > Real(0.0) and misses(penetration, load_row(w, BEFORE + i), guide):
+            kept = Real(MISSED)
+            penetration = Real(0.0)
+        touch(w, i, arm, penetration, normal, relative)
+        store_row(w, OPEN + i, kept)
+
+    @wp.func
+    def touch_bar(w: wp.array[Real], group: Group, bar: kinds.Guide, body: Pose):
+        """How the rollers stand on a guide-bar, eq. (21)-(23)."""
+        i = group.low
+        while i < group.high:
+            arm = place(w, i) - body.center
+            surface = surface_velocity(body, arm)
+            v = vec2(load_row(w, VX + i), load_row(w, VY + i))
+            moving = vec2(Real(surface[0]), Real(surface[1]))
+            penetration, normal, relative = on_guide(place(w, i) - bar.start, v, moving, bar)
+            depth = wp.where(is_near(group, i), penetration, Real(0.0))
+            touch_face(w, i, vec2(Real(arm[0]), Real(arm[1])), depth, normal, relative, bar)
             i = i + 1
-        totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
+
+    @wp.func
+    def count_missed(w: wp.array[Real], group: Group, totals: Totals):
+        """`totals` with the rollers that did not come in through the face."""
+        bits = group.near
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            if load_row(w, OPEN + i) == Real(MISSED):
+                totals.missing += 1
+                if load_row(w, BEFORE + i) == Real(UNTOUCHED):
+                    totals.missed += 1
+            bits = next_bits(bits)
         return totals
 
     @wp.func
-    def profile_pass(
+    def over_profile(w: wp.array[Real], first: int, count: int, guide: kinds.Guide, body: Pose):
+        """Which of `count` rollers from `first` on are near a profile, as bits."""
+        near = wp.uint64(0)
+        k = int(0)
+        while k < count:
+            if near_profile(in_frame(place(w, first + k) - body.center, body), guide):
+                near = near | bit_of(k)
+            k = k + 1
+        return near
+
+    @wp.func
+    def touch_piece(
+        w: wp.array[Real], i: int, guide: kinds.Guide, body: Pose, pieces: wp.array[Piece], memory: kinds.Memory
+    ):
+        """How roller i, which is near, stands on a profile."""
+        arm = place(w, i) - body.center
+        q = in_frame(arm, body)
+        number = tracked_piece(q, load_piece(memory.seat, memory.first + i), guide, pieces)
+        store_piece(memory.seat, memory.first + i, number)
+        penetration, facing = on_profile(q, number, guide, pieces)
+        facing = turned(facing, body.cosine, body.sine)
+        surface = surface_velocity(body, arm)
+        relative = vec2(Real(surface[0]), Real(surface[1])) - vec2(load_row(w, VX + i), load_row(w, VY + i))
+        normal = vec2(Real(facing[0]), Real(facing[1]))
+        touch_face(w, i, vec2(Real(arm[0]), Real(arm[1])), penetration, normal, relative, guide)
+
+    @wp.func
+    def touch_profile(
         w: wp.array[Real],
-        n: int,
+        group: Group,
         guide: kinds.Guide,
         body: Pose,
         pieces: wp.array[Piece],
         memory: kinds.Memory,
-        sliding: kinds.Sliding,
-        chain: kinds.Chain,
     ):
-        """Contacts of all rollers with one guide's profile on a body; returns their `Totals`.
-
-        The guide's `first_piece` is its first among all `pieces`.
-        """
-        totals = Totals()
-        push = vec2(Real(0.0), Real(0.0))
-        i = int(0)
-        while i < n:
-            arm = place(w, i) - body.center
-            q = in_frame(arm, body)
-            at = memory.first + i
-            if near_profile(q, guide):
-                number = tracked_piece(q, memory.seat[at], guide, pieces)
-                memory.seat[at] = number
-                touch = Touch()
-                touch.arm = vec2(Real(arm[0]), Real(arm[1]))
-                penetration, facing = on_profile(q, number, guide, pieces)
-                touch.penetration = penetration
-                facing = turned(facing, body.cosine, body.sine)
-                surface = surface_velocity(body, arm)
-                touch.normal = vec2(Real(facing[0]), Real(facing[1]))
-                v = vec2(load_row(w, VX + i), load_row(w, VY + i))
-                touch.relative = vec2(Real(surface[0]), Real(surface[1])) - v
-                force, totals = press(w, i, touch, guide, memory, sliding, chain, totals)
-                push -= force
-            else:
-                if memory.seat[at] >= 0:
-                    memory.seat[at] = -1
-                    store_row(memory.impact_speed, at, Real(0.0))
+        """How the rollers stand on a profile; the guide's `first_piece` is its first among all `pieces`."""
+        i = group.low
+        while i < group.high:
+            store_row(w, PENETRATION + i, Real(0.0))
             i = i + 1
-        totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
-        return totals
+        bits = group.near
+        while bits != wp.uint64(0):
+            touch_piece(w, group.first + lowest_bit(bits), guide, body, pieces, memory)
+            bits = next_bits(bits)
 
-    return GuidePasses(guide_pass=guide_pass, profile_pass=profile_pass)
+    return GuidePasses(
+        over_bar=over_bar,
+        leave_bar=leave_bar,
+        touch_bar=touch_bar,
+        over_profile=over_profile,
+        touch_profile=touch_profile,
+        count_missed=count_missed,
+    )

@@ -65,6 +65,8 @@ def instant_of(drive: Drive, step: int):
 class Observing:
     """What observes one variant, and the length of its frames."""
 
+    clear: wp.Function
+    merge: wp.Function
     measure: wp.Function
     sample: wp.Function
     width: wp.Function
@@ -165,6 +167,42 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         sums.tensioner[t] = added
 
     @wp.func
+    def merge(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, variant: int, w: wp.array[Real]):
+        """Merges the tallies of links into the sums of the window, and begins them anew."""
+        drive = ensemble.drives[variant]
+        chain = ensemble.chains[variant]
+        n = drive.rollers
+        sums.chain[variant] = tally.merge_links(w, n, chain, ensemble.links[variant], sums.chain[variant], drive.step)
+        for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+            sums.strand[s] = tally.merge_strand_links(w, n, state.strands[s], sums.strand[s])
+        tally.clear(w, n)
+
+    @wp.func
+    def measure_strands(state: kinds.State, sums: Sums, drive: Drive, w: wp.array[Real], at: Instant):
+        """Adds the strands of an evaluated step to the sums of the window."""
+        n = drive.rollers
+        for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+            strand = state.strands[s]
+            if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
+                strand = follow(w, X, Y, n, strand)
+                state.strands[s] = strand
+            mine = add_displacement(sums.strand[s], tally.mid_displacement(w, n, strand))
+            mine.links = mine.links + wp.int64(strand.links)
+            sums.strand[s] = mine
+
+    @wp.func
+    def measure_contacts(state: kinds.State, sums: Sums, drive: Drive, at: Instant):
+        """Adds the contacts of an evaluated step to the sums of the window."""
+        first = drive.first_sprocket + drive.first_guide
+        for i in range(first, first + drive.sprockets + drive.guides):
+            of = state.totals[i]
+            add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, at.weight)
+            missed = wp.where(at.step == drive.window_start, of.missing, of.missed)
+            add_touches(sums.contact, i, of.contacts, missed)
+            if of.friction != wp.float64(0.0):
+                add_friction(sums.contact, i, of.friction, at.weight)
+
+    @wp.func
     def measure(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -178,38 +216,24 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
         if at.step % STRAND_EVERY == 0 and at.step > drive.window_start:
+            merge(ensemble, state, sums, variant, w)
             look(ensemble, state, sums, variant, drive, w, at.step)
-        links = ensemble.links[variant]
-        chain_sums = tally.add_links(w, n, chain, links, sums.chain[variant], at.weight)
+        tally.tally(w, n, Real(at.weight / drive.step))
+        sums.chain[variant].samples = sums.chain[variant].samples + wp.int64(1)
         if ensemble.joints[variant].rubs != 0:
-            chain_sums.friction += at.weight * friction_power(w, n, chain, Real(at.lag))
-        if at.step == drive.window_start:
-            chain_sums = add_energy(chain_sums, True, mechanical_energy(ensemble, state, drive, chain, links, w, at))
-        if at.step == drive.window_end:
-            chain_sums = add_energy(chain_sums, False, mechanical_energy(ensemble, state, drive, chain, links, w, at))
-        sums.chain[variant] = chain_sums
-        for p in range(drive.sprockets + drive.guides):
-            i = drive.first_sprocket + drive.first_guide + p
-            of = state.totals[i]
-            add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, at.weight)
-            missed = wp.where(at.step == drive.window_start, of.missing, of.missed)
-            add_touches(sums.contact, i, of.contacts, missed)
-            if of.friction != wp.float64(0.0):
-                add_friction(sums.contact, i, of.friction, at.weight)
+            lost = at.weight * friction_power(w, n, chain, Real(at.lag))
+            sums.chain[variant].friction = sums.chain[variant].friction + lost
+        if at.step == drive.window_start or at.step == drive.window_end:
+            energy = mechanical_energy(ensemble, state, drive, chain, ensemble.links[variant], w, at)
+            sums.chain[variant] = add_energy(sums.chain[variant], at.step == drive.window_start, energy)
+        measure_contacts(state, sums, drive, at)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, at)
         for a in range(drive.arms):
             add_arm_body(ensemble, state, sums, drive, a, at)
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             add_push(ensemble, state, sums, drive, t, at)
-        for s in range(drive.sprockets):
-            i = drive.first_sprocket + s
-            strand = state.strands[i]
-            if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
-                strand = follow(w, X, Y, n, strand)
-                state.strands[i] = strand
-            strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
-            sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
+        measure_strands(state, sums, drive, w, at)
 
     @wp.func
     def seen(w: wp.array[Real], i: int):
@@ -258,4 +282,4 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         for t in range(drive.tensioners):
             write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
 
-    return Observing(measure=measure, sample=sample, width=width)
+    return Observing(clear=tally.clear, merge=merge, measure=measure, sample=sample, width=width)

@@ -102,13 +102,12 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         joint = kinds.Joint()  # no friction while settling
-        links = ensemble.links[variant]
         s = settling[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
-            evaluate(ensemble, state, drive, chain, joint, links, w, 0)
+            evaluate(ensemble, state, variant, joint, w, 0, 0)
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
                 beside = arms_acceleration(ensemble, state, drive, chain)

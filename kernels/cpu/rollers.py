@@ -11,12 +11,10 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import UNTOUCHED, after_teeth, dissipated, in_teeth, reaction, respond, rub, tracked_seat
 from ..physics.link import link_force
 from ..physics.roller import roller_acceleration, two_sum
-from ..rows import STATE_ROWS, accessors
-from ..structs import Pose, types
-from ..sum_structs import Totals
+from ..rows import STATE_ROWS, accessors, whole
+from ..structs import types
 
 
 @dataclass(frozen=True)
@@ -52,6 +50,40 @@ class Rows:
     sum_y: int
     sum_vx: int
     sum_vy: int
+    before: int  # of contacts with the partner at hand (`contacts`): v0 until now [m/s]
+    direction_x: int  # to where a seat points at angle zero, and what float32 rounds off
+    direction_y: int
+    direction_x_low: int
+    direction_y_low: int
+    radial: int  # in a tooth gap: from the seat, along the seat's outward direction and across it [m]
+    lateral: int
+    outward_x: int  # that direction
+    outward_y: int
+    arm_x: int  # the roller from the center of the partner's body [m]
+    arm_y: int
+    penetration: int  # [m]
+    normal_x: int  # towards the roller
+    normal_y: int
+    relative_x: int  # velocity of the partner's material point less the roller's [m/s]
+    relative_y: int
+    open: int  # v0 kept if there is no contact [m/s]
+    kept: int  # v0 kept [m/s]
+    press_x: int  # force on the roller [N]
+    press_y: int
+    size: int  # of the normal force [N]
+    damper: int  # what of it damps [N]
+    energy: int  # elastic [J]
+    drag_x: int  # friction [N]
+    drag_y: int
+    moment_of: int  # on the partner's body [N m]
+    damped: int  # power that dampers take [W]
+    rubbed: int  # power of friction [W]
+    least: int  # of links since their tallies were merged: least and greatest tension [N]
+    greatest: int
+    tensions: int  # sum of tensions and of their squares
+    squares: int
+    rates: int  # weighted sum of squares of rates of elongation
+    strand: int  # that the link is on
 
 
 ROWS = tuple(field.name for field in fields(Rows))
@@ -76,10 +108,7 @@ class Passes:
     store_link: wp.Function
     move: wp.Function
     link_pass: wp.Function
-    sprocket_pass: wp.Function
     place: wp.Function
-    add_force: wp.Function
-    add_response: wp.Function
     acceleration: wp.Function
     kick_drift: wp.Function
     inside: wp.Function
@@ -190,30 +219,13 @@ def passes(Real: type, capacity: int) -> Passes:
         """Tension and force of every link, eq. (2), (3), link i's at i + 1; contact forces start at zero."""
         close(w, n)
         i = int(0)
-        while i < n:
+        while i < whole(n):
             d, v = apart(w, i), parting(w, i)
             tension, rate, u = link_force(d, v, load_row(w, LENGTH + i), chain.stiffness, chain.damping)
             store_link(w, i, tension, rate, u)
             i = i + 1
         store_row(w, LINK_X, load_row(w, LINK_X + n))
         store_row(w, LINK_Y, load_row(w, LINK_Y + n))
-
-    @wp.func
-    def add_response(totals: Totals, size: wp.float64, damped: wp.float64, rubbed: wp.float64, energy: wp.float64):
-        """Adds one contact's answer to what its partner's contacts add up to."""
-        totals.force += size
-        totals.force_max = wp.max(totals.force_max, size)
-        totals.dissipated += damped
-        totals.friction += rubbed
-        totals.energy += energy
-        return totals
-
-    @wp.func
-    def add_force(w: wp.array[Real], i: int, row: int, force: vec2, size: Real):
-        """Adds a contact's force to roller i, and its magnitude to a row of magnitudes."""
-        store_row(w, FX + i, load_row(w, FX + i) + force[0])
-        store_row(w, FY + i, load_row(w, FY + i) + force[1])
-        store_row(w, row + i, load_row(w, row + i) + size)
 
     @wp.func
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
@@ -225,69 +237,11 @@ def passes(Real: type, capacity: int) -> Passes:
         return roller_acceleration(force, inverse_mass, gravity)
 
     @wp.func
-    def sprocket_pass(
-        w: wp.array[Real],
-        n: int,
-        sprocket: kinds.Sprocket,
-        body: Pose,
-        seats: wp.array[wp.vec2d],
-        memory: kinds.Memory,
-        sliding: kinds.Sliding,
-        chain: kinds.Chain,
-    ):
-        """Contacts of all rollers with one sprocket, eq. (5)-(17); returns their `Totals`."""
-        totals = Totals()
-        center = vec2(Real(body.center[0]), Real(body.center[1]))
-        center_velocity = vec2(Real(body.velocity[0]), Real(body.velocity[1]))
-        omega = Real(body.speed)
-        push = vec2(Real(0.0), Real(0.0))
-        i = int(0)
-        while i < n:
-            r = vec2(load_row(w, X + i), load_row(w, Y + i)) - center
-            at = memory.first + i
-            square = wp.dot(r, r)
-            if square > sprocket.near_square and square < sprocket.far_square:
-                before = load_row(memory.impact_speed, at)
-                v = vec2(load_row(w, VX + i), load_row(w, VY + i)) - center_velocity
-                p = place(w, i) - body.center
-                seat = tracked_seat(p, memory.seat[at], body.cosine, body.sine, sprocket, seats)
-                penetration, normal, relative = in_teeth(p, v, omega, seat, sprocket)
-                memory.seat[at] = seat.number
-                kept = after_teeth(before)
-                if penetration > Real(0.0):
-                    f, size, first, damper, energy = respond(penetration, normal, relative, before, sprocket.law)
-                    kept = first
-                    drag = vec2(Real(0.0), Real(0.0))
-                    if sliding.rubs != 0:
-                        drag = rub(size, normal, relative, sliding)
-                    f = f + drag
-                    add_force(w, i, SPROCKET_FORCE, f, size)
-                    totals.moment += wp.float64(reaction(r, f))
-                    push -= f
-                    a = acceleration(w, i, chain.inverse_mass, chain.gravity)
-                    damped = wp.float64(dissipated(damper * normal, relative, a, memory.lag))
-                    rubbed = wp.float64(dissipated(drag, relative, a, memory.lag))
-                    totals = add_response(totals, wp.float64(size), damped, rubbed, wp.float64(energy))
-                    if before <= Real(0.0):
-                        totals.impacts += 1
-                    if before == Real(UNTOUCHED):
-                        totals.contacts += 1
-                if memory.stage == 0:
-                    store_row(memory.impact_speed, at, kept)
-            else:
-                if memory.seat[at] >= 0:
-                    memory.seat[at] = -1
-                    store_row(memory.impact_speed, at, Real(0.0))
-            i = i + 1
-        totals.push = wp.vec2d(wp.float64(push[0]), wp.float64(push[1]))
-        return totals
-
-    @wp.func
     def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):
         """v += kick a, then x += h v."""
         inverse_mass = chain.inverse_mass
         i = int(0)
-        while i < n:
+        while i < whole(n):
             a = acceleration(w, i, inverse_mass, chain.gravity)
             vx = load_row(w, VX + i) + kick * a[0]
             vy = load_row(w, VY + i) + kick * a[1]
@@ -318,10 +272,7 @@ def passes(Real: type, capacity: int) -> Passes:
         store_link=store_link,
         move=move,
         link_pass=link_pass,
-        sprocket_pass=sprocket_pass,
         place=place,
-        add_force=add_force,
-        add_response=add_response,
         acceleration=acceleration,
         kick_drift=kick_drift,
         inside=inside,

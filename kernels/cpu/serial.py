@@ -32,27 +32,26 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
     do = stepping(Real, capacity)
     observe = observing(Real, capacity, frame)
     evaluate = evaluating(Real, capacity).evaluate
-    inside, bodies_sound = part.inside, moving(Real).bodies_sound
+    inside, find_rates, bodies_sound = part.inside, moving(Real).find_rates, moving(Real).bodies_sound
 
-    @wp.kernel(enable_backward=False, module=own_module("advance", Real, capacity, frame))
-    def advance(
+    @wp.func
+    def march(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         sums: Sums,
+        variant: int,
         frames: wp.array[Real],
         w: wp.array[Real],
-        first: int,
         steps: int,
     ):
-        """Variants `first` + thread: `steps` steps on, sums and frames written on the way."""
-        variant = first + wp.tid()
+        """One variant: `steps` steps on. A function, of which the kernel's two forms share the code."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         joint = ensemble.joints[variant]
-        links = ensemble.links[variant]
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
+        observe.clear(w, n)
         end = wp.min(progress.step + steps, drive.steps + 1)
         at = drive.first_value
         step = progress.step
@@ -60,9 +59,12 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
             now = instant_of(drive, step)
             stage = int(0)
             while stage < 4:
-                evaluate(ensemble, state, drive, chain, joint, links, w, stage)
+                measured = wp.where(stage == 0 and step >= drive.window_start and step <= drive.window_end, 1, 0)
+                at_stage = rk4_stage(stage, now.time, drive.step)
+                evaluate(ensemble, state, variant, joint, w, stage, measured)
+                find_rates(ensemble, state, drive, at_stage.time)
                 if stage == 0:
-                    if step >= drive.window_start and step <= drive.window_end:
+                    if measured != 0:
                         observe.measure(ensemble, state, sums, variant, drive, chain, w, now)
                     if drive.sample_every > 0:
                         if step % drive.sample_every == 0:
@@ -77,12 +79,26 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                     do.leapfrog(ensemble, state, drive, chain, w, now.time, leapfrog_kick(step, drive.step))
                     stage = 4
                 else:
-                    do.rk4(ensemble, state, drive, chain, w, rk4_stage(stage, now.time, drive.step))
+                    do.rk4(ensemble, state, drive, chain, w, at_stage)
                     stage = stage + 1
             if progress.diverged == 0:
                 step = step + 1
+        observe.merge(ensemble, state, sums, variant, w)
         progress.step = step
         state.progress[variant] = progress
         part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+
+    @wp.kernel(enable_backward=False, module=own_module("advance", Real, capacity, frame))
+    def advance(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        frames: wp.array[Real],
+        w: wp.array[Real],
+        first: int,
+        steps: int,
+    ):
+        """Variants `first` + thread: `steps` steps on, sums and frames written on the way."""
+        march(ensemble, state, sums, first + wp.tid(), frames, w, steps)
 
     return advance

@@ -8,23 +8,11 @@ import warp as wp
 from ..batches import NOTES, notes_due
 from ..rows import accessors
 from ..slip import follow_slip, mid_wrap
-from ..structs import Drive, Strand, types
+from ..structs import Drive, types
 from ..sum_structs import ChainNote, StrandNote, Sums
+from ..sums import after
 from ..tension_bins import BINS, count_tension
 from .rollers import rows
-
-
-@wp.func
-def strand_of(strands: wp.array[Strand], first: int, count: int, link: int, n: int):
-    """Which of `count` strands from `first` on a link is on; `count` where it is on none."""
-    found = count
-    for s in range(count):
-        place = link - strands[first + s].first_link
-        if place < 0:
-            place = place + n
-        if place < strands[first + s].links:
-            found = s
-    return found
 
 
 @dataclass(frozen=True)
@@ -38,8 +26,8 @@ class Statistics:
 def statistics(Real: type, capacity: int) -> Statistics:
     """The function that takes one variant's statistics, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    TENSION = rows(capacity).tension
-    load_row = accessors(Real).load_row
+    TENSION, STRAND = rows(capacity).tension, rows(capacity).strand
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
 
     @wp.func
     def note(sums: Sums, variant: int, drive: Drive, step: int):
@@ -61,6 +49,19 @@ def statistics(Real: type, capacity: int) -> Statistics:
                 sums.mount_notes[i * NOTES + k] = sums.mount[i]
 
     @wp.func
+    def place_links(state: kinds.State, drive: Drive, w: wp.array[Real]):
+        """Which strand of the drive every link is on; the number of strands where it is on none."""
+        n = drive.rollers
+        for j in range(n):
+            store_row(w, STRAND + j, Real(drive.sprockets))
+        for s in range(drive.sprockets):
+            strand = state.strands[drive.first_sprocket + s]
+            link = strand.first_link
+            for _ in range(strand.links):
+                store_row(w, STRAND + link, Real(s))
+                link = after(link, n)
+
+    @wp.func
     def look(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -73,9 +74,9 @@ def statistics(Real: type, capacity: int) -> Statistics:
         """Counts tensions, follows slips and notes sums before step `step` is added; strands are as they were."""
         n = drive.rollers
         first = drive.first_sprocket
+        place_links(state, drive, w)
         for j in range(n):
-            category = strand_of(state.strands, first, drive.sprockets, j, n)
-            at = (first + variant + category) * BINS
+            at = (first + variant + int(load_row(w, STRAND + j))) * BINS
             count_tension(sums.tension_counts, at, load_row(w, TENSION + j), drive.tension_scale)
         for s in range(drive.sprockets):
             before = state.strands[first + wp.where(s > 0, s, drive.sprockets) - 1]

@@ -7,16 +7,14 @@ import warp as wp
 
 from ..integrate import Rk4Stage
 from ..physics.arm import arm_rates
-from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
-from ..physics.contact import carried
+from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.tensioner import extension, push_by, tensioner_step, touch_of
 from ..rows import accessors
-from ..structs import GROUND, Drive, Pose, Wrench, types
-from ..sum_structs import Totals
+from ..structs import GROUND, Drive, Wrench, types
 from ..sums import metered
-from .guides import guide_passes
 from .joints import joint_passes
+from .partners import partners
 from .rollers import passes, rows
 
 
@@ -46,23 +44,26 @@ class Evaluating:
 def evaluating(Real: type, capacity: int) -> Evaluating:
     """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    part = passes(Real, capacity)
-    link_pass, sprocket_pass = part.link_pass, part.sprocket_pass
-    guide_pass, profile_pass = guide_passes(Real, capacity).guide_pass, guide_passes(Real, capacity).profile_pass
+    link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity).meet
     joints = joint_passes(Real, capacity)
 
     @wp.func
     def evaluate(
         ensemble: kinds.Ensemble,
         state: kinds.State,
-        drive: Drive,
-        chain: kinds.Chain,
+        variant: int,
         joint: kinds.Joint,
-        links: kinds.Links,
         w: wp.array[Real],
         stage: int,
+        measured: int,
     ):
-        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`."""
+        """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
+
+        Totals have what only metrics want where `measured` is 1.
+        """
+        drive = ensemble.drives[variant]
+        chain = ensemble.chains[variant]
+        links = ensemble.links[variant]
         n = drive.rollers
         if links.uneven != 0:
             joints.pull_uneven(w, n, chain, links)
@@ -75,44 +76,20 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
             joints.bend_links(w, n)
         for b in range(drive.bodies):
             state.wrenches[drive.first_body + b] = Wrench()
-        partner = drive.first_sprocket + drive.first_guide
         memory = kinds.Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
         memory.first = drive.first_contact
         memory.stage = stage
+        memory.measured = measured
         if drive.integrator == 0:
             memory.lag = Real(wp.float64(0.5) * drive.step)
-        for s in range(drive.sprockets):
-            b = drive.first_body + s
-            pose = pose_of(state.bodies[b])
-            sprocket = ensemble.sprockets[drive.first_sprocket + s]
-            sliding = ensemble.tooth_sliding[drive.first_sprocket + s]
-            totals = sprocket_pass(w, n, sprocket, pose, ensemble.seats, memory, sliding, chain)
-            state.totals[partner] = totals
-            state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
-            partner += 1
-            memory.first = memory.first + n
-        for g in range(drive.guides):
-            bar = ensemble.guides[drive.first_guide + g]
-            sliding = ensemble.guide_sliding[drive.first_guide + g]
-            totals = Totals()
-            pose = Pose()
-            if bar.body != GROUND:
-                pose = pose_of(state.bodies[drive.first_body + bar.body])
-            if bar.pieces == 0:
-                if bar.body != GROUND:
-                    bar = carried(bar, pose)
-                totals = guide_pass(w, n, bar, pose, memory, sliding, chain)
-            else:
-                pose.cosine = wp.where(bar.body != GROUND, pose.cosine, wp.float64(1.0))
-                bar.first_piece = drive.first_piece + bar.first_piece
-                totals = profile_pass(w, n, bar, pose, ensemble.pieces, memory, sliding, chain)
-            state.totals[partner] = totals
-            if bar.body != GROUND:
-                b = drive.first_body + bar.body
+        for p in range(drive.sprockets + drive.guides):
+            totals, body = meet(ensemble, state, drive, chain, w, p, memory)
+            state.totals[drive.first_sprocket + drive.first_guide + p] = totals
+            if body != GROUND:
+                b = drive.first_body + body
                 state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
-            partner += 1
             memory.first = memory.first + n
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
@@ -126,6 +103,7 @@ class BodyFunctions:
     """What moves the bodies of one variant, and observes them."""
 
     rates_of: wp.Function
+    find_rates: wp.Function
     leapfrog_bodies: wp.Function
     rk4_bodies: wp.Function
     wrench_on: wp.Function
@@ -161,6 +139,12 @@ def moving(Real: type) -> BodyFunctions:
         return body_rates(time, body, heading_of(body), wrench, load, motion, ensemble.mounts[b], ensemble.curves)
 
     @wp.func
+    def find_rates(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, time: wp.float64):
+        """Accelerations of all bodies at `time`, for whatever moves or observes them."""
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.rates[b] = rates_of(ensemble, state, drive, b, time)
+
+    @wp.func
     def flow(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive):
         """What flows through all tensioners in a step, once the bodies have moved; the meters count it."""
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
@@ -182,9 +166,8 @@ def moving(Real: type) -> BodyFunctions:
             ahead = wp.float64(0.0)
             if motion.prescribed == 1:
                 ahead, speed = prescribed_at(time + drive.step, motion, ensemble.curves)
-            rates = rates_of(ensemble, state, drive, b, time)
             state.bodies[b] = leapfrog_body(
-                time, kick, drive.step, state.bodies[b], rates, ahead, motion, ensemble.mounts[b]
+                time, kick, drive.step, state.bodies[b], state.rates[b], ahead, motion, ensemble.mounts[b]
             )
         flow(ensemble, state, drive)
 
@@ -192,12 +175,11 @@ def moving(Real: type) -> BodyFunctions:
     def rk4_bodies(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, at: Rk4Stage):
         """All bodies after one of the four stages."""
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            rates = rates_of(ensemble, state, drive, b, at.time)
             body, stages = rk4_body(
                 at,
                 state.bodies[b],
                 state.body_stages[b],
-                rates,
+                state.rates[b],
                 ensemble.motions[b],
                 ensemble.mounts[b],
                 ensemble.curves,
@@ -209,13 +191,12 @@ def moving(Real: type) -> BodyFunctions:
 
     @wp.func
     def body_now(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int, time: wp.float64, lag: wp.float64):
-        """Body `b` of all with its rates at `time`, `lag` after their own instant."""
+        """Body `b` of all with its rates at `time`, `lag` after their own instant; its accelerations are found."""
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
         if motion.prescribed == 1:
             angle, driven = prescribed_at(time, motion, ensemble.curves)
-        rates = rates_of(ensemble, state, drive, b, time)
-        return body_at(time, lag, state.bodies[b], rates, driven, motion, ensemble.mounts[b])
+        return body_at(time, lag, state.bodies[b], state.rates[b], driven, motion, ensemble.mounts[b])
 
     @wp.func
     def bodies_sound(state: kinds.State, drive: Drive):
@@ -229,6 +210,7 @@ def moving(Real: type) -> BodyFunctions:
 
     return BodyFunctions(
         rates_of=rates_of,
+        find_rates=find_rates,
         leapfrog_bodies=leapfrog_bodies,
         rk4_bodies=rk4_bodies,
         wrench_on=wrench_on,

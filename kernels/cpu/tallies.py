@@ -1,4 +1,8 @@
-"""Sums over the rollers of one variant at one step: tension, mid-strand displacement, energy."""
+"""What the rollers of one variant add up to: tensions by link, mid-strand displacement, energy.
+
+Every link has a tally of its own, a value in each of five rows, so that a step adds to all in one loop that vectorizes;
+every `STRAND_EVERY` steps, before strands change their links, tallies are merged into the sums of chain and strands.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -7,10 +11,10 @@ import warp as wp
 
 from ..physics.link import link_chain
 from ..physics.roller import roller_energy
-from ..rows import accessors
+from ..rows import accessors, whole
 from ..structs import Strand, types
-from ..sum_structs import ChainSums, StrandSums
-from ..sums import add_tension, after, displacement, merge_tension, unseen
+from ..sum_structs import ChainSums, LinkTally, StrandSums
+from ..sums import after, displacement, merge_tension
 from .rollers import passes, rows
 
 
@@ -18,9 +22,11 @@ from .rollers import passes, rows
 class RollerSums:
     """The sums over the rollers of one variant."""
 
-    add_links: wp.Function
+    clear: wp.Function
+    tally: wp.Function
+    merge_links: wp.Function
     mid_displacement: wp.Function
-    add_strand_links: wp.Function
+    merge_strand_links: wp.Function
     rollers_energy: wp.Function
 
 
@@ -28,41 +34,59 @@ class RollerSums:
 def tallies(Real: type, capacity: int) -> RollerSums:
     """The sums over the rollers of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    load_row = accessors(Real).load_row
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     at = rows(capacity)
     X, Y, VX, VY, TENSION, RATE = at.x, at.y, at.vx, at.vy, at.tension, at.rate
+    LEAST, GREATEST, TENSIONS, SQUARES, RATES = at.least, at.greatest, at.tensions, at.squares, at.rates
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
 
     @wp.func
-    def damper_power(w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links):
-        """Power of the dampers of links that differ [W]."""
-        power = Real(0.0)
+    def clear(w: wp.array[Real], n: int):
+        """Begins the links' tallies anew."""
         i = int(0)
-        while i < n:
-            rate = load_row(w, RATE + i)
-            power += link_chain(i, chain, links).damping * (rate * rate)
+        while i < whole(n):
+            store_row(w, LEAST + i, Real(wp.inf))
+            store_row(w, GREATEST + i, Real(-wp.inf))
+            store_row(w, TENSIONS + i, Real(0.0))
+            store_row(w, SQUARES + i, Real(0.0))
+            store_row(w, RATES + i, Real(0.0))
             i = i + 1
-        return power
 
     @wp.func
-    def add_links(
-        w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links, sums: ChainSums, weight: wp.float64
-    ):
-        """Tension of every link, and the power of the links' dampers."""
-        seen = unseen()
-        rates = Real(0.0)
+    def tally(w: wp.array[Real], n: int, share: Real):
+        """Adds a step to every link's tally; `share` is the part of a step that it stands for in time integrals."""
         i = int(0)
-        while i < n:
-            seen = add_tension(seen, load_row(w, TENSION + i))
+        while i < whole(n):
+            tension = load_row(w, TENSION + i)
             rate = load_row(w, RATE + i)
-            rates += rate * rate
+            store_row(w, LEAST + i, wp.min(load_row(w, LEAST + i), tension))
+            store_row(w, GREATEST + i, wp.max(load_row(w, GREATEST + i), tension))
+            store_row(w, TENSIONS + i, load_row(w, TENSIONS + i) + tension)
+            store_row(w, SQUARES + i, load_row(w, SQUARES + i) + tension * tension)
+            store_row(w, RATES + i, load_row(w, RATES + i) + share * (rate * rate))
             i = i + 1
-        sums = merge_tension(sums, seen)
-        sums.samples = sums.samples + wp.int64(1)
-        power = chain.damping * rates
-        if links.uneven != 0:
-            power = damper_power(w, n, chain, links)
-        sums.dissipated = sums.dissipated + weight * wp.float64(power)
+
+    @wp.func
+    def tally_of(w: wp.array[Real], i: int):
+        """What link i's tally has seen of tension."""
+        seen = LinkTally()
+        seen.tension_min = wp.float64(load_row(w, LEAST + i))
+        seen.tension_max = wp.float64(load_row(w, GREATEST + i))
+        seen.tension = wp.float64(load_row(w, TENSIONS + i))
+        seen.tension_square = wp.float64(load_row(w, SQUARES + i))
+        return seen
+
+    @wp.func
+    def merge_links(
+        w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links, sums: ChainSums, step: wp.float64
+    ):
+        """`sums` with the tallies of all links; `step` is a step's length [s]."""
+        for i in range(n):
+            sums = merge_tension(sums, tally_of(w, i))
+            mine = chain
+            if links.uneven != 0:
+                mine = link_chain(i, chain, links)
+            sums.dissipated = sums.dissipated + step * wp.float64(mine.damping * load_row(w, RATES + i))
         return sums
 
     @wp.func
@@ -79,17 +103,12 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         )
 
     @wp.func
-    def add_strand_links(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
-        """Tension of the links between the strand's two tangent points."""
-        seen = unseen()
+    def merge_strand_links(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
+        """`sums` with the tallies of the links between the strand's two tangent points."""
         link = strand.first_link
-        count = int(0)
-        while count < strand.links:
-            seen = add_tension(seen, load_row(w, TENSION + link))
+        for _ in range(strand.links):
+            sums = merge_tension(sums, tally_of(w, link))
             link = after(link, n)
-            count = count + 1
-        sums = merge_tension(sums, seen)
-        sums.links = sums.links + wp.int64(strand.links)
         return sums
 
     @wp.func
@@ -113,8 +132,10 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         return total
 
     return RollerSums(
-        add_links=add_links,
+        clear=clear,
+        tally=tally,
+        merge_links=merge_links,
         mid_displacement=mid_displacement,
-        add_strand_links=add_strand_links,
+        merge_strand_links=merge_strand_links,
         rollers_energy=rollers_energy,
     )

@@ -25,7 +25,7 @@ import warp as wp
 
 from ..rows import accessors
 from ..structs import Pose
-from .friction import friction
+from .friction import bounded, friction
 from .guide import guide_gap
 from .impact import contact_force, elastic_force
 from .tooth import nearest_seat, seat_step, tooth_gap, wrapped_seat
@@ -93,6 +93,15 @@ def rub(size: Any, normal: Any, relative: Any, sliding: Any):
     along = type(normal)(-normal[1], normal[0])
     speed = wp.dot(relative, along)
     drag = friction(size, wp.abs(speed), sliding.stop, sliding.law)
+    return wp.where(speed < type(size)(0.0), -drag, drag) * along
+
+
+@wp.func
+def rub_evenly(size: Any, normal: Any, relative: Any, sliding: Any):
+    """As `rub`, of one coefficient at all speeds."""
+    along = type(normal)(-normal[1], normal[0])
+    speed = wp.dot(relative, along)
+    drag = bounded(sliding.law.mu_dynamic, size, wp.abs(speed), sliding.stop)
     return wp.where(speed < type(size)(0.0), -drag, drag) * along
 
 

@@ -29,6 +29,19 @@ def coefficient(speed: Any, law: Any):
 
 
 @wp.func
+def bounded(mu: Any, normal: Any, speed: Any, stop: Any):
+    """Size [N] of the force against a sliding speed, at most mu N.
+
+    Args:
+        mu: of that speed (`coefficient`) [-].
+        normal: N >= 0 [N].
+        speed: |v| [m/s].
+        stop: beta m_e / h [N s/m].
+    """
+    return wp.min(mu * normal, stop * speed)
+
+
+@wp.func
 def friction(normal: Any, speed: Any, stop: Any, law: Any):
     """Size [N] of the force against a sliding speed, at most mu(v) N.
 
@@ -38,4 +51,4 @@ def friction(normal: Any, speed: Any, stop: Any, law: Any):
         stop: beta m_e / h [N s/m].
         law: what rubs (`structs.Friction`).
     """
-    return wp.min(coefficient(speed, law) * normal, stop * speed)
+    return bounded(coefficient(speed, law), normal, speed, stop)

@@ -16,6 +16,12 @@ from ..root import inverse_root, root
 
 
 @wp.func
+def at_face(across: Any, bar: Any):
+    """Whether a roller may touch a guide-bar as far as `across` = q . n [m] tells."""
+    return across > -bar.end_radius and across < bar.roller_radius
+
+
+@wp.func
 def guide_gap(along: Any, across: Any, bar: Any):
     """Penetration [m] (not positive: no contact) and the normal's components along t and n, eq. (21)-(23).
 
@@ -28,7 +34,7 @@ def guide_gap(along: Any, across: Any, bar: Any):
     penetration = zero
     normal_along = zero
     normal_across = type(along)(1.0)
-    if across > -bar.end_radius and across < bar.roller_radius:
+    if at_face(across, bar):
         beyond = wp.min(along, zero) + wp.max(along - bar.length, zero)
         if beyond == zero:
             penetration = bar.roller_radius - across

@@ -65,14 +65,8 @@ def seat_step(radial: Any, lateral: Any, half_pitch_tangent: Any):
 
 
 @wp.func
-def tooth_gap(xi: Any, lateral: Any, gap: Any):
-    """Penetration [m] and the normal's components along e and tau, of a roller in a tooth gap.
-
-    Args:
-        xi: q . e [m], q from the seat to the roller's center.
-        lateral: q . tau [m].
-        gap: the sprocket's tooth gap (`structs.Sprocket`).
-    """
+def endless_gap(xi: Any, lateral: Any, gap: Any):
+    """As `tooth_gap`, of a gap whose flanks have no tips."""
     zero = type(xi)(0.0)
     one = type(xi)(1.0)
     eta = wp.abs(lateral)
@@ -96,13 +90,38 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
         at[0] = (at[0] * (one + across) - along * t) * reciprocal(one + root(square))
         at[1] = (across * gap.cos_half_seat + along * gap.sin_half_seat) * inverse
         at[2] = side * (along * gap.cos_half_seat - across * gap.sin_half_seat) * inverse
-    if at[0] > zero:
+    return at
+
+
+@wp.func
+def beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
+    """Whether a roller, `penetration` deep in a gap without tips, is less deep in the tip."""
+    if penetration > type(xi)(0.0):
         radial = gap.pitch_radius + xi
-        square = radial * radial + lateral * lateral
-        limit = wp.max(gap.tip_reach - at[0], zero)
-        if square > limit * limit:
-            inverse = inverse_root(square)
-            at[0] = gap.tip_reach - root(square)
-            at[1] = radial * inverse
-            at[2] = lateral * inverse
+        limit = wp.max(gap.tip_reach - penetration, type(xi)(0.0))
+        return radial * radial + lateral * lateral > limit * limit
+    return False
+
+
+@wp.func
+def on_tip(xi: Any, lateral: Any, gap: Any):
+    """As `tooth_gap`, of a tip."""
+    radial = gap.pitch_radius + xi
+    square = radial * radial + lateral * lateral
+    inverse = inverse_root(square)
+    return wp.vector(gap.tip_reach - root(square), radial * inverse, lateral * inverse)
+
+
+@wp.func
+def tooth_gap(xi: Any, lateral: Any, gap: Any):
+    """Penetration [m] and the normal's components along e and tau, of a roller in a tooth gap.
+
+    Args:
+        xi: q . e [m], q from the seat to the roller's center.
+        lateral: q . tau [m].
+        gap: the sprocket's tooth gap (`structs.Sprocket`).
+    """
+    at = endless_gap(xi, lateral, gap)
+    if beyond_tip(at[0], xi, lateral, gap):
+        at = on_tip(xi, lateral, gap)
     return at[0], at[1], at[2]

@@ -19,8 +19,10 @@ from warpchain.engine.packed import Packed, real_of
 from warpchain.kernels import relaxation
 from warpchain.kernels.cpu import relax, serial
 
-CAPACITIES = (264, 1032, 4104, 16392, 65544)
+CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
+BEYOND = 16
+"""Values of a row beyond the longest chain that it holds: its loops take whole groups of rollers (`kernels.rows`)."""
 
 
 def kernel_of(name: str, packed: Packed, precision: str) -> Any:
@@ -138,6 +140,6 @@ def _capacity(packed: Packed) -> int:
 
     longest = int(packed.drives["rollers"].max())
     for capacity in CAPACITIES:
-        if capacity > longest:
+        if capacity > longest + BEYOND:
             return capacity
-    raise SimulationError(f"chain.links = {longest}: the CPU engine takes up to {CAPACITIES[-1] - 1} links")
+    raise SimulationError(f"chain.links = {longest}: the CPU engine takes up to {CAPACITIES[-1] - BEYOND - 1} links")

@@ -153,9 +153,16 @@ def loading(devices: Sequence[str], packed: Packed, precision: str) -> Iterator[
 
 
 def launch_steps(devices: Sequence[str], packed: Packed, wanted: int) -> int:
-    """Steps of a launch on these devices, `wanted` at most."""
+    """Steps of a launch on these devices, `wanted` at most.
+
+    On the CPU whole rounds of `STRAND_EVERY` where they fit: at a launch's end sums are merged, so that how a run is
+    cut into launches does not change them in their last digits.
+    """
     if tuple(devices) == ("cpu",):
-        return wanted
+        from warpchain.kernels.sums import STRAND_EVERY
+
+        every = int(STRAND_EVERY)
+        return wanted // every * every or wanted
     from warpchain.engine.gpu import launch_steps as on_gpu
 
     return on_gpu(float(packed.drives["rollers"].sum()) / len(devices), wanted)

@@ -1,0 +1,334 @@
+"""What the CPU kernel's contacts with one partner answer: the passes that teeth, guide-bars and profiles share.
+
+Rollers are looked at in groups of 64, of which a mask of bits says which are near the partner. What tracks a seat or a
+piece goes from bit to bit; the rest are plain loops over rows, from the first roller that is near to the last, which
+vectorize (see `rollers`). A roller in between that is not near has a penetration of 0, as one that does not touch.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..physics.contact import dissipated, reaction, respond, rub, rub_evenly
+from ..rows import LANES, accessors
+from ..structs import types
+from ..sum_structs import Totals
+from .rollers import passes, rows
+
+GROUP = wp.constant(64)
+"""Rollers of a group."""
+
+
+@wp.struct
+class Group:
+    """Rollers one after the other of which some are near a partner."""
+
+    first: wp.int32
+    near: wp.uint64  # bit k: roller `first` + k is near
+    low: wp.int32  # the first that is near, or up to seven before
+    high: wp.int32  # after the last that is near, by a multiple of eight from `low`
+
+
+@wp.func_native("return __builtin_ctzll(bits);")
+def lowest_bit(bits: wp.uint64) -> int: ...
+
+
+@wp.func_native("return 63 - __builtin_clzll(bits);")
+def highest_bit(bits: wp.uint64) -> int: ...
+
+
+@wp.func
+def bit_of(k: int):
+    """Bit k."""
+    return wp.uint64(1) << wp.uint64(k)
+
+
+@wp.func
+def next_bits(bits: wp.uint64):
+    """`bits` without the lowest."""
+    return bits & (bits - wp.uint64(1))
+
+
+@wp.func
+def is_near(group: Group, i: int):
+    """Whether roller i, between `low` and `high`, is near."""
+    return ((group.near >> wp.uint64(i - group.first)) & wp.uint64(1)) != wp.uint64(0)
+
+
+@wp.func
+def group_of(first: int, near: wp.uint64):
+    """The group that begins at roller `first`; `near` is not 0."""
+    group = Group()
+    group.first = first
+    group.near = near
+    group.low = first + (lowest_bit(near) & -LANES)
+    group.high = first + (highest_bit(near) & -LANES) + LANES
+    return group
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """The passes of contacts with one partner."""
+
+    leave_seats: wp.Function
+    recall: wp.Function
+    touch: wp.Function
+    answer: wp.Function
+    add_sizes: wp.Function
+
+
+@cache
+def contacts(Real: type, capacity: int) -> Contacts:
+    """The passes of contacts with one partner, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    at = rows(capacity)
+    FX, FY, BEFORE, OPEN, KEPT = at.fx, at.fy, at.before, at.open, at.kept
+    PENETRATION, SIZE, DAMPER, ENERGY = at.penetration, at.size, at.damper, at.energy
+    ARM_X, ARM_Y, NORMAL_X, NORMAL_Y, RELATIVE_X, RELATIVE_Y = (
+        at.arm_x,
+        at.arm_y,
+        at.normal_x,
+        at.normal_y,
+        at.relative_x,
+        at.relative_y,
+    )
+    PRESS_X, PRESS_Y, DRAG_X, DRAG_Y = at.press_x, at.press_y, at.drag_x, at.drag_y
+    MOMENT, DAMPED, RUBBED = at.moment_of, at.damped, at.rubbed
+
+    @wp.func
+    def leave_seats(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
+        """Forgets the seats, or pieces, and contacts of rollers that are no longer near."""
+        seated = wp.uint64(0)
+        k = int(0)
+        while k < count:
+            if load_seat(memory.seat, memory.first + first + k) >= 0:
+                seated = seated | bit_of(k)
+            k = k + 1
+        left = seated & ~near
+        while left != wp.uint64(0):
+            i = memory.first + first + lowest_bit(left)
+            store_seat(memory.seat, i, -1)
+            store_row(memory.impact_speed, i, Real(0.0))
+            left = next_bits(left)
+
+    @wp.func
+    def recall(w: wp.array[Real], group: Group, memory: kinds.Memory):
+        """What contacts have kept until now."""
+        i = group.low
+        while i < group.high:
+            before = Real(0.0)
+            if is_near(group, i):
+                before = load_row(memory.impact_speed, memory.first + i)
+            store_row(w, BEFORE + i, before)
+            i = i + 1
+
+    @wp.func
+    def keep(w: wp.array[Real], group: Group, memory: kinds.Memory):
+        """What contacts keep from now on."""
+        i = group.low
+        while i < group.high:
+            if is_near(group, i):
+                store_row(memory.impact_speed, memory.first + i, load_row(w, KEPT + i))
+            i = i + 1
+
+    @wp.func
+    def touch(w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2):
+        """How roller i stands on the partner: `arm` from its body's center, 0 or less deep where it does not touch."""
+        store_row(w, ARM_X + i, arm[0])
+        store_row(w, ARM_Y + i, arm[1])
+        store_row(w, PENETRATION + i, penetration)
+        store_row(w, NORMAL_X + i, normal[0])
+        store_row(w, NORMAL_Y + i, normal[1])
+        store_row(w, RELATIVE_X + i, relative[0])
+        store_row(w, RELATIVE_Y + i, relative[1])
+
+    @wp.func
+    def normal_of(w: wp.array[Real], i: int):
+        """Normal of roller i's contact."""
+        return vec2(load_row(w, NORMAL_X + i), load_row(w, NORMAL_Y + i))
+
+    @wp.func
+    def relative_of(w: wp.array[Real], i: int):
+        """Relative velocity of roller i's contact [m/s]."""
+        return vec2(load_row(w, RELATIVE_X + i), load_row(w, RELATIVE_Y + i))
+
+    @wp.func
+    def where_touching(w: wp.array[Real], i: int, value: Real):
+        """`value` where roller i touches, else 0: beyond the chain's end values need not be numbers."""
+        return wp.where(load_row(w, PENETRATION + i) > Real(0.0), value, Real(0.0))
+
+    @wp.func
+    def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw):
+        """The normal force on roller i, and what its contact keeps."""
+        penetration = load_row(w, PENETRATION + i)
+        force = vec2(Real(0.0), Real(0.0))
+        size = Real(0.0)
+        damper = Real(0.0)
+        energy = Real(0.0)
+        kept = load_row(w, OPEN + i)
+        if penetration > Real(0.0):
+            before = load_row(w, BEFORE + i)
+            force, size, kept, damper, energy = respond(penetration, normal_of(w, i), relative_of(w, i), before, law)
+        store_row(w, PRESS_X + i, force[0])
+        store_row(w, PRESS_Y + i, force[1])
+        store_row(w, SIZE + i, size)
+        store_row(w, KEPT + i, kept)
+        store_row(w, DAMPER + i, damper)
+        store_row(w, ENERGY + i, energy)
+
+    @wp.func
+    def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
+        """Normal forces; of a linear law in a loop of its own, which vectorizes."""
+        i = group.low
+        if law.exponent == Real(1.0):
+            law.exponent = Real(1.0)  # so that the compiler knows
+            while i < group.high:
+                press_one(w, i, law)
+                i = i + 1
+        else:
+            while i < group.high:
+                press_one(w, i, law)
+                i = i + 1
+
+    @wp.func
+    def add_drag(w: wp.array[Real], i: int, drag: vec2):
+        """Adds friction to the force on roller i."""
+        store_row(w, DRAG_X + i, drag[0])
+        store_row(w, DRAG_Y + i, drag[1])
+        store_row(w, PRESS_X + i, load_row(w, PRESS_X + i) + drag[0])
+        store_row(w, PRESS_Y + i, load_row(w, PRESS_Y + i) + drag[1])
+
+    @wp.func
+    def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding):
+        """Friction; of one coefficient at all speeds in a loop of its own, which vectorizes."""
+        i = group.low
+        if sliding.law.mu_static == sliding.law.mu_dynamic:
+            while i < group.high:
+                add_drag(w, i, rub_evenly(load_row(w, SIZE + i), normal_of(w, i), relative_of(w, i), sliding))
+                i = i + 1
+        else:
+            while i < group.high:
+                add_drag(w, i, rub(load_row(w, SIZE + i), normal_of(w, i), relative_of(w, i), sliding))
+                i = i + 1
+
+    @wp.func
+    def add_forces(w: wp.array[Real], group: Group):
+        """Adds the forces to those on rollers; the moments of each."""
+        i = group.low
+        while i < group.high:
+            force = vec2(load_row(w, PRESS_X + i), load_row(w, PRESS_Y + i))
+            arm = vec2(load_row(w, ARM_X + i), load_row(w, ARM_Y + i))
+            store_row(w, FX + i, load_row(w, FX + i) + force[0])
+            store_row(w, FY + i, load_row(w, FY + i) + force[1])
+            store_row(w, MOMENT + i, where_touching(w, i, reaction(arm, force)))
+            i = i + 1
+
+    @wp.func
+    def add_sizes(w: wp.array[Real], group: Group, row: int):
+        """Adds the forces' magnitudes to a row, which frames show."""
+        i = group.low
+        while i < group.high:
+            store_row(w, row + i, load_row(w, row + i) + load_row(w, SIZE + i))
+            i = i + 1
+
+    @wp.func
+    def lose(w: wp.array[Real], group: Group, sliding: kinds.Sliding, memory: kinds.Memory, chain: kinds.Chain):
+        """Powers that dampers and friction take."""
+        i = group.low
+        while i < group.high:
+            a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+            damper = load_row(w, DAMPER + i) * normal_of(w, i)
+            store_row(w, DAMPED + i, where_touching(w, i, dissipated(damper, relative_of(w, i), a, memory.lag)))
+            i = i + 1
+        if sliding.rubs != 0:
+            i = group.low
+            while i < group.high:
+                a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+                drag = vec2(load_row(w, DRAG_X + i), load_row(w, DRAG_Y + i))
+                store_row(w, RUBBED + i, where_touching(w, i, dissipated(drag, relative_of(w, i), a, memory.lag)))
+                i = i + 1
+
+    @wp.func
+    def add_up(w: wp.array[Real], group: Group, totals: Totals):
+        """`totals` with what the group's contacts add, roller by roller."""
+        moment = totals.moment
+        x = Real(totals.push[0])
+        y = Real(totals.push[1])
+        i = group.low
+        while i < group.high:
+            moment += wp.float64(load_row(w, MOMENT + i))
+            x -= load_row(w, PRESS_X + i)
+            y -= load_row(w, PRESS_Y + i)
+            i = i + 1
+        totals.moment = moment
+        totals.push = wp.vec2d(wp.float64(x), wp.float64(y))
+        return totals
+
+    @wp.func
+    def begun(w: wp.array[Real], group: Group):
+        """How many contacts began."""
+        count = int(0)
+        i = group.low
+        while i < group.high:
+            if load_row(w, PENETRATION + i) > Real(0.0) and load_row(w, BEFORE + i) <= Real(0.0):
+                count = count + 1
+            i = i + 1
+        return count
+
+    @wp.func
+    def add_measured(w: wp.array[Real], group: Group, sliding: kinds.Sliding, totals: Totals):
+        """`totals` with what only metrics want."""
+        force = totals.force
+        largest = totals.force_max
+        damped = totals.dissipated
+        energy = totals.energy
+        i = group.low
+        while i < group.high:
+            size = wp.float64(load_row(w, SIZE + i))
+            force += size
+            largest = wp.max(largest, size)
+            damped += wp.float64(load_row(w, DAMPED + i))
+            energy += wp.float64(load_row(w, ENERGY + i))
+            i = i + 1
+        totals.force = force
+        totals.force_max = largest
+        totals.dissipated = damped
+        totals.energy = energy
+        if sliding.rubs != 0:
+            friction = totals.friction
+            i = group.low
+            while i < group.high:
+                friction += wp.float64(load_row(w, RUBBED + i))
+                i = i + 1
+            totals.friction = friction
+        totals.impacts += begun(w, group)
+        return totals
+
+    @wp.func
+    def answer(
+        w: wp.array[Real],
+        group: Group,
+        law: kinds.ContactLaw,
+        sliding: kinds.Sliding,
+        memory: kinds.Memory,
+        chain: kinds.Chain,
+        totals: Totals,
+    ):
+        """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to."""
+        press(w, group, law)
+        if sliding.rubs != 0:
+            rub_rollers(w, group, sliding)
+        add_forces(w, group)
+        totals = add_up(w, group, totals)
+        if memory.stage == 0:
+            keep(w, group, memory)
+        if memory.measured != 0:
+            lose(w, group, sliding, memory, chain)
+            totals = add_measured(w, group, sliding, totals)
+        return totals
+
+    return Contacts(leave_seats=leave_seats, recall=recall, touch=touch, answer=answer, add_sizes=add_sizes)

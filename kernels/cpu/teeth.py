@@ -1,0 +1,212 @@
+"""The CPU kernel's passes over a group of rollers for one sprocket: who is near, in which seat, how deep."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from ..physics.contact import UNTOUCHED, after_teeth, in_gap, load_direction, tracked_seat, turned
+from ..physics.tooth import beyond_tip, endless_gap, nearest_seat, on_tip, seat_step
+from ..rows import accessors
+from ..structs import Pose, types
+from .contacts import Group, bit_of, contacts, is_near, lowest_bit, next_bits
+from .rollers import passes, rows
+
+
+@dataclass(frozen=True)
+class TeethPasses:
+    """The passes for one sprocket, in the order in which they are made."""
+
+    engaged: wp.Function
+    seat_rollers: wp.Function
+    touch_teeth: wp.Function
+    first_touches: wp.Function
+
+
+@cache
+def teeth_passes(Real: type, capacity: int) -> TeethPasses:
+    """The passes for one sprocket, for rows of `capacity` values of type `Real`."""
+    kinds = types(Real)
+    compensated = Real == wp.float32
+    vec2, place, touch = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity).touch
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    at = rows(capacity)
+    X, Y, VX, VY = at.x, at.y, at.vx, at.vy
+    DIRECTION_X, DIRECTION_Y, DIRECTION_X_LOW, DIRECTION_Y_LOW = (
+        at.direction_x,
+        at.direction_y,
+        at.direction_x_low,
+        at.direction_y_low,
+    )
+    RADIAL, LATERAL, OUTWARD_X, OUTWARD_Y = at.radial, at.lateral, at.outward_x, at.outward_y
+    BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
+
+    @wp.func
+    def center_of(body: Pose):
+        """The sprocket's center [m]."""
+        return vec2(Real(body.center[0]), Real(body.center[1]))
+
+    @wp.func
+    def engaged(w: wp.array[Real], first: int, count: int, sprocket: kinds.Sprocket, body: Pose):
+        """Which of `count` rollers from `first` on are between the teeth, as bits."""
+        center = center_of(body)
+        near = wp.uint64(0)
+        k = int(0)
+        while k < count:
+            r = vec2(load_row(w, X + first + k), load_row(w, Y + first + k)) - center
+            square = wp.dot(r, r)
+            if square > sprocket.near_square and square < sprocket.far_square:
+                near = near | bit_of(k)
+            k = k + 1
+        return near
+
+    @wp.func
+    def halves(value: wp.float64):
+        """A value at the rows' precision, and what that rounds off."""
+        high = Real(value)
+        return high, Real(value - wp.float64(high))
+
+    @wp.func
+    def seat_directions(
+        w: wp.array[Real],
+        group: Group,
+        sprocket: kinds.Sprocket,
+        body: Pose,
+        seats: wp.array[wp.vec2d],
+        memory: kinds.Memory,
+    ):
+        """To where the seats that rollers have kept point at angle zero; by angle, those of rollers that have none."""
+        bits = group.near
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            number = load_seat(memory.seat, memory.first + i)
+            if number < 0:
+                number = nearest_seat(place(w, i) - body.center, body.cosine, body.sine, sprocket.teeth)
+                store_seat(memory.seat, memory.first + i, number)
+            direction = load_direction(seats, sprocket.first_seat + number)
+            x, x_low = halves(direction[0])
+            y, y_low = halves(direction[1])
+            store_row(w, DIRECTION_X + i, x)
+            store_row(w, DIRECTION_Y + i, y)
+            if wp.static(compensated):
+                store_row(w, DIRECTION_X_LOW + i, x_low)
+                store_row(w, DIRECTION_Y_LOW + i, y_low)
+            bits = next_bits(bits)
+
+    @wp.func
+    def direction_of(w: wp.array[Real], i: int):
+        """To where roller i's seat points at angle zero."""
+        x = wp.float64(load_row(w, DIRECTION_X + i))
+        y = wp.float64(load_row(w, DIRECTION_Y + i))
+        if wp.static(compensated):
+            x += wp.float64(load_row(w, DIRECTION_X_LOW + i))
+            y += wp.float64(load_row(w, DIRECTION_Y_LOW + i))
+        return wp.vec2d(x, y)
+
+    @wp.func
+    def store_gap(w: wp.array[Real], i: int, outward: wp.vec2d, radial: wp.float64, lateral: wp.float64):
+        """Where roller i is in its gap."""
+        store_row(w, RADIAL + i, Real(radial))
+        store_row(w, LATERAL + i, Real(lateral))
+        store_row(w, OUTWARD_X + i, Real(outward[0]))
+        store_row(w, OUTWARD_Y + i, Real(outward[1]))
+
+    @wp.func
+    def gaps(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
+        """Where rollers are in the gaps of the seats that they have kept; who has come nearer to another, as bits."""
+        tangent = wp.float64(sprocket.half_pitch_tangent)
+        moved = wp.uint64(0)
+        i = group.low
+        while i < group.high:
+            p = place(w, i) - body.center
+            outward, radial, lateral = in_gap(p, direction_of(w, i), body.cosine, body.sine)
+            store_gap(w, i, outward, radial - sprocket.exact_radius, lateral)
+            if seat_step(radial, lateral, tangent) != 0:
+                moved = moved | bit_of(i - group.first)
+            i = i + 1
+        return moved & group.near
+
+    @wp.func
+    def seat_rollers(
+        w: wp.array[Real],
+        group: Group,
+        sprocket: kinds.Sprocket,
+        body: Pose,
+        seats: wp.array[wp.vec2d],
+        memory: kinds.Memory,
+    ):
+        """The seat of every roller near, and where it is in the seat's gap, as from `contact.tracked_seat`."""
+        seat_directions(w, group, sprocket, body, seats, memory)
+        moved = gaps(w, group, sprocket, body)
+        while moved != wp.uint64(0):
+            i = group.first + lowest_bit(moved)
+            kept = load_seat(memory.seat, memory.first + i)
+            seat = tracked_seat(place(w, i) - body.center, kept, body.cosine, body.sine, sprocket, seats)
+            store_seat(memory.seat, memory.first + i, seat.number)
+            store_gap(w, i, seat.outward, seat.radial - sprocket.exact_radius, seat.lateral)
+            moved = next_bits(moved)
+
+    @wp.func
+    def touch_flanks(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
+        """How the rollers stand in their gaps, eq. (5)-(14), as `contact.in_teeth` but for tips; 1 if any is at one."""
+        center = center_of(body)
+        center_velocity = vec2(Real(body.velocity[0]), Real(body.velocity[1]))
+        omega = Real(body.speed)
+        tipped = int(0)
+        i = group.low
+        while i < group.high:
+            arm = vec2(load_row(w, X + i), load_row(w, Y + i)) - center
+            p = place(w, i) - body.center
+            v = vec2(load_row(w, VX + i), load_row(w, VY + i)) - center_velocity
+            xi = load_row(w, RADIAL + i)
+            lateral = load_row(w, LATERAL + i)
+            gap = endless_gap(xi, lateral, sprocket)
+            depth = wp.where(is_near(group, i), gap[0], Real(0.0))
+            tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
+            normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), gap[1], gap[2])
+            surface = vec2(-omega * Real(p[1]), omega * Real(p[0]))
+            touch(w, i, arm, depth, normal, surface - v)
+            store_row(w, OPEN + i, after_teeth(load_row(w, BEFORE + i)))
+            i = i + 1
+        return tipped
+
+    @wp.func
+    def touch_tips(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket):
+        """Mends the depths and normals of rollers at tips, which are few."""
+        i = group.low
+        while i < group.high:
+            xi = load_row(w, RADIAL + i)
+            lateral = load_row(w, LATERAL + i)
+            if beyond_tip(load_row(w, PENETRATION + i), xi, lateral, sprocket):
+                gap = on_tip(xi, lateral, sprocket)
+                normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), gap[1], gap[2])
+                store_row(w, PENETRATION + i, gap[0])
+                store_row(w, NORMAL_X + i, normal[0])
+                store_row(w, NORMAL_Y + i, normal[1])
+            i = i + 1
+
+    @wp.func
+    def touch_teeth(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
+        """How the rollers stand in their gaps, of straight flanks in a loop of its own."""
+        tipped = int(0)
+        if sprocket.flank_curvature > Real(0.0):
+            tipped = touch_flanks(w, group, sprocket, body)
+        else:
+            sprocket.flank_curvature = Real(0.0)  # so that the compiler knows
+            tipped = touch_flanks(w, group, sprocket, body)
+        if tipped != 0:
+            touch_tips(w, group, sprocket)
+
+    @wp.func
+    def first_touches(w: wp.array[Real], group: Group):
+        """How many rollers touch for the first time in their pass."""
+        count = int(0)
+        i = group.low
+        while i < group.high:
+            if load_row(w, PENETRATION + i) > Real(0.0) and load_row(w, BEFORE + i) == Real(UNTOUCHED):
+                count = count + 1
+            i = i + 1
+        return count
+
+    return TeethPasses(engaged=engaged, seat_rollers=seat_rollers, touch_teeth=touch_teeth, first_touches=first_touches)
