@@ -28,6 +28,7 @@ from warpchain.drive.examples import drive_path
 from warpchain.modal.campbell import Campbell
 from warpchain.modal.phases import over_a_pitch
 from warpchain.results.run import Trajectory
+from warpchain.view.figures.style import arrowed
 
 Array = NDArray[np.float64]
 
@@ -191,7 +192,7 @@ def disturbed(drive: Drive, speeds: Array, frequency: float, width: float) -> bo
     return any(value * turns.max() > low and value * turns.min() < high for value in values)
 
 
-def lines(run: RunUp, drive: Drive) -> Campbell:
+def running(run: RunUp, drive: Drive) -> Campbell:
     """The modes of a drive over the speeds of its run-up, means over a tooth pitch."""
     prescribed = drive.sprockets[drive.driver].prescribed
     assert prescribed is not None
@@ -228,7 +229,7 @@ def seen(run: RunUp, found: Campbell, trajectory: Trajectory, least: int = LEAST
                 yield Seen(name, time, speed, frequency, float(AROUND[peak]) * frequency, len(rows))
 
 
-def draw(axis: Any, run: RunUp, trajectory: Trajectory, found: list[Seen]) -> None:
+def draw(axis: Any, run: RunUp, trajectory: Trajectory, modes: Campbell, found: list[Seen]) -> None:
     """The spectrum of all signals over time, the modes' frequencies, and the peaks."""
     size = int(run.window * run.rate)
     rows = range(0, len(trajectory.time) - size, size // 8)
@@ -245,13 +246,14 @@ def draw(axis: Any, run: RunUp, trajectory: Trajectory, found: list[Seen]) -> No
     for k, name in enumerate(run.wanted):
         mine = [one for one in found if one.mode == name]
         color = f"C{k}"
-        axis.plot([one.time for one in mine], [one.frequency for one in mine], "-", color=color, lw=1.2)
+        line = modes.frequency[:, modes.names.index(name)]
+        axis.plot(run.duration * modes.speed / modes.speed[-1], line, "-", color=color, lw=1.0)
         peaks = [one.peak for one in mine]
-        axis.plot([one.time for one in mine], peaks, "o", color=color, ms=4.5, mfc="none", label=name)
+        axis.plot([one.time for one in mine], peaks, "o", color=color, ms=5.0, mew=1.4, mfc="none", label=arrowed(name))
     axis.set_ylim(0.0, run.top)
-    axis.set_title(f"{run.name}, to {found[-1].speed:.0f} rad/s", fontsize=10)
+    axis.set_title(f"{run.name}, to {modes.speed[-1]:.3g} rad/s", fontsize=10)
     axis.set_xlabel("time [s]")
-    axis.legend(fontsize=7, loc="upper left")
+    axis.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -264,12 +266,13 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Runs up, tells peaks and modes, and draws them."""
     folder = parser().parse_args().folder
-    figure = Figure(figsize=(14.0, 5.0), layout="constrained")
+    figure = Figure(figsize=(14.0, 5.6), layout="constrained")
     print(f"{'drive':<12}{'mode':<28}{'parts':>7}{'Hz':>16}{'mean off':>10}{'most off':>10}")
     for axis, run in zip(figure.subplots(1, len(RUNS)), RUNS, strict=True):
         drive = run_up_drive(run)
         trajectory = recorded(drive)
-        found = list(seen(run, lines(run, drive), trajectory))
+        modes = running(run, drive)
+        found = list(seen(run, modes, trajectory))
         for name in run.wanted:
             mine = [one for one in found if one.mode == name]
             if mine:
@@ -277,7 +280,7 @@ def main() -> None:
                 span = f"{min(one.frequency for one in mine):.4g} to {max(one.frequency for one in mine):.4g}"
                 worst = off[np.argmax(np.abs(off))]
                 print(f"{run.name:<12}{name:<28}{len(mine):>7}{span:>16}{off.mean():>10.2%}{worst:>10.2%}")
-        draw(axis, run, trajectory, found)
+        draw(axis, run, trajectory, modes, found)
         figure.axes[0].set_ylabel("frequency [Hz]")
     figure.suptitle("Spectra of run-ups: modes of the running drive (lines) and peaks (circles)", fontsize=11)
     if folder is not None:

@@ -305,6 +305,14 @@ def test_an_arm_that_nothing_holds_is_told_apart():
     assert free.frequency == pytest.approx(rest.frequency, rel=1e-5)
 
 
+def test_a_valve_is_shut_or_open(car, capsys):
+    with pytest.raises(SimulationError, match='allowed are "shut" and "open"'):
+        modes(car, valve="ajar")
+    status, _, (said,) = run(capsys, "modes", "car", "--valve", "open", "--speed", "0", "100")
+    assert status == 2
+    assert "takes one speed" in said
+
+
 def test_what_does_not_settle_is_refused():
     with pytest.raises(SimulationError, match="does not settle") as caught:
         modes(apart([SPRING]).with_values({"sprockets.driven.load.torque": 1e6}))

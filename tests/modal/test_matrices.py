@@ -13,7 +13,7 @@ from warpchain.engine.standing import standing
 from warpchain.modal.coordinates import coordinates
 from warpchain.modal.matrices import SPEED, colors, damping, leakage, stiffness
 from warpchain.modal.pencil import eigenpairs, travelling
-from warpchain.modal.system import system
+from warpchain.modal.system import conductances, system
 
 MASS, PITCH, STIFFNESS, DAMPING, TENSION = 0.7, 0.05, 2e7, 300.0, 900.0
 LENGTH = PITCH + TENSION / STIFFNESS
@@ -151,7 +151,7 @@ def test_structure_changes_nothing_for_arms_and_oil():
         k = plain(at, probe, base, at.moved, steps)
         c = plain(at, probe, base, at.moving, np.full(at.count, SPEED))
         assert np.abs(found.stiffness.toarray() - k).max() < 1e-6 * np.abs(k).max()
-        c += leakage(probe, at).toarray()
+        c += leakage(probe, at, conductances(drive, "shut")).toarray()
         assert np.abs(found.damping.toarray() - c).max() < 1e-6 * np.abs(c).max()
         arm, oil = at.solid - 1, at.solid
         assert at.count == oil + 1

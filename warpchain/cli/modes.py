@@ -29,12 +29,14 @@ def mode_lines(drive: Drive, arguments: argparse.Namespace) -> list[str]:
         raise WarpchainError(f"--speed {' '.join(map('{:g}'.format, speeds))}: must be one or two speeds of at least 0")
     if arguments.phases > 1 and len(speeds) < 2:
         raise WarpchainError(f"--phases {arguments.phases}: takes a diagram over two speeds, --speed FROM TO")
+    if arguments.valve != "shut" and len(speeds) == 2:
+        raise WarpchainError(f"--valve {arguments.valve}: takes one speed; diagrams are with valves shut")
     found = None
     if len(speeds) == 2:
         found = _campbell(drive, speeds, arguments.points, arguments.count, arguments.phases)
         result = found.modes[0].first(arguments.count)
     else:
-        result = modes(drive, arguments.count, speeds[0])
+        result = modes(drive, arguments.count, speeds[0], arguments.valve)
     said = lines(result) + (campbell_lines(found) if found is not None else [])
     if path is not None:
         _write(path, result, found)

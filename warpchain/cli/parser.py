@@ -113,6 +113,8 @@ def _modes(commands: Any) -> None:
     parser.add_argument("--points", type=whole_number, default=25, metavar="N", help="speeds of a diagram (default 25)")
     phases = "of a tooth pitch that a diagram's frequencies are means of (default 1: as the drive stands)"
     parser.add_argument("--phases", type=whole_number, default=1, metavar="N", help=phases)
+    valves = "check valves of hydraulic tensioners: shut (default), or open as at rest, for the faintest motion"
+    parser.add_argument("--valve", choices=("shut", "open"), default="shut", help=valves)
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="also write there: .html, .png, .svg, .rrd (Rerun) or .npz"
     )

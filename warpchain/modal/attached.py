@@ -44,7 +44,7 @@ class Elements:
         damping: (T,) [N s/m].
         on_stop: (T,) whether the plunger stands on its ratchet or on the chamber's bottom.
         oil: (T,) E A^2 / V [N/m]; 0 without oil.
-        gap: (T,) A^2 / G [N s/m]; 0 without oil.
+        gap: (T,) A^2 / G of gap and open valve [N s/m]; 0 without oil.
     """
 
     force: Array
@@ -137,8 +137,8 @@ def stand(found: System) -> tuple[str, ...]:
         if linear.oil[t] > 0.0:
             rate = linear.oil[t] / linear.gap[t] / (2.0 * np.pi)
             line += (
-                f"; oil at {1e-5 * of['rest'][t]:.3g} bar, check valve shut: {linear.oil[t]:.3g} N/m in series with "
-                f"{linear.gap[t]:.3g} N s/m, a spring above {rate:.3g} Hz and a damper below"
+                f"; oil at {1e-5 * of['rest'][t]:.3g} bar, check valve {found.valve}: {linear.oil[t]:.3g} N/m in "
+                f"series with {linear.gap[t]:.3g} N s/m, a spring above {rate:.3g} Hz and a damper below"
             )
         said.append(line)
     return tuple(said)

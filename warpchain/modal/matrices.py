@@ -12,7 +12,7 @@ opposite and equal, elastic ones have a potential, and those of dampers a dissip
 Steps are powers of two, so that places are moved by exactly them.
 
 What leaks out of a tensioner's chamber, eq. (a) of `coordinates`, comes from the tensioner's own numbers: forces do not
-show flows. The check valve is closed there (see `leakage`).
+show flows.
 """
 
 from __future__ import annotations
@@ -49,24 +49,23 @@ def stiffness(probe: Probe, at: Coordinates, base: States, pitch: float) -> sp.c
     return _differences(probe, at, steps, lambda change: at.moved(base, change))
 
 
-def damping(probe: Probe, at: Coordinates, base: States) -> sp.csc_array:
-    """(n, n) C [N s/m, ...] about a state at rest."""
+def damping(probe: Probe, at: Coordinates, base: States, conductance: Array | None = None) -> sp.csc_array:
+    """(n, n) C [N s/m, ...] about a state at rest; with what leaks where `conductance` is given, as of `leakage`."""
     own = _differences(probe, at, np.full(at.count, SPEED), lambda change: at.moving(base, change))
-    return own if not len(at.chambers) else sp.csc_array(own + leakage(probe, at))
+    return own if conductance is None else sp.csc_array(own + leakage(probe, at, conductance))
 
 
-def leakage(probe: Probe, at: Coordinates) -> sp.csc_array:
-    """(n, n) what the oil in the gaps of hydraulic tensioners adds to C: A^2 / G, and -(A d / G) x'.
+def leakage(probe: Probe, at: Coordinates, conductance: Array) -> sp.csc_array:
+    """(n, n) what the oil that leaves the chambers of hydraulic tensioners adds to C: A^2 / G, and -(A d / G) x'.
 
-    At rest the valve is open by the hair that lets in what leaks, some nanometers. It shuts as soon as the pressure
-    rises by half a pascal or so, and is taken as shut: motion that anyone sees presses oil through the gap alone. (What
-    lets more in while the plunger comes out is not linear; it raises the mean pressure until as much leaks as comes.)
+    Args:
+        conductance: (w,) G of each chamber [m^3/(s Pa)].
     """
     of = probe.base.tensioners[at.chambers]
     places = at.solid + np.arange(len(of))
     gap = np.zeros((len(of), at.count))
-    gap[np.arange(len(of)), places] = of["area"] ** 2 / of["leak"]
-    gap -= (of["area"] * of["drag"] / of["leak"])[:, None] * at.strokes[at.chambers]
+    gap[np.arange(len(of)), places] = of["area"] ** 2 / conductance
+    gap -= (of["area"] * of["drag"] / conductance)[:, None] * at.strokes[at.chambers]
     above = sp.csc_array((at.solid, at.count))
     return sp.csc_array(sp.vstack([above, sp.csc_array(gap)]))
 

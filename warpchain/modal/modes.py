@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.engine.standing import passing_rate
+from warpchain.errors import SimulationError
 from warpchain.modal.attached import plungers, stand
 from warpchain.modal.coordinates import Array
 from warpchain.modal.pencil import eigenpairs
-from warpchain.modal.system import System, system, tension_of
+from warpchain.modal.system import VALVES, System, system, tension_of
 
 ZERO = 1e-5
 """A mode slower than this much of sqrt(k / m) has no restoring force: rounding gives it that."""
@@ -107,7 +108,7 @@ PER_MODE = (*MOVING, "stroke", "pressure", "stored", "lost")
 """Fields of `Modes` that have a row for each mode."""
 
 
-def modes(drive: Drive, count: int = 20, speed: float = 0.0) -> Modes:
+def modes(drive: Drive, count: int = 20, speed: float = 0.0, valve: str = "shut") -> Modes:
     """The lowest modes of a drive.
 
     Args:
@@ -115,12 +116,16 @@ def modes(drive: Drive, count: int = 20, speed: float = 0.0) -> Modes:
         count: how many modes that swing, from the lowest frequency up.
         speed: of the driver [rad/s]: 0 is at rest under the constant parts of the loads; else the chain runs steadily,
             and loads are those at this speed.
+        valve: check valves of hydraulic tensioners "shut", as for motion that anyone sees, or "open" as they are at
+            rest, for motion that changes the pressure by some hundred pascals at most.
 
     Raises:
         DriveError: a chain that does not fit.
-        SimulationError: a drive that does not settle; one line.
+        SimulationError: a drive that does not settle, or another word for `valve`; one line.
     """
-    return modes_of(system(drive, speed), count)
+    if valve not in VALVES:
+        raise SimulationError(f'valve = {valve!r}: allowed are "shut" and "open"')
+    return modes_of(system(drive, speed, valve=valve), count)
 
 
 def modes_of(found: System, count: int) -> Modes:

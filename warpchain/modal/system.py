@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from warpchain.drive import Drive
+from warpchain.drive.oil import static_pressure, valve_flow
 from warpchain.engine.packed import Packed
 from warpchain.engine.probe import Probe, States
 from warpchain.engine.resting import lay_to_rest, springs
@@ -27,6 +28,7 @@ class System:
         packed: the drive in that state.
         state: that state, one copy.
         extension: (T,) of the tensioners there [m].
+        valve: how check valves are taken, "shut" or "open".
         at: its free coordinates.
         layout: which rollers lie where.
         mass, damping, stiffness: (n, n) M, C (without what travels), K.
@@ -38,6 +40,7 @@ class System:
     packed: Packed
     state: States
     extension: Array
+    valve: str
     at: Coordinates
     layout: Layout
     mass: sp.csc_array
@@ -46,24 +49,45 @@ class System:
     travel: sp.csc_array
 
 
-def system(drive: Drive, speed: float = 0.0, start: Packed | None = None) -> System:
+VALVES = ("shut", "open")
+NEAR = 1.0
+"""Change of pressure for the slope of a valve's flow [Pa]; some hundreds shut it."""
+
+
+def conductances(drive: Drive, valve: str) -> Array:
+    """(w,) G of the chambers of oil about their rest [m^3/(s Pa)]: of the plungers' gaps, and of valves that are open.
+
+    At rest a valve is open as far as lets in what leaks, some micrometers, and shuts when the pressure rises by some
+    hundred pascals to kilopascals. Within that it passes more than the gap by a factor of tens or hundreds.
+    """
+    found = []
+    for tensioner in drive.tensioners:
+        if tensioner.hydraulic:
+            rest = static_pressure(tensioner)
+            slope = 0.5 * (valve_flow(tensioner, rest - NEAR) - valve_flow(tensioner, rest + NEAR)) / NEAR
+            found.append(tensioner.leak_conductance + (slope if valve == "open" else 0.0))
+    return np.array(found)
+
+
+def system(drive: Drive, speed: float = 0.0, start: Packed | None = None, valve: str = "shut") -> System:
     """Small motion of a drive at a speed of its driver [rad/s].
 
     Args:
         start: the drive as it stands at a speed nearby.
+        valve: check valves of hydraulic tensioners "shut", or "open" as they are at rest (see `conductances`).
 
     Raises:
         DriveError: a chain that does not fit.
         SimulationError: a drive that does not settle, or a chain too fast to stay on its sprockets; one line.
     """
     if start is not None:
-        near, unrest = _about(beginning(drive, speed, start), drive, speed)
+        near, unrest = _about(beginning(drive, speed, start), drive, speed, valve)
         if unrest < TOLERANCE:
             return near
-    return _about(released(beginning(drive, speed, start), drive), drive, speed)[0]
+    return _about(released(beginning(drive, speed, start), drive), drive, speed, valve)[0]
 
 
-def _about(packed: Packed, drive: Drive, speed: float) -> tuple[System, float]:
+def _about(packed: Packed, drive: Drive, speed: float, valve: str) -> tuple[System, float]:
     """Small motion about the standing state near a packed one, and how far from standing that is, of the tension."""
     if drive.tensioners:
         packed, unrest = _still(packed, drive)
@@ -78,9 +102,10 @@ def _about(packed: Packed, drive: Drive, speed: float) -> tuple[System, float]:
             state, own, unrest = balanced(probe, at, state, drive.chain.pitch, pull)
         places = layout(packed.assemblies[0], probe.contacts(state)[: len(drive.sprockets)])
         travel = travelling(at.rollers, at.mass, passing_rate(drive, speed), places.free_links, at.count)
-        drag = damping(probe, at, state)
+        drag = damping(probe, at, state, conductances(drive, valve) if len(at.chambers) else None)
         x, _ = strokes(probe, state)
-        return System(drive, speed, probe.packed(state), state, x, at, places, at.masses, drag, own, travel), unrest
+        still = probe.packed(state)
+        return System(drive, speed, still, state, x, valve, at, places, at.masses, drag, own, travel), unrest
     finally:
         probe.close()
 
