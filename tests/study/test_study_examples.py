@@ -12,7 +12,7 @@ from warpchain.assembly.route import chain_path
 from warpchain.drive.examples import drive_path
 
 FOLDER = Path(warpchain.study.__file__).parent / "examples"
-NAMES = ("engine-tensioner", "guide-indentation", "pitch-elongation", "speed-sweep")
+NAMES = ("car-tensioner", "engine-tensioner", "guide-indentation", "pitch-elongation", "speed-sweep")
 
 
 def study(name):
@@ -66,3 +66,18 @@ def test_the_elongated_chain_keeps_the_sprockets_pitch():
     assert eval(factors["chain_pitch"]["expression"], {"elongation": 0.0}) == drive.chain.pitch
     assert float(factors["sprocket_pitch"]["expression"]) == drive.chain.pitch
     assert set(factors["sprocket_pitch"]["paths"]) == {f"sprockets.{s.name}.pitch" for s in drive.sprockets}
+
+
+def test_the_cars_blade_keeps_its_middle_and_its_length():
+    """Of any radius; with the drawn one and the drawn lever it is the drive as drawn, to what the file rounds."""
+    bench = warpchain.open_study(FOLDER / "car-tensioner.toml")
+    drawn = load_drive(drive_path("car"))
+    here = drawn.tensioners[0].at
+    lever = float(np.hypot(*np.subtract(here, drawn.arms[0].pivot)))
+    same, flat = bench.drives([{"preload": 40.0, "lever": lever, "radius": r} for r in (0.25, 0.4)])
+    faces = [drive.profile([guide.name for guide in drive.guides].index("blade")) for drive in (drawn, same, flat)]
+    middles = [face.at(0.5 * face.face_length)[0] for face in faces]
+    np.testing.assert_allclose(middles[1:], [middles[0]] * 2, atol=2e-6)
+    for face in faces:
+        assert face.face_length == pytest.approx(0.2007129, abs=1e-6)  # 46 degrees of 250 mm
+    np.testing.assert_allclose(same.tensioners[0].at, here, atol=2e-6)

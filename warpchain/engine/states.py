@@ -6,7 +6,9 @@ step without a trace, so a run that is gone on with gives the same bits as a run
 
 A longer run can take a state over, with its sums, where its window begins at the same step, and where each note of its
 batches (`kernels.batches`) that lies behind was taken: always where the window becomes a whole number of times as long.
-It can take a state over without its sums where its window begins later. Else the variant begins anew.
+It can take a state over without its sums where its window begins later, on a CPU: a GPU steps by another kernel where
+it sums up, and the two round differently. Nor does a GPU mix variants that go on with others in one call: which kernel
+steps hangs on the earliest window. Else the variant begins anew.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive import Drive, dumps_drive
+from warpchain.drive import Drive
 from warpchain.engine.batches import note_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
@@ -137,6 +139,8 @@ class States:
             kept if kept is not None and schedule.sample_every == 0 and _fits(kept, drive, schedule, run) else None
             for kept, drive, schedule in zip(begin, drives, schedules, strict=True)
         ]
+        if not _on_cpu(run) and None in found:
+            found = [None] * len(drives)
         self.used = [kept is not None for kept in found]
         return found
 
@@ -144,7 +148,7 @@ class States:
 def _identity(drive: Drive) -> str:
     """Digest of a drive's content but for how long it runs."""
     plain = drive.model_copy(update={"run": drive.run.model_copy(update={"duration": 1.0, "sample_rate": 1.0})})
-    return hashlib.sha256(dumps_drive(plain).encode()).hexdigest()
+    return hashlib.sha256(plain.model_dump_json().encode()).hexdigest()
 
 
 def _facts(drive: Drive, schedule: Schedule, run: str) -> dict[str, Any]:
@@ -187,8 +191,12 @@ def _fits(kept: Kept, drive: Drive, schedule: Schedule, run: str) -> bool:
     """Whether a run can go on from a state."""
     if any(kept.facts.get(name) != value for name, value in _facts(drive, schedule, run).items()):
         return False
-    ahead = kept.step <= schedule.steps
-    return ahead and (takes_sums(kept, schedule) or schedule.window_start >= kept.step)
+    later = schedule.window_start >= kept.step and _on_cpu(run)
+    return kept.step <= schedule.steps and (takes_sums(kept, schedule) or later)
+
+
+def _on_cpu(run: str) -> bool:
+    return run.endswith("cpu")
 
 
 def stops_of(schedules: Sequence[Schedule]) -> NDArray[np.int64]:

@@ -84,6 +84,13 @@ def simulate_variants(
         ArchiveError: the archive cannot be written.
         KeyboardInterrupt: the user stopped it.
     """
+    on = [variant for variant in variants if variant.begin is not None]
+    if on and len(on) < len(variants):  # a GPU takes those that go on by themselves
+        anew = [variant for variant in variants if variant.begin is None]
+        share = len(anew) / len(variants)
+        simulate_variants(study, base, anew, archive, options, lambda part: report(share * part))
+        simulate_variants(study, base, on, archive, options, lambda part: report(share + (1.0 - share) * part))
+        return
     _build_all(study, base, variants)
     if _held(study, variants, options.get("memory", MEMORY)):
         _simulate(study, variants, None, options, report)
