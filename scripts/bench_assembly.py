@@ -62,8 +62,10 @@ def kinds_of(drive: Drive, count: int) -> list[Drive]:
         for links in range(drive.chain.links - 8, drive.chain.links + 40, 2):
             one = drive.with_values({f"sprockets.{len(drive.sprockets) - 1}.teeth": teeth, "chain.links": links})
             try:
-                assemble_all(stacks_of([one]))
+                (state,) = assemble_all(stacks_of([one]))
             except DriveError:  # that one does not fit
+                continue
+            if abs(state.strain) > 0.03:  # nor may one beside it
                 continue
             found.append(one)
             if len(found) == count:
