@@ -56,11 +56,11 @@ def values_of(drive: Drive, random: np.random.Generator) -> dict[str, Any]:
 
 
 def kinds_of(drive: Drive, count: int) -> list[Drive]:
-    """Drives of as many kinds: with other teeth of the last sprocket, and the links that then fit."""
+    """Drives of as many kinds: with other teeth of the second sprocket, and the links that then fit."""
     found: list[Drive] = []
-    for teeth in range(drive.sprockets[-1].teeth, drive.sprockets[-1].teeth + 60):
+    for teeth in range(drive.sprockets[1].teeth, drive.sprockets[1].teeth + 60):
         for links in range(drive.chain.links - 8, drive.chain.links + 40, 2):
-            one = drive.with_values({f"sprockets.{len(drive.sprockets) - 1}.teeth": teeth, "chain.links": links})
+            one = drive.with_values({"sprockets.1.teeth": teeth, "chain.links": links})
             try:
                 (state,) = assemble_all(stacks_of([one]))
             except DriveError:  # that one does not fit
