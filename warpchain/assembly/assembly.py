@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from warpchain.assembly.arms import balanced
 from warpchain.assembly.path import ChainPath, Plan, check_fit
 from warpchain.assembly.route import chain_path, chain_paths
-from warpchain.assembly.seating import Seating, seat_chain, seat_string
+from warpchain.assembly.seating import Loop, Seating, seat_chain
 from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
 from warpchain.assembly.walk import Curve
@@ -117,7 +117,7 @@ def assemble_stack(drive: Drive) -> Assembly:
         DriveError: as `assemble`, of the first such variant.
         Obstructed: a stack of which some go around guides.
     """
-    path, seating = _seated(drive)
+    path, seating, loop = _seated(drive)
     angle, first_seat = _sprocket_angles(drive, seating)
     speed = _sprocket_speeds(drive, path, len(angle))
     count, variants = drive.chain.links, len(angle)
@@ -140,7 +140,7 @@ def assemble_stack(drive: Drive) -> Assembly:
             seat_sprocket[alike, rollers], seat_index[alike, rollers] = s, seat % sprocket.teeth
         for k, links in enumerate(seating.links[like].tolist()):
             begin, end = int(last[like, k]), int(first[like, (k + 1) % len(first[like])])
-            strand = path.strings[k] and seat_string(drive, path, seating, k)
+            strand = path.strings[k] and loop.string(seating, k)
             at.strand(alike, (begin, end, links), seating.strain[alike], strand)
     return Assembly(
         position=at.position,
@@ -228,7 +228,7 @@ def assembled_strain(drive: Drive) -> tuple[ChainPath, float]:
     Raises:
         DriveError: as `assemble`.
     """
-    path, seating = _seated(drive)
+    path, seating, _ = _seated(drive)
     return path[0], float(seating.strain[0])
 
 
@@ -241,21 +241,22 @@ def assembled_path(drive: Drive) -> ChainPath:
     return _seated(drive)[0][0] if drive.arms else chain_path(drive)
 
 
-def _seated(drive: Drive) -> tuple[ChainPath, Seating]:
-    """Path and seats of a stack; arms in balance with the strain of the chain on its seats."""
+def _seated(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
+    """Path and seats of a stack, and its sprockets; arms in balance with the strain of the chain on its seats."""
     path = chain_paths(drive)
     check_fit(drive, path)
-    seating = seat_chain(drive, path)
+    loop = Loop(drive, path)
+    seating = seat_chain(drive, path, loop)
     if not drive.arms:
-        return path, seating
+        return path, seating, loop
     plan = Plan(drive)
     for _ in range(_BALANCES):
         before = path.arm_angle
         path = balanced(drive, float((seating.strain - path.nominal_strain)[0]), before, plan)
-        seating = seat_chain(drive, path)
+        seating = seat_chain(drive, path, loop)
         if float(np.abs(path.arm_angle - before).max()) <= _STILL:
             break
-    return path, seating
+    return path, seating, loop
 
 
 def _around(

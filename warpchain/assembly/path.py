@@ -170,6 +170,8 @@ class Plan:
         normal = _left(self.direction)
         self.start, self.end = center - arm * normal, _next(center) - _next(arm) * normal
 
+        self.leaving = np.arctan2(self.direction[..., 1], self.direction[..., 0])
+        self.arriving = np.roll(self.leaving, 1, axis=1)
         self.placed = self._obstacles()
         circles = zip(center[0].tolist(), radius[0].tolist(), sign.tolist(), strict=True)
         self.ends = [circle(c, r, w) for c, r, w in circles]
@@ -195,8 +197,7 @@ class Plan:
         """
         drive, ends, sign = self.drive, self.ends, self.sign
         start, end, length = self.start.copy(), self.end.copy(), self.length.copy()
-        leaving = np.arctan2(self.direction[..., 1], self.direction[..., 0])
-        arriving = np.roll(leaving, 1, axis=1)
+        leaving, arriving = self.leaving.copy(), self.arriving.copy()
         met = tuple(
             tuple(placed.standing(arm_angle) for placed in self.placed if placed.strand == k) for k in range(len(ends))
         )

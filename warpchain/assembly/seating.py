@@ -93,18 +93,20 @@ class Seating:
         return self.first + self.seats - 1
 
 
-def seat_chain(drive: Drive, path: ChainPath) -> Seating:
+def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seating:
     """Seats the chains of a stack, each of which fits its path.
 
     Args:
         drive: one, or a stack.
         path: its path or paths, with the first axis of a stack.
+        loop: of the drive, where it is known.
 
     Raises:
         DriveError: where a strand has no room for a link, a sprocket has fewer teeth than rollers to hold, or no
             placement closes the chain; the message names where, of the first such variant.
     """
-    loop = _Loop(drive, path)
+    loop = loop or Loop(drive, path)
+    loop.take(path)
     seating = loop.count(drive, path)
     todo = np.arange(len(seating.strain))
     for turn in range(_ROUNDS + 1):
@@ -118,17 +120,12 @@ def seat_chain(drive: Drive, path: ChainPath) -> Seating:
     return seating
 
 
-def seat_string(drive: Drive, path: ChainPath, seating: Seating, k: int) -> Taut | None:
-    """Strand k from seat to seat around the guides that it touches; None where it is straight."""
-    return _Loop(drive, path).string(seating, k)
-
-
 def forth(roller: Counts) -> Counts:
     """1 where an outer link ends at a roller, -1 where one begins (`Drive.riding_lean`)."""
     return np.where(roller % 2, 1, -1)
 
 
-class _Loop:
+class Loop:
     """The sprockets of a stack as plain numbers, in the order of the chain's travel.
 
     Arrays have a first axis of V, guides' strings are those of one variant alone.
@@ -143,7 +140,6 @@ class _Loop:
         self.step = np.array([sprocket.sign for sprocket in drive.sprockets]) * self.pitch_angle
         self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
         self.leans = any(map(some, self.lean))
-        self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.guides = [guide.name for guide in drive.guides]
         variants = len(path.radius)
         wide = (variants, self.size)
@@ -152,15 +148,20 @@ class _Loop:
         )
         self.radius = np.broadcast_to(path.radius, wide)
         self.pitch = np.broadcast_to(path.pitch, variants)
-        self.strings: dict[int, tuple[tuple[float, float], Taut]] = {}  # as last drawn, from where to where
-        self.chords = np.zeros(wide)  # what links laid on a string measure beyond its chain length [m]
+        self.take(path)
         links = np.atleast_2d(drive.chain.pulled_lengths)
         self.links = np.broadcast_to(links, (variants, links.shape[1]))
         reach = np.cumsum(np.tile(links, 2), axis=1)
         reach = np.concatenate([np.zeros((len(links), 1)), reach], axis=1)
         self.reach = np.broadcast_to(reach, (variants, reach.shape[1]))
 
-    def of(self, chosen: NDArray[np.int64]) -> _Loop:
+    def take(self, path: ChainPath) -> None:
+        """Goes over to another path of the same drive, whose arms stand elsewhere."""
+        self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
+        self.strings: dict[int, tuple[tuple[float, float], Taut]] = {}  # as last drawn, from where to where
+        self.chords = np.zeros(self.radius.shape)  # what links laid on a string measure beyond its chain length [m]
+
+    def of(self, chosen: NDArray[np.int64]) -> Loop:
         """That of some of the variants."""
         if len(chosen) == len(self.pitch):
             return self
