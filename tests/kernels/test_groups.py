@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from drives import two_sprockets
+
 from warpchain import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import SUMS
