@@ -165,7 +165,8 @@ def contacts(Real: type, capacity: int) -> Contacts:
     def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw):
         """The normal force on roller i, and what its contact keeps."""
         penetration = load_row(w, PENETRATION + i)
-        force = vec2(Real(0.0), Real(0.0))
+        x = Real(0.0)
+        y = Real(0.0)
         size = Real(0.0)
         damper = Real(0.0)
         energy = Real(0.0)
@@ -173,8 +174,10 @@ def contacts(Real: type, capacity: int) -> Contacts:
         if penetration > Real(0.0):
             before = load_row(w, BEFORE + i)
             force, size, kept, damper, energy = respond(penetration, normal_of(w, i), relative_of(w, i), before, law)
-        store_row(w, PRESS_X + i, force[0])
-        store_row(w, PRESS_Y + i, force[1])
+            x = force[0]
+            y = force[1]
+        store_row(w, PRESS_X + i, x)
+        store_row(w, PRESS_Y + i, y)
         store_row(w, SIZE + i, size)
         store_row(w, KEPT + i, kept)
         store_row(w, DAMPER + i, damper)

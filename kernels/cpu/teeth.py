@@ -43,19 +43,16 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
 
     @wp.func
-    def center_of(body: Pose):
-        """The sprocket's center [m]."""
-        return vec2(Real(body.center[0]), Real(body.center[1]))
-
-    @wp.func
     def engaged(w: wp.array[Real], first: int, count: int, sprocket: kinds.Sprocket, body: Pose):
         """Which of `count` rollers from `first` on are between the teeth, as bits."""
-        center = center_of(body)
+        center_x = Real(body.center[0])
+        center_y = Real(body.center[1])
         near = wp.uint64(0)
         k = int(0)
         while k < count:
-            r = vec2(load_row(w, X + first + k), load_row(w, Y + first + k)) - center
-            square = wp.dot(r, r)
+            x = load_row(w, X + first + k) - center_x
+            y = load_row(w, Y + first + k) - center_y
+            square = x * x + y * y
             if square > sprocket.near_square and square < sprocket.far_square:
                 near = near | bit_of(k)
             k = k + 1
@@ -150,21 +147,23 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     @wp.func
     def touch_flanks(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
         """How the rollers stand in their gaps, eq. (5)-(14), as `contact.in_teeth` but for tips; 1 if any is at one."""
-        center = center_of(body)
-        center_velocity = vec2(Real(body.velocity[0]), Real(body.velocity[1]))
+        center_x = Real(body.center[0])
+        center_y = Real(body.center[1])
+        center_vx = Real(body.velocity[0])
+        center_vy = Real(body.velocity[1])
         omega = Real(body.speed)
         tipped = int(0)
         i = group.low
         while i < group.high:
-            arm = vec2(load_row(w, X + i), load_row(w, Y + i)) - center
+            arm = vec2(load_row(w, X + i) - center_x, load_row(w, Y + i) - center_y)
             p = place(w, i) - body.center
-            v = vec2(load_row(w, VX + i), load_row(w, VY + i)) - center_velocity
+            v = vec2(load_row(w, VX + i) - center_vx, load_row(w, VY + i) - center_vy)
             xi = load_row(w, RADIAL + i)
             lateral = load_row(w, LATERAL + i)
-            gap = endless_gap(xi, lateral, sprocket)
-            depth = wp.where(is_near(group, i), gap[0], Real(0.0))
+            penetration, along, across = endless_gap(xi, lateral, sprocket)
+            depth = wp.where(is_near(group, i), penetration, Real(0.0))
             tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
-            normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), gap[1], gap[2])
+            normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), along, across)
             surface = vec2(-omega * Real(p[1]), omega * Real(p[0]))
             touch(w, i, arm, depth, normal, surface - v)
             store_row(w, OPEN + i, after_teeth(load_row(w, BEFORE + i)))
@@ -179,9 +178,9 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             xi = load_row(w, RADIAL + i)
             lateral = load_row(w, LATERAL + i)
             if beyond_tip(load_row(w, PENETRATION + i), xi, lateral, sprocket):
-                gap = on_tip(xi, lateral, sprocket)
-                normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), gap[1], gap[2])
-                store_row(w, PENETRATION + i, gap[0])
+                penetration, along, across = on_tip(xi, lateral, sprocket)
+                normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), along, across)
+                store_row(w, PENETRATION + i, penetration)
                 store_row(w, NORMAL_X + i, normal[0])
                 store_row(w, NORMAL_Y + i, normal[1])
             i = i + 1

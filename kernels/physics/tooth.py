@@ -90,7 +90,7 @@ def endless_gap(xi: Any, lateral: Any, gap: Any):
         at[0] = (at[0] * (one + across) - along * t) * reciprocal(one + root(square))
         at[1] = (across * gap.cos_half_seat + along * gap.sin_half_seat) * inverse
         at[2] = side * (along * gap.cos_half_seat - across * gap.sin_half_seat) * inverse
-    return at
+    return at[0], at[1], at[2]
 
 
 @wp.func
@@ -109,7 +109,7 @@ def on_tip(xi: Any, lateral: Any, gap: Any):
     radial = gap.pitch_radius + xi
     square = radial * radial + lateral * lateral
     inverse = inverse_root(square)
-    return wp.vector(gap.tip_reach - root(square), radial * inverse, lateral * inverse)
+    return gap.tip_reach - root(square), radial * inverse, lateral * inverse
 
 
 @wp.func
@@ -121,7 +121,11 @@ def tooth_gap(xi: Any, lateral: Any, gap: Any):
         lateral: q . tau [m].
         gap: the sprocket's tooth gap (`structs.Sprocket`).
     """
-    at = endless_gap(xi, lateral, gap)
-    if beyond_tip(at[0], xi, lateral, gap):
-        at = on_tip(xi, lateral, gap)
+    penetration, along, across = endless_gap(xi, lateral, gap)
+    at = wp.vector(penetration, along, across)
+    if beyond_tip(penetration, xi, lateral, gap):
+        penetration_of_tip, along_of_tip, across_of_tip = on_tip(xi, lateral, gap)
+        at[0] = penetration_of_tip
+        at[1] = along_of_tip
+        at[2] = across_of_tip
     return at[0], at[1], at[2]
