@@ -44,8 +44,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     pull = joints.pull if kind.bending else row.pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
-    SPROCKETS, wrench_on = forces.SPROCKETS, forces.wrench_on
-    observe_sprocket = block_observing(kind).observe_sprocket
+    SPROCKETS, acting_on, wrench_of = forces.SPROCKETS, forces.acting_on, forces.wrench_of
+    observe, step_of = block_observing(kind), row.step_of
     stage_roller = block_rk4(kind)
 
     @wp.func
@@ -55,6 +55,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         for s in range(wp.static(sprockets)):
             if wp.static(moving):
                 mask = mask | (1 << s)
+            elif wp.static(kind.spinning):
+                mask = mask | wp.where(shared.spins[s].prescribed == 0, (1 << s), 0)
             elif shared.motions[s].prescribed == 0:
                 mask = mask | (1 << s)
         return mask
@@ -85,28 +87,37 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         All threads together work out what the chain does to it.
         """
-        wrench = wrench_on(shared, mine.thread)
+        acting = acting_on(shared, mine.thread)
         if mine.sprocket >= 0:
-            before = shared.poses[mine.sprocket]
-            hub = wp.vec2d(wrench.force[0], wrench.force[1])  # the chain's alone, without tensioners
-            if wp.static(kind.tensioners > 0):
-                wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
-            body = bodies.advance(ensemble, state, shared, mine, now, wrench)
-            if wp.static(measuring) and now.measured != 0:
-                observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
-                mine_sums = shared.sprocket_sums[mine.sprocket]
-                shared.sprocket_sums[mine.sprocket] = add_hub_force(mine_sums, hub, wp.float64(now.weight))
+            if wp.static(kind.spinning):
+                wheel = shared.wheels[mine.sprocket]
+                seen = bodies.spin(shared, mine, now, acting[0])
+                if wp.static(measuring) and now.measured != 0:
+                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
+                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
+            else:
+                before = shared.poses[mine.sprocket]
+                wrench = wrench_of(acting)
+                hub = wp.vec2d(wrench.force[0], wrench.force[1])  # the chain's alone, without tensioners
                 if wp.static(kind.tensioners > 0):
-                    arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
-            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench)
-            if wp.static(kind.tensioners > 0):
-                sampling.write_push_frames(ensemble, state, frames, mine, now, mine.sprocket)
-                arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
+                    wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
+                body = bodies.advance(ensemble, state, shared, mine, now, wrench)
+                if wp.static(measuring) and now.measured != 0:
+                    observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
+                    mine_sums = shared.sprocket_sums[mine.sprocket]
+                    shared.sprocket_sums[mine.sprocket] = add_hub_force(mine_sums, hub, wp.float64(now.weight))
+                    if wp.static(kind.tensioners > 0):
+                        arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
+                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
+                if wp.static(kind.tensioners > 0):
+                    sampling.write_push_frames(ensemble, state, frames, mine, now, mine.sprocket)
+                    arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
-                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, wrench)
+                on_arm = wrench_of(acting)
+                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, on_arm)
                 b = wp.static(sprockets) + mine.arm
-                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, wrench)
+                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, on_arm)
                 sampling.write_push_frames(ensemble, state, frames, mine, now, b)
 
     @wp.func
@@ -118,7 +129,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 stage_roller(state, shared, mine, now, j)
                 j = j + wp.static(threads)
         elif now.going != 0:
-            h = Real(mine.h)
+            h = step_of(mine)
             for k in range(wp.static(per)):
                 j = k * wp.static(threads) + mine.thread
                 v = velocity(shared.rows, j) + h * acceleration(shared, j)
@@ -200,7 +211,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.driven = driven(shared)
         held = partners.held_by(shared, i)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
-        bodies.plan(ensemble, shared, mine.variant, i, now.step)
+        bodies.plan(ensemble, shared, mine, now.step)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
@@ -210,7 +221,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
             if mine.sprocket >= 0 and now.stage == 0:
-                bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
+                bodies.weigh(ensemble, shared, mine, now.step)
             barrier()
             if now.flags != 0:
                 sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)

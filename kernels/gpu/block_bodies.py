@@ -7,8 +7,10 @@ import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
+from ..pairs import counted, pair_of, rounded, whole
 from ..physics.motion import load_moment, prescribed_at
-from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
+from ..physics.spin import body_of_wheel, faced, led_at, spin_load, spin_of, spun, wheel_of, wheel_with
+from ..structs import BodyState, Drive, Led, Mount, Pose, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_forces import block_forces
@@ -26,7 +28,17 @@ class BodyFunctions:
     end_body: wp.Function
     plan: wp.Function
     weigh: wp.Function
+    spin: wp.Function
     advance: wp.Function
+
+
+@wp.struct
+class Seen:
+    """A sprocket at one instant, in float32."""
+
+    angle: wp.float32  # [rad]
+    speed: wp.float32  # [rad/s]
+    center: wp.vec2f  # [m]
 
 
 @wp.func
@@ -71,6 +83,9 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def body_gone(drive: Drive, shared: kinds.Shared, s: int):
         """1 where body s does not turn soundly, or its center has left the drive's box."""
+        if wp.static(kind.spinning):
+            if s < wp.static(sprockets):
+                return int(not (wp.abs(shared.wheels[s].angle.low + shared.wheels[s].speed.high) < 1.0e38))
         gone = int(not turns_soundly(shared.poses[s].angle, shared.poses[s].speed))
         if wp.static(moving):
             gone = wp.max(gone, int(not in_box(drive, shared.poses[s].center)))
@@ -79,9 +94,14 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def set_heading(shared: kinds.Shared, s: int):
         """Cosine and sine of body s from its angle."""
+        if wp.static(kind.spinning):
+            shared.wheels[s] = faced(shared.wheels[s])
+            return
         sine, cosine = sine_cosine(shared.poses[s].angle)
         shared.poses[s].cosine = cosine
         shared.poses[s].sine = sine
+        if wp.static(kind.paired):
+            shared.wheels[s] = wheel_with(shared.wheels[s], shared.poses[s])
 
     @wp.func
     def start_body(
@@ -94,10 +114,15 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         pose = pose_of(state.bodies[b])
         angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[b], ensemble.curves)
         pose.exact_speed = exact
-        shared.poses[s] = pose
-        share_geometry(ensemble, shared, drive, mine.variant, s)
-        shared.motions[s] = ensemble.motions[b]
+        share_geometry(ensemble, shared, drive, mine.variant, s, pose.center)
         at = drive.first_sprocket + s
+        if wp.static(kind.paired):
+            shared.wheels[s] = wheel_of(pose, ensemble.sprockets[at].exact_radius)
+        if wp.static(kind.spinning):
+            shared.spins[s] = spin_of(ensemble.motions[b])
+        else:
+            shared.poses[s] = pose
+            shared.motions[s] = ensemble.motions[b]
         if wp.static(moving):
             shared.mounts[s] = ensemble.mounts[b]
             shared.mount_sums[s] = sums.mount[at]
@@ -111,7 +136,10 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         drive = ensemble.drives[mine.variant]
         s = mine.sprocket
         at = drive.first_sprocket + s
-        state.bodies[drive.first_body + s] = state_of(shared.poses[s])
+        if wp.static(kind.spinning):
+            state.bodies[drive.first_body + s] = body_of_wheel(shared.wheels[s])
+        else:
+            state.bodies[drive.first_body + s] = state_of(shared.poses[s])
         if wp.static(moving):
             sums.mount[at] = shared.mount_sums[s]
         sums.sprocket[at] = shared.sprocket_sums[s]
@@ -119,9 +147,35 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         state.strands[at] = shared.strands[s]
 
     @wp.func
-    def plan(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, i: int, step: int):
+    def plan_spins(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
+        """As `plan`, in pairs of float32."""
+        i = mine.thread
+        s = i // lanes()
+        while s < wp.static(sprockets):
+            spin = shared.spins[s]
+            if spin.prescribed == 1:
+                ahead = 1 + i % lanes()
+                while ahead <= wp.static(COURSE):
+                    led = led_at(counted(step + ahead, mine.step), spin)
+                    if wp.static(kind.curved):
+                        if spin.curved == 1:
+                            b = ensemble.drives[mine.variant].first_body + s
+                            time = wp.float64(step + ahead) * mine.h
+                            angle, speed = prescribed_at(time, ensemble.motions[b], ensemble.curves)
+                            led.angle = pair_of(angle)
+                            led.speed = wp.float32(speed)
+                    shared.led[course_of(s, step + ahead) // 2] = led
+                    ahead = ahead + lanes()
+            s = s + wp.static(threads) // lanes()
+
+    @wp.func
+    def plan(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
         """Prescribed angles and speeds of the next `COURSE` steps: each warp its own bodies', a step a thread."""
-        drive = ensemble.drives[variant]
+        if wp.static(kind.spinning):
+            plan_spins(ensemble, shared, mine, step)
+            return
+        i = mine.thread
+        drive = ensemble.drives[mine.variant]
         s = i // lanes()
         while s < wp.static(sprockets):
             motion = shared.motions[s]
@@ -137,10 +191,29 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             s = s + wp.static(threads) // lanes()
 
     @wp.func
-    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, time: wp.float64):
-        """Works out the load on body s, while other threads are at their contacts."""
-        pose = shared.poses[s]
-        shared.poses[s].load = load_moment(time, pose.angle, pose.speed, shared.motions[s], ensemble.curves)
+    def weigh_spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
+        """As `weigh`, in float32."""
+        s = mine.sprocket
+        speed = shared.wheels[s].speed.high
+        load = spin_load(float(step) * mine.step.high, speed, shared.spins[s])
+        if wp.static(kind.curved):
+            if shared.spins[s].curved == 1:
+                motion = ensemble.motions[ensemble.drives[mine.variant].first_body + s]
+                time = wp.float64(step) * mine.h
+                angle = whole(shared.wheels[s].angle)
+                load = wp.float32(load_moment(time, angle, wp.float64(speed), motion, ensemble.curves))
+        shared.wheels[s].load = load
+
+    @wp.func
+    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
+        """Works out the load on the thread's body, while other threads are at their contacts."""
+        if wp.static(kind.spinning):
+            weigh_spin(ensemble, shared, mine, step)
+        else:
+            s = mine.sprocket
+            time = wp.float64(step) * mine.h
+            pose = shared.poses[s]
+            shared.poses[s].load = load_moment(time, pose.angle, pose.speed, shared.motions[s], ensemble.curves)
 
     @wp.func
     def settle_at(shared: kinds.Shared, s: int, pose: Pose):
@@ -156,6 +229,30 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.poses[s].angle = pose.angle
             shared.poses[s].speed = pose.speed
             shared.poses[s].exact_speed = pose.exact_speed
+        if wp.static(kind.paired):
+            shared.wheels[s] = wheel_with(shared.wheels[s], pose)
+
+    @wp.func
+    def spin(shared: kinds.Shared, mine: Mine, now: Now, moment: wp.float32):
+        """Takes the thread's sprocket one step on if the run goes on; returns it with its rates at the step's instant.
+
+        In pairs of float32; `moment` is the chain's on it [N m].
+        """
+        s = mine.sprocket
+        h = mine.step.high
+        wheel = shared.wheels[s]
+        spin = shared.spins[s]
+        seen = Seen()
+        seen.angle = rounded(wheel.angle)
+        seen.speed = wheel.exact_speed
+        seen.center = wheel.center
+        if spin.prescribed == 0:
+            rate = (moment + wheel.load) * spin.inverse_inertia
+            seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate
+        if now.going != 0:
+            ahead = shared.led[course_of(s, now.step + 1) // 2]  # which stands for nothing where the angle is free
+            shared.wheels[s] = spun(wheel, leapfrog_kick(now.step, h), h, moment, ahead, spin)
+        return seen
 
     @wp.func
     def leapfrog(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, wrench: Wrench):
@@ -237,5 +334,6 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         end_body=end_body,
         plan=plan,
         weigh=weigh,
+        spin=spin,
         advance=advance,
     )

@@ -24,6 +24,7 @@ from ..physics.contact import (
     turned,
 )
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
+from ..physics.seat import away, in_teeth_gap, line_of, near_line, on_line, tracked_gap
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
@@ -43,7 +44,8 @@ class ForceFunctions:
     leave: wp.Function
     contacts: wp.Function
     body_of: wp.Function
-    wrench_on: wp.Function
+    acting_on: wp.Function
+    wrench_of: wp.Function
     share_geometry: wp.Function
 
 
@@ -53,14 +55,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
     moving, sliding, rk4, bodies, profiles = kind.moving, kind.sliding, kind.rk4, kind.bodies, kind.profiles
     kinds, Now = types(Real), now_struct(Real)
-    vec2 = kinds.vec2
+    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row = block_rows(kind)
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
     acceleration = row.acceleration
-    X, Y, group_sum = row.X, row.Y, row.sharing.group_sum
+    X, Y, X_LOW, Y_LOW, group_sum = row.X, row.Y, row.X_LOW, row.Y_LOW, row.sharing.group_sum
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
-    load_part, store_part = accessors(wp.float64).load_row, accessors(wp.float64).store_row
     SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.func
@@ -90,6 +91,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if by_profile(bar):
                 pose = shared.poses[bar.body]
                 if near_profile(in_frame(place(rows, j, pose.center), pose), bar):
+                    mask = mask | (1 << (wp.static(sprockets) + g))
+            elif wp.static(kind.paired):
+                line = shared.lines[g]
+                along_x = (x - line.start[0]) + (load_row(rows, X_LOW + j) - line.start_low[0])
+                along_y = (y - line.start[1]) + (load_row(rows, Y_LOW + j) - line.start_low[1])
+                if near_line(along_x, along_y, line, bar):
                     mask = mask | (1 << (wp.static(sprockets) + g))
             else:
                 p = place(rows, j, bar.start)
@@ -124,6 +131,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """How far velocities are behind the forces [s]."""
         if wp.static(rk4):
             return Real(0.0)
+        elif wp.static(kind.paired):
+            return Real(0.5) * mine.step.high
         else:
             return Real(wp.float64(0.5) * mine.h)
 
@@ -141,15 +150,51 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store_row(state.impact_speed, at, kept)
 
     @wp.func
-    def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
+    def add_wrench(shared: kinds.Shared, s: int, i: int, moment: Real, force: vec2):
         """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on body s."""
         at = s * wp.static(threads) + i
-        store_part(shared.parts, at, load_part(shared.parts, at) + moment)
+        store_row(shared.parts, at, load_row(shared.parts, at) + moment)
         if wp.static(kind.pushes):
             x = at + wp.static(bodies * threads)
-            store_part(shared.parts, x, load_part(shared.parts, x) - wp.float64(force[0]))
+            store_row(shared.parts, x, load_row(shared.parts, x) - force[0])
             y = at + wp.static(2 * bodies * threads)
-            store_part(shared.parts, y, load_part(shared.parts, y) - wp.float64(force[1]))
+            store_row(shared.parts, y, load_row(shared.parts, y) - force[1])
+
+    @wp.func
+    def away_from(rows: wp.array[Real], j: int, center: vec2, low: vec2):
+        """Roller j from a center, at float32."""
+        high = vec2(load_row(rows, X + j), load_row(rows, Y + j))
+        return away(high, vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
+
+    @wp.func
+    def in_gap_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, at: int, j: int, s: int):
+        """Penetration [m], normal and relative velocity [m/s] of roller j in the teeth of sprocket s; its arm [m].
+
+        Its seat is kept at `at`.
+        """
+        teeth = shared.teeth[s]
+        kept = load_whole(state.seat, at)
+        v = velocity(shared.rows, j)
+        if wp.static(kind.paired):
+            wheel = shared.wheels[s]
+            near_it = away_from(shared.rows, j, wheel.center, wheel.center_low)
+            gap = tracked_gap(near_it, kept, wheel, teeth, ensemble.split_seats)
+            if gap.number != kept:
+                store_whole(state.seat, at, gap.number)
+            if wp.static(moving):
+                v = v - wheel.velocity
+            penetration, normal, relative = in_teeth_gap(near_it.high, v, wheel.speed.high, gap, teeth)
+            return penetration, normal, relative, near_it.high
+        else:
+            pose = shared.poses[s]
+            p = place(shared.rows, j, pose.center)
+            seat = tracked_seat(p, kept, pose.cosine, pose.sine, teeth, ensemble.seats)
+            if seat.number != kept:
+                store_whole(state.seat, at, seat.number)
+            if wp.static(moving):
+                v = vec2(v[0] - Real(pose.velocity[0]), v[1] - Real(pose.velocity[1]))
+            penetration, normal, relative = in_teeth(p, v, Real(pose.speed), seat, teeth)
+            return penetration, normal, relative, vec2(Real(p[0]), Real(p[1]))
 
     @wp.func
     def at_sprocket(
@@ -163,21 +208,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         s: int,
     ):
         """Adds the force of the teeth of sprocket s to roller j's, and its reaction to the sprocket if it is summed."""
-        teeth = shared.teeth[s]
-        pose = shared.poses[s]
         at = mine.memory + j + s * mine.rollers
-        kept = load_whole(state.seat, at)
         before = load_row(state.impact_speed, at)
-        p = place(shared.rows, j, pose.center)
-        seat = tracked_seat(p, kept, pose.cosine, pose.sine, teeth, ensemble.seats)
-        if seat.number != kept:
-            store_whole(state.seat, at, seat.number)
-        v = velocity(shared.rows, j)
-        if wp.static(moving):
-            v = vec2(v[0] - Real(pose.velocity[0]), v[1] - Real(pose.velocity[1]))
-        penetration, normal, relative = in_teeth(p, v, Real(pose.speed), seat, teeth)
+        penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, s)
         if penetration > Real(0.0):
-            force, size, first, damper, energy = respond(penetration, normal, relative, before, teeth.law)
+            law = shared.teeth[s].law
+            force, size, first, damper, energy = respond(penetration, normal, relative, before, law)
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first + j
                 state.extra[extra].energy = state.extra[extra].energy + energy
@@ -195,8 +231,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if before == Real(UNTOUCHED):
                     add_touches(tallies.contact, at, 1, 0)
             if (now.summed >> s) & 1 != 0:
-                arm = vec2(Real(p[0]), Real(p[1]))
-                add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
+                add_wrench(shared, s, mine.thread, reaction(arm, force), force)
         else:
             put(state, now, at, before, after_teeth(before))
 
@@ -220,6 +255,17 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return penetration, vec2(Real(facing[0]), Real(facing[1])), relative
 
     @wp.func
+    def on_straight(shared: kinds.Shared, j: int, g: int, bar: kinds.Guide):
+        """The same on guide g, a straight bar on the ground."""
+        v = velocity(shared.rows, j)
+        if wp.static(kind.paired):
+            line = shared.lines[g]
+            return on_line(away_from(shared.rows, j, line.start, line.start_low), v, line, bar)
+        else:
+            p = place(shared.rows, j, bar.start)
+            return on_guide(p, v, vec2(Real(0.0), Real(0.0)), bar)
+
+    @wp.func
     def on_bar(
         ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, g: int, bar: kinds.Guide
     ):
@@ -231,14 +277,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if bar.pieces != 0:
                 penetration, normal, relative = at_profile(ensemble, state, shared, mine, j, g, bar)
             else:
-                p = place(shared.rows, j, bar.start)
-                penetration, normal, relative = on_guide(p, velocity(shared.rows, j), vec2(), bar)
+                penetration, normal, relative = on_straight(shared, j, g, bar)
             return penetration, normal, relative
         else:
-            still = vec2(Real(0.0), Real(0.0))
-            p = place(shared.rows, j, bar.start)
-            penetration, normal, relative = on_guide(p, velocity(shared.rows, j), still, bar)
-            return penetration, normal, relative
+            return on_straight(shared, j, g, bar)
 
     @wp.func
     def at_guide(
@@ -275,7 +317,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if bar.body < wp.static(bodies):
                     arm = place(shared.rows, j, shared.poses[bar.body].center)
                     moment = reaction(vec2(Real(arm[0]), Real(arm[1])), force)
-                    add_wrench(shared, bar.body, mine.thread, wp.float64(moment), force)
+                    add_wrench(shared, bar.body, mine.thread, moment, force)
             keep(state, now, at, before, first)
             if now.measured != 0:
                 a = acceleration(shared, j)
@@ -330,14 +372,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def part(shared: kinds.Shared, row: int, i: int):
         """This thread's share of the sum of all parts in `row`, which start anew at zero."""
-        value = wp.float64(0.0)
+        value = Real(0.0)
         k = row * wp.static(threads) + i % group()
         for q in range(lanes() // group()):
-            of_lane = wp.float64(0.0)
+            of_lane = Real(0.0)
             for w in range(wp.static(threads) // lanes()):
                 at = k + w * lanes() + q * group()
-                of_lane = of_lane + load_part(shared.parts, at)
-                store_part(shared.parts, at, wp.float64(0.0))
+                of_lane = of_lane + load_row(shared.parts, at)
+                store_row(shared.parts, at, Real(0.0))
             value = value + of_lane
         return value
 
@@ -349,21 +391,21 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
-    def wrench_on(shared: kinds.Shared, i: int):
-        """The chain's moment [N m] on the body that thread i moves and, if it is wanted, its force [N].
+    def acting_on(shared: kinds.Shared, i: int):
+        """The chain's moment [N m] on the body that thread i moves and, if it is wanted, its force (x, y) [N].
 
         All threads together, between the barrier after the contacts and the next one.
         """
-        wrench = Wrench()
+        acting = of_three()
         warps = wp.static(threads) // lanes()
         groups = lanes() // group()
         turn = int(0)
         first = i // lanes()  # body of this warp
         while first < wp.static(bodies):
             s = first + warps * (i % lanes() // group())
-            moment = wp.float64(0.0)
-            x = wp.float64(0.0)
-            y = wp.float64(0.0)
+            moment = Real(0.0)
+            x = Real(0.0)
+            y = Real(0.0)
             if s < wp.static(bodies):
                 moment = part(shared, s, i)
                 if wp.static(kind.pushes):
@@ -374,16 +416,26 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 x = group_sum(x)
                 y = group_sum(y)
             if i % group() == turn:
-                wrench.moment = moment
-                wrench.force = wp.vec2d(x, y)
+                acting[0] = moment
+                acting[1] = x
+                acting[2] = y
             turn = turn + 1
             first = first + warps * groups
+        return acting
+
+    @wp.func
+    def wrench_of(acting: of_three):
+        """What `acting_on` returns, in float64."""
+        wrench = Wrench()
+        wrench.moment = wp.float64(acting[0])
+        wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
         return wrench
 
     @wp.func
-    def share_geometry(ensemble: kinds.Ensemble, shared: kinds.Shared, drive: Drive, variant: int, s: int):
-        """Teeth and band of sprocket s, whose pose is shared; with the first one, the chain and the guide-bars."""
-        center = shared.poses[s].center
+    def share_geometry(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, drive: Drive, variant: int, s: int, center: wp.vec2d
+    ):
+        """Teeth and band of sprocket s at `center`; with the first one, the chain and the guide-bars."""
         sprocket = ensemble.sprockets[drive.first_sprocket + s]
         shared.teeth[s] = sprocket
         band = kinds.Band()
@@ -394,6 +446,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         if wp.static(sliding):
             shared.sliding[s] = ensemble.tooth_sliding[drive.first_sprocket + s]
         if s == 0:
+            if wp.static(kind.paired):
+                low, high = drive.low, drive.high
+                shared.box[0] = wp.vec4f(
+                    wp.float32(low[0]), wp.float32(low[1]), wp.float32(high[0]), wp.float32(high[1])
+                )
             shared.chain[0] = ensemble.chains[variant]
             if wp.static(kind.bending):
                 shared.joint[0] = ensemble.joints[variant]
@@ -409,6 +466,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                     bar.body = wp.where(bar.body == GROUND, wp.static(bodies), bar.body)
                     bar.first_piece = drive.first_piece + bar.first_piece
                 shared.bars[g] = bar
+                if wp.static(kind.paired):
+                    shared.lines[g] = line_of(bar)
                 if wp.static(sliding):
                     shared.sliding[wp.static(sprockets) + g] = ensemble.guide_sliding[drive.first_guide + g]
 
@@ -418,6 +477,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         leave=leave,
         contacts=contacts,
         body_of=body_of,
-        wrench_on=wrench_on,
+        acting_on=acting_on,
+        wrench_of=wrench_of,
         share_geometry=share_geometry,
     )

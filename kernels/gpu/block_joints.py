@@ -128,7 +128,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
             )
             v = velocity(rows, j)
             if wp.static(not kind.rk4):
-                v = v + Real(0.5) * Real(mine.h) * acceleration(shared, j)
+                v = v + Real(0.5) * row.step_of(mine) * acceleration(shared, j)
             at = FRICTION + j
             store_row(shared.seen, at, load_row(shared.seen, at) - now.weight * wp.dot(force, v))
 

@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from ..pairs import Pair, pair_of
 from ..structs import Drive
 
 
@@ -25,6 +26,7 @@ class BlockKind:
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
+        curved: motions or loads may be tabulated or have harmonics, which matters at float32 only.
     """
 
     Real: type
@@ -41,6 +43,22 @@ class BlockKind:
     arms: int = 0
     tensioners: int = 0
     profiles: bool = False
+    curved: bool = True
+
+    @property
+    def paired(self) -> bool:
+        """Whether contacts see sprockets and straight guide-bars in pairs of float32."""
+        return bool(self.Real == wp.float32)
+
+    @property
+    def spinning(self) -> bool:
+        """Whether sprockets, which then only turn, are moved in pairs of float32 too."""
+        return self.paired and not (self.moving or self.rk4 or self.tensioners)
+
+    @property
+    def poses(self) -> bool:
+        """Whether bodies have poses in float64: all but sprockets that are `spinning`."""
+        return not self.spinning or self.arms > 0 or self.profiles
 
     @property
     def bodies(self) -> int:
@@ -70,6 +88,7 @@ class Mine:
     sprocket: wp.int32  # that the thread moves, negative for most
     arm: wp.int32  # the same
     h: wp.float64  # time step [s]
+    step: Pair  # the same, for kernels at float32
 
 
 @wp.func
@@ -84,6 +103,7 @@ def mine_of(drive: Drive, variant: int, thread: int, body: int):
     mine.sprocket = wp.where(body < drive.sprockets, body, -1)
     mine.arm = wp.where(body < drive.sprockets, -1, body - drive.sprockets)
     mine.h = drive.step
+    mine.step = pair_of(drive.step)
     return mine
 
 

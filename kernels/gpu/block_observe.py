@@ -15,11 +15,12 @@ from ..physics.link import link_chain
 from ..physics.motion import load_moment_at_speed
 from ..physics.roller import roller_energy
 from ..rows import accessors
-from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
+from ..structs import BodyState, Drive, Mount, Pose, Wheel, Wrench, types
 from ..sum_structs import ChainNote, ContactSums, LinkTally, Sums, Tallies
 from ..sums import (
     add_displacement,
     add_energy,
+    add_hub_force,
     add_mount,
     add_sprocket,
     displacement,
@@ -29,6 +30,7 @@ from ..sums import (
     merge_tension,
     unseen,
 )
+from .block_bodies import Seen
 from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
@@ -46,6 +48,7 @@ class ObserveFunctions:
     update_strand: wp.Function
     add_middle: wp.Function
     energy_of_roller: wp.Function
+    observe_spin: wp.Function
     observe_sprocket: wp.Function
 
 
@@ -160,6 +163,33 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return held - weight + wp.float64(extra.energy)
 
     @wp.func
+    def observe_spin(
+        ensemble: kinds.Ensemble,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        seen: Seen,
+        acting: wp.vec3f,
+        before: Wheel,
+    ):
+        """As `observe_sprocket`, and the hub's force, of a sprocket that is moved in pairs of float32."""
+        s = mine.sprocket
+        spin = shared.spins[s]
+        time = float(now.step) * mine.step.high
+        weight = wp.float64(now.weight)
+        load = load_moment_at_speed(time, before.load, before.speed.high, seen.speed, spin)
+        if now.flags & ENDS != 0 and spin.prescribed == 0:
+            at = ensemble.drives[mine.variant].first_body + s
+            energy = wp.float64(0.5 * seen.speed * seen.speed / spin.inverse_inertia)
+            tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
+        sums = add_sprocket(
+            shared.sprocket_sums[s], wp.float64(seen.speed), wp.float64(acting[0]), wp.float64(load), weight
+        )
+        hub = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
+        shared.sprocket_sums[s] = add_hub_force(sums, hub, weight)
+
+    @wp.func
     def observe_sprocket(
         ensemble: kinds.Ensemble,
         tallies: Tallies,
@@ -200,6 +230,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         update_strand=update_strand,
         add_middle=add_middle,
         energy_of_roller=energy_of_roller,
+        observe_spin=observe_spin,
         observe_sprocket=observe_sprocket,
     )
 

@@ -22,6 +22,7 @@ class RowFunctions:
     Y: int
     X_LOW: int
     Y_LOW: int
+    step_of: wp.Function
     place: wp.Function
     velocity: wp.Function
     across: wp.Function
@@ -64,6 +65,14 @@ def block_rows(kind: BlockKind) -> RowFunctions:
             return wp.vec2d(
                 wp.float64(load_row(rows, X + j)) - center[0], wp.float64(load_row(rows, Y + j)) - center[1]
             )
+
+    @wp.func
+    def step_of(mine: Mine):
+        """The time step at the kernel's precision [s]."""
+        if wp.static(compensated):
+            return mine.step.high
+        else:
+            return mine.h
 
     @wp.func
     def velocity(rows: wp.array[Real], j: int):
@@ -197,7 +206,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
             j = j + wp.static(threads)
         row = int(0)
         while row < wp.static(part_rows):
-            shared.parts[row * wp.static(threads) + mine.thread] = wp.float64(0.0)
+            shared.parts[row * wp.static(threads) + mine.thread] = Real(0.0)
             row = row + 1
 
     @wp.func
@@ -222,6 +231,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         Y=Y,
         X_LOW=X_LOW,
         Y_LOW=Y_LOW,
+        step_of=step_of,
         place=place,
         velocity=velocity,
         across=across,

@@ -48,6 +48,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     load_row, X, Y, vec2 = accessors(Real).load_row, row.X, row.Y, kinds.vec2
     barrier, place, link_of = row.sharing.barrier, row.place, row.link_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
+    step_of = row.step_of
     body_gone, set_heading, plan = bodies.body_gone, bodies.set_heading, bodies.plan
 
     @wp.func
@@ -90,13 +91,24 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         return samples
 
     @wp.func
+    def position(shared: kinds.Shared, j: int):
+        """Position of roller j [m]."""
+        return vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
+
+    @wp.func
     def gone_from(drive: Drive, shared: kinds.Shared, mine: Mine):
         """1 where a roller of the thread, or its sprocket, is not finite or has left the drive's box."""
         gone = int(0)
         j = int(mine.thread)
         while j < mine.rollers:
-            p = place(shared.rows, j, wp.vec2d(wp.float64(0.0), wp.float64(0.0)))
-            gone = wp.max(gone, int(not in_box(drive, p)))
+            if wp.static(kind.paired):
+                box = shared.box[0]
+                p = position(shared, j)
+                inside = p[0] > box[0] and p[0] < box[2] and p[1] > box[1] and p[1] < box[3]
+                gone = wp.max(gone, int(not inside))
+            else:
+                p = place(shared.rows, j, wp.vec2d(wp.float64(0.0), wp.float64(0.0)))
+                gone = wp.max(gone, int(not in_box(drive, p)))
             j = j + wp.static(threads)
         if mine.sprocket >= 0:
             gone = wp.max(gone, body_gone(drive, shared, mine.sprocket))
@@ -121,7 +133,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         now.event = next_event(drive, now.step)
         if wp.static(measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
             now.window = 1
-            now.weight = Real(drive.step)
+            now.weight = step_of(mine)
             if now.flags & ENDS != 0:
                 now.weight = Real(0.5) * now.weight
             now.samples = update_strands(ensemble, state, sums, tallies, shared, mine, now)
@@ -129,7 +141,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             now.diverged = any_thread(gone_from(drive, shared, mine))
             if mine.sprocket >= 0:
                 set_heading(shared, mine.sprocket)
-            plan(ensemble, shared, mine.variant, mine.thread, now.step)
+            plan(ensemble, shared, mine, now.step)
             barrier()
         if now.flags & LAST != 0 or now.diverged != 0:
             now.going = 0
@@ -165,16 +177,11 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         return now.samples
 
     @wp.func
-    def position(shared: kinds.Shared, j: int):
-        """Position of roller j [m]."""
-        return vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
-
-    @wp.func
     def sample_joints(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
         """Keeps what friction takes from the thread's joints, for a frame; all threads together."""
         lag = Real(0.0)
         if wp.static(not rk4):
-            lag = wp.where(now.step == 0, Real(0.0), Real(wp.float64(0.5) * mine.h))
+            lag = wp.where(now.step == 0, Real(0.0), Real(0.5) * step_of(mine))
         j = int(mine.thread)
         while j < mine.rollers:
             state.extra[mine.first + j].friction_power = joint_power(ensemble, shared, mine, j, lag)
@@ -202,9 +209,9 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             v = velocity(shared.rows, j)
             if wp.static(not rk4):
                 if now.step == 0:  # leapfrog's velocities are half a step behind from here on
-                    v = v - Real(0.5) * Real(drive.step) * a
+                    v = v - Real(0.5) * step_of(mine) * a
                     set_velocity(shared, j, v)
-                v = v + Real(0.5) * Real(drive.step) * a
+                v = v + Real(0.5) * step_of(mine) * a
             if now.flags & EXTRA != 0:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
@@ -223,13 +230,13 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        body: BodyState,
-        wrench: Wrench,
+        body: Any,
+        moment: Any,
     ):
-        """Writes the thread's sprocket to the frame, where that is due."""
+        """Writes the thread's sprocket to the frame, where that is due; `moment` is the chain's on it [N m]."""
         if now.flags & FRAME != 0:
             at = frame_at(ensemble, state, mine.variant, now.since, now.step)
-            write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, wrench.moment)
+            write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, moment)
 
     @wp.func
     def write_arm_frame(

@@ -58,9 +58,13 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
             before = shared.strands[wp.where(s > 0, s, wp.static(sprockets)) - 1]
             roller = mid_wrap(before, shared.strands[s], n)
             seat = state.seat[mine.memory + s * n + roller]
+            if wp.static(kind.spinning):
+                sign = wp.float64(shared.spins[s].sign)
+            else:
+                sign = shared.motions[s].sign
             slip = sums.slip[drive.first_sprocket + s]
             sums.slip[drive.first_sprocket + s] = follow_slip(
-                slip, roller, seat, shared.teeth[s].teeth, shared.motions[s].sign, n
+                slip, roller, seat, shared.teeth[s].teeth, sign, n
             )
 
     @wp.func

@@ -8,10 +8,11 @@ reads.
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import warp as wp
 
-from ..structs import Motion, Mount, Pose, Strand, types
+from ..structs import Led, Line, Motion, Mount, Pose, Spin, Strand, Wheel, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
 from .block_kind import BlockKind
 
@@ -141,7 +142,7 @@ friction is one more."""
 class Room:
     """How much of what a block's threads share there is, and what of it lies in shared memory."""
 
-    parts: int  # values, float64
+    parts: int  # values
     rows: int  # values
     held: int
     seen: int  # values
@@ -151,7 +152,7 @@ class Room:
 
     @property
     def doubles(self) -> int:
-        """Float64 values of a block in global memory."""
+        """Values of `parts` of a block in global memory."""
         return self.parts * (not self.shares_parts)
 
     @property
@@ -165,6 +166,11 @@ class Room:
         return self.held * (not self.shares_rows)
 
 
+def _bytes(struct: Any) -> int:
+    """Size of a struct."""
+    return int(struct.numpy_dtype()["itemsize"])
+
+
 def room(kind: BlockKind) -> Room:
     """What a block of a kind needs."""
     kinds = types(kind.Real)
@@ -172,16 +178,20 @@ def room(kind: BlockKind) -> Room:
     parts = (3 if kind.pushes else 1) * kind.bodies * kind.threads
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
     seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
-    of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
+    of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
-    used = kind.sprockets * (16 * COURSE + sum(struct.numpy_dtype()["itemsize"] for struct in of_each))
-    used += (kind.arms + kind.profiles) * Pose.numpy_dtype()["itemsize"]
+    of_each += [Wheel] if kind.paired else []
+    of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
+    used = kind.sprockets * (16 * COURSE * (not kind.spinning) + sum(map(_bytes, of_each)))
+    used += (kind.bodies + kind.profiles) * _bytes(Pose) * kind.poses
     if kind.sliding:
         used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
     fits = []
-    for needed in (8 * parts, rows * size + 4 * kind.slots, seen * size):
+    if kind.paired:
+        used += kind.guides * _bytes(Line)
+    for needed in (parts * size, rows * size + 4 * kind.slots, seen * size):
         fits.append(used + needed <= SHARED_BYTES)
         used += needed * fits[-1]
     return Room(parts, rows, kind.slots, seen, *fits)
@@ -218,7 +228,7 @@ def exchange(kind: BlockKind) -> Exchange:
         ...
 
     @wp.func_native(GROUP_SUM)
-    def group_sum(value: wp.float64) -> wp.float64:
+    def group_sum(value: Real) -> Real:
         """Sum of `value` over this thread's group, a quarter of a warp."""
         ...
 
@@ -242,13 +252,28 @@ def exchange(kind: BlockKind) -> Exchange:
         ...
 
     @wp.func_native(OWN)
-    def own_parts(all: wp.array[wp.float64], first: int, count: int) -> wp.array[wp.float64]: ...
+    def own_parts(all: wp.array[Real], first: int, count: int) -> wp.array[Real]: ...
 
     @wp.func_native(OWN)
     def own_held(all: wp.array[wp.int32], first: int, count: int) -> wp.array[wp.int32]: ...
 
     @wp.func_native(_shared_snippet("poses", kind.bodies + kind.profiles))
     def poses(like: kinds.Shared) -> wp.array[Pose]: ...
+
+    @wp.func_native(_shared_snippet("wheels", sprockets))
+    def wheels(like: kinds.Shared) -> wp.array[Wheel]: ...
+
+    @wp.func_native(_shared_snippet("spins", sprockets))
+    def spins(like: kinds.Shared) -> wp.array[Spin]: ...
+
+    @wp.func_native(_shared_snippet("led", COURSE * sprockets))
+    def led(like: kinds.Shared) -> wp.array[Led]: ...
+
+    @wp.func_native(_shared_snippet("lines", max(guides, 1)))
+    def lines(like: kinds.Shared) -> wp.array[Line]: ...
+
+    @wp.func_native(_shared_snippet("box", 1))
+    def box(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
 
     @wp.func_native(_shared_snippet("teeth", sprockets))
     def teeth(like: kinds.Shared) -> wp.array[kinds.Sprocket]: ...
@@ -272,7 +297,7 @@ def exchange(kind: BlockKind) -> Exchange:
     def links(like: kinds.Shared) -> wp.array[kinds.Links]: ...
 
     @wp.func_native(_shared_snippet("parts", of.parts))
-    def parts(like: kinds.Shared) -> wp.array[wp.float64]: ...
+    def parts(like: kinds.Shared) -> wp.array[Real]: ...
 
     @wp.func_native(_shared_snippet("motions", sprockets))
     def motions(like: kinds.Shared) -> wp.array[Motion]: ...
@@ -310,7 +335,18 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.seen = seen(shared)
         else:
             shared.seen = view(state.rows, first + wp.static(of.values - of.seen), wp.static(of.seen))
-        shared.poses = poses(shared)
+        if wp.static(kind.paired):
+            shared.wheels = wheels(shared)
+            shared.lines = lines(shared)
+            shared.box = box(shared)
+        if wp.static(kind.spinning):
+            shared.spins = spins(shared)
+            shared.led = led(shared)
+        else:
+            shared.motions = motions(shared)
+            shared.course = course(shared)
+        if wp.static(kind.poses):
+            shared.poses = poses(shared)
         shared.teeth = teeth(shared)
         shared.bands = bands(shared)
         shared.bars = bars(shared)
@@ -325,8 +361,6 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.parts = parts(shared)
         else:
             shared.parts = own_parts(state.parts, block * wp.static(of.parts), wp.static(of.parts))
-        shared.motions = motions(shared)
-        shared.course = course(shared)
         shared.mounts = mounts(shared)
         shared.strands = strands(shared)
         shared.mount_sums = mount_sums(shared)
