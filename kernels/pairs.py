@@ -69,6 +69,18 @@ def cross(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.floa
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
+    return __fadd_rn(a, b);
+#else
+    return a + b;
+#endif
+""")
+def rounded_sum(a: wp.float32, b: wp.float32) -> wp.float32:
+    """a + b, into which no product is drawn."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
     return __fmaf_rn(a, b, c);
 #else
     return (float)((double)a * (double)b + (double)c);
@@ -105,6 +117,14 @@ def settled(high: wp.float32, low: wp.float32):
     pair = Pair()
     pair.high = high + low
     pair.low = low - (pair.high - high)
+    return pair
+
+
+@wp.func
+def trimmed(pair: Pair):
+    """A pair to 2^-48 of itself, which float64 holds exactly; trimmed again it stays as it is."""
+    anchor = pair.high * wp.static(1.5 / 2.0**25)
+    pair.low = rounded_sum(rounded_sum(pair.low, anchor), -anchor)
     return pair
 
 

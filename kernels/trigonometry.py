@@ -1,4 +1,5 @@
-r"""Sine and cosine together, in float64 and in pairs of float32: the same on every device, and without the subroutine for huge angles.
+r"""Sine and cosine together, in float64 and in pairs of float32: the same on every device, without the subroutine for
+huge angles.
 
 angle = k pi/2 + r, |r| <= pi/4, pi/2 in three parts so that k times the first two is exact up to k = 2^20; then the
 series of sin r and cos r to r^17 and r^16, whose next terms are below 1e-19; then the quadrant k mod 4.

@@ -6,11 +6,11 @@ from functools import cache
 import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
-from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..pairs import counted, pair_of, rounded, whole
+from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
-from ..physics.spin import body_of_wheel, faced, led_at, spin_load, spin_of, spun, wheel_of, wheel_with
-from ..structs import BodyState, Drive, Led, Mount, Pose, Wrench, types
+from ..physics.spin import body_of_wheel, faced, led_at, spin_load, spin_of, spun, wheel_at, wheel_of, wheel_with
+from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_forces import block_forces
@@ -83,10 +83,11 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def body_gone(drive: Drive, shared: kinds.Shared, s: int):
         """1 where body s does not turn soundly, or its center has left the drive's box."""
-        if wp.static(kind.spinning):
-            if s < wp.static(sprockets):
-                return int(not (wp.abs(shared.wheels[s].angle.low + shared.wheels[s].speed.high) < 1.0e38))
-        gone = int(not turns_soundly(shared.poses[s].angle, shared.poses[s].speed))
+        gone = int(0)
+        if wp.static(kind.spinning) and s < wp.static(sprockets):
+            gone = int(not (wp.abs(shared.wheels[s].angle.low + shared.wheels[s].speed.high) < 1.0e38))
+        elif wp.static(kind.poses):
+            gone = int(not turns_soundly(shared.poses[s].angle, shared.poses[s].speed))
         if wp.static(moving):
             gone = wp.max(gone, int(not in_box(drive, shared.poses[s].center)))
         return gone
@@ -104,6 +105,20 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.wheels[s] = wheel_with(shared.wheels[s], shared.poses[s])
 
     @wp.func
+    def led_to(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
+        """Where sprocket s is led at a step, at float32."""
+        spin = shared.spins[s]
+        led = led_at(counted(step, mine.step), spin)
+        if wp.static(kind.curved):
+            if spin.curved == 1:
+                b = ensemble.drives[mine.variant].first_body + s
+                time = wp.float64(step) * mine.h
+                angle, speed = prescribed_at(time, ensemble.motions[b], ensemble.curves)
+                led.angle = pair_of(angle)
+                led.speed = wp.float32(speed)
+        return led
+
+    @wp.func
     def start_body(
         ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, mine: Mine, step: int
     ):
@@ -111,18 +126,20 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         drive = ensemble.drives[mine.variant]
         s = mine.sprocket
         b = drive.first_body + s
-        pose = pose_of(state.bodies[b])
-        angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[b], ensemble.curves)
-        pose.exact_speed = exact
-        share_geometry(ensemble, shared, drive, mine.variant, s, pose.center)
         at = drive.first_sprocket + s
-        if wp.static(kind.paired):
-            shared.wheels[s] = wheel_of(pose, ensemble.sprockets[at].exact_radius)
+        share_geometry(ensemble, shared, drive, mine.variant, s, state.bodies[b].center)
         if wp.static(kind.spinning):
             shared.spins[s] = spin_of(ensemble.motions[b])
+            shared.wheels[s] = wheel_at(state.bodies[b], ensemble.sprockets[at].exact_radius)
+            shared.wheels[s].exact_speed = led_to(ensemble, shared, mine, s, step).speed
         else:
+            pose = pose_of(state.bodies[b])
+            angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[b], ensemble.curves)
+            pose.exact_speed = exact
             shared.poses[s] = pose
             shared.motions[s] = ensemble.motions[b]
+            if wp.static(kind.paired):
+                shared.wheels[s] = wheel_of(pose, ensemble.sprockets[at].exact_radius)
         if wp.static(moving):
             shared.mounts[s] = ensemble.mounts[b]
             shared.mount_sums[s] = sums.mount[at]
@@ -152,19 +169,10 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         i = mine.thread
         s = i // lanes()
         while s < wp.static(sprockets):
-            spin = shared.spins[s]
-            if spin.prescribed == 1:
+            if shared.spins[s].prescribed == 1:
                 ahead = 1 + i % lanes()
                 while ahead <= wp.static(COURSE):
-                    led = led_at(counted(step + ahead, mine.step), spin)
-                    if wp.static(kind.curved):
-                        if spin.curved == 1:
-                            b = ensemble.drives[mine.variant].first_body + s
-                            time = wp.float64(step + ahead) * mine.h
-                            angle, speed = prescribed_at(time, ensemble.motions[b], ensemble.curves)
-                            led.angle = pair_of(angle)
-                            led.speed = wp.float32(speed)
-                    shared.led[course_of(s, step + ahead) // 2] = led
+                    shared.led[course_of(s, step + ahead) // 2] = led_to(ensemble, shared, mine, s, step + ahead)
                     ahead = ahead + lanes()
             s = s + wp.static(threads) // lanes()
 

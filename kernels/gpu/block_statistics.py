@@ -63,9 +63,7 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
             else:
                 sign = shared.motions[s].sign
             slip = sums.slip[drive.first_sprocket + s]
-            sums.slip[drive.first_sprocket + s] = follow_slip(
-                slip, roller, seat, shared.teeth[s].teeth, sign, n
-            )
+            sums.slip[drive.first_sprocket + s] = follow_slip(slip, roller, seat, shared.teeth[s].teeth, sign, n)
 
     @wp.func
     def note(ensemble: kinds.Ensemble, tallies: Tallies, sums: Sums, shared: kinds.Shared, mine: Mine, step: int):

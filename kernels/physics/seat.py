@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from ..pairs import Pair, cross, exact_sum, fused, pair_of
+from ..pairs import Pair, cross, exact_sum, fused, pair_of, rounded_sum
 from ..structs import Line, Wheel
 from .contact import turned
 from .guide import guide_gap
@@ -68,7 +68,7 @@ def away(high: wp.vec2f, low: wp.vec2f, center: wp.vec2f, center_low: wp.vec2f):
 @wp.func
 def gridded(value: wp.float32, magic: wp.float32):
     """`value` on the grid of spacing `magic` / 1.5 / 2^23."""
-    return (value + magic) - magic
+    return rounded_sum(rounded_sum(value, magic), -magic)
 
 
 @wp.func

@@ -10,7 +10,7 @@ whose next terms are below 1e-14 for steps of a hundredth of a radian.
 
 import warp as wp
 
-from ..pairs import Pair, apart, exact_product, minus, pair_of, plus, rounded, settled, times, whole
+from ..pairs import Pair, apart, exact_product, minus, pair_of, plus, rounded, settled, times, trimmed, whole
 from ..structs import BodyState, Led, Motion, Pose, Spin, Wheel
 from ..trigonometry import sine_cosine
 from .motion import ramp, resisted
@@ -82,15 +82,24 @@ def wheel_with(wheel: Wheel, pose: Pose):
 
 
 @wp.func
+def wheel_at(body: BodyState, radius: wp.float64):
+    """A sprocket of pitch radius R [m] where a body is, without float64's series."""
+    pose = Pose()
+    pose.cosine = wp.float64(1.0)
+    pose.angle = body.angle
+    pose.speed = body.speed
+    pose.center = body.center
+    return faced(wheel_of(pose, radius))
+
+
+@wp.func
 def body_of_wheel(wheel: Wheel):
     """The coordinates and rates of a wheel's body."""
     body = BodyState()
-    body.angle = whole(wheel.angle)
-    body.speed = whole(wheel.speed)
+    body.angle = whole(trimmed(wheel.angle))
+    body.speed = whole(trimmed(wheel.speed))
     center, low = wheel.center, wheel.center_low
-    body.center = wp.vec2d(
-        wp.float64(center[0]) + wp.float64(low[0]), wp.float64(center[1]) + wp.float64(low[1])
-    )
+    body.center = wp.vec2d(wp.float64(center[0]) + wp.float64(low[0]), wp.float64(center[1]) + wp.float64(low[1]))
     return body
 
 
@@ -106,7 +115,9 @@ def face(wheel: Wheel, cosine: Pair, sine: Pair):
 
 @wp.func
 def faced(wheel: Wheel):
-    """A wheel that heads where its angle says."""
+    """A wheel that heads where its angle says; angle and speed then are what float64 can hold."""
+    wheel.angle = trimmed(wheel.angle)
+    wheel.speed = trimmed(wheel.speed)
     sine, cosine = sine_cosine(wheel.angle)
     return face(wheel, cosine, sine)
 

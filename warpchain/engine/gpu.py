@@ -128,6 +128,7 @@ class Bucket:
     arms: int
     tensioners: int
     profiles: bool
+    curved: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
 
@@ -161,7 +162,16 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         arms=bucket.arms,
         tensioners=bucket.tensioners,
         profiles=bucket.profiles,
+        curved=bucket.curved,
     )
+
+
+def curved(packed: Packed) -> NDArray[np.bool_]:
+    """Which variants have tables or harmonics of motion or load, (variants,); all at float64, where no kernel asks."""
+    motions = packed.motions
+    counts = motions["drive_table"]["cells"] + motions["load_table"]["cells"]
+    counts = counts + motions["drive_harmonics"]["count"] + motions["load_harmonics"]["count"]
+    return (np.add.reduceat(counts, packed.drives["first_body"]) > 0) | (packed.precision == "float64")
 
 
 def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
@@ -210,17 +220,18 @@ class GpuEngine:
         partners = [slots, drives["sprockets"], drives["guides"]]
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
+        kinds = [*kinds, curved(self.packed)]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
         processors = int(wp.get_device(self.device).sm_count)
         buckets = []
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles = key
+            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles, curves = key
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
-            bodies = arms, tensioners, bool(profiles)
+            bodies = arms, tensioners, bool(profiles), bool(curves)
             buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array))
         return buckets
 
