@@ -9,7 +9,7 @@ from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
 from ..pairs import counted, pair_of, rounded, whole
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
-from ..physics.spin import body_of_wheel, faced, led_at, spin_load, spin_of, spun, wheel_at, wheel_of, wheel_with
+from ..physics.spin import faced, led_at, spin_load, spin_of, spun, wheel_at, wheel_of, wheel_with, with_spin
 from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
@@ -154,7 +154,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         s = mine.sprocket
         at = drive.first_sprocket + s
         if wp.static(kind.spinning):
-            state.bodies[drive.first_body + s] = body_of_wheel(shared.wheels[s])
+            state.bodies[drive.first_body + s] = with_spin(state.bodies[drive.first_body + s], shared.wheels[s])
         else:
             state.bodies[drive.first_body + s] = state_of(shared.poses[s])
         if wp.static(moving):

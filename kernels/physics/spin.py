@@ -93,13 +93,10 @@ def wheel_at(body: BodyState, radius: wp.float64):
 
 
 @wp.func
-def body_of_wheel(wheel: Wheel):
-    """The coordinates and rates of a wheel's body."""
-    body = BodyState()
+def with_spin(body: BodyState, wheel: Wheel):
+    """A body, whose center is fixed, with the angle and angular velocity of its wheel."""
     body.angle = whole(trimmed(wheel.angle))
     body.speed = whole(trimmed(wheel.speed))
-    center, low = wheel.center, wheel.center_low
-    body.center = wp.vec2d(wp.float64(center[0]) + wp.float64(low[0]), wp.float64(center[1]) + wp.float64(low[1]))
     return body
 
 
