@@ -42,6 +42,20 @@ def two_sum(a: wp.float32, b: wp.float32) -> wp.vec2f:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
+    const float s = __fsub_rn(a, b), t = __fsub_rn(s, a);
+    return {s, __fsub_rn(__fsub_rn(a, __fsub_rn(s, t)), __fadd_rn(b, t))};
+#else
+    const float s = a - b, t = s - a;
+    return {s, (a - (s - t)) - (b + t)};
+#endif
+""")
+def two_difference(a: wp.float32, b: wp.float32) -> wp.vec2f:
+    """a - b, rounded, and the error of that."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
     const float p = __fmul_rn(a, b);
     return {p, __fmaf_rn(a, b, -p)};
 #else
@@ -168,8 +182,8 @@ def times(a: Pair, b: wp.float32):
 @wp.func
 def apart(a: Pair, b: Pair):
     """a - b, rounded once."""
-    d = exact_sum(a.high, -b.high)
-    return d.high + (d.low + (a.low - b.low))
+    d = two_difference(a.high, b.high)
+    return d[0] + (d[1] + (a.low - b.low))
 
 
 @wp.func

@@ -74,7 +74,33 @@ def reciprocal(value: wp.float64) -> wp.float64:
     ...
 
 
-@wp.func_native("return 1.0f / value;")
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    float y;
+    asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(value));
+    return y;
+#else
+    return 1.0f / value;
+#endif
+""")
 def reciprocal(value: wp.float32) -> wp.float32:
     """1 / value, which is of ordinary size, to round-off."""
+    ...
+
+
+@wp.func_native("return a / b;")
+def quotient(a: wp.float64, b: wp.float64) -> wp.float64:
+    """a / b."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __fdividef(a, b);
+#else
+    return a / b;
+#endif
+""")
+def quotient(a: wp.float32, b: wp.float32) -> wp.float32:
+    """a / b, which is of ordinary size, to two units of the last place."""
     ...

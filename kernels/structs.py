@@ -500,7 +500,8 @@ def types(Real: type) -> SimpleNamespace:
         held: wp.array[wp.int32]  # partners that each roller is near, as bits: sprockets, then guide-bars
         seen: wp.array[Real]  # of links, one row after the other (`exchange.SEEN`)
         poses: wp.array[Pose]  # (S,)
-        wheels: wp.array[Wheel]  # (S,), at float32
+        wheels: wp.array[wp.vec4f]  # rows of sprockets and of their teeth, at float32 (`block_wheels`)
+        gears: wp.array[wp.vec4f]
         spins: wp.array[Spin]  # (S,), the same
         led: wp.array[Led]  # (S, steps), the same
         lines: wp.array[Line]  # (G,), the same

@@ -24,6 +24,7 @@ from .block_partners import block_partners
 from .block_rk4 import block_rk4
 from .block_rows import block_rows
 from .block_sampling import block_sampling
+from .block_wheels import seen_wheel
 
 
 @cache
@@ -90,7 +91,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         acting = acting_on(shared, mine.thread)
         if mine.sprocket >= 0:
             if wp.static(kind.spinning):
-                wheel = shared.wheels[mine.sprocket]
+                wheel = seen_wheel(shared.wheels, mine.sprocket)
                 seen = bodies.spin(shared, mine, now, acting[0])
                 if wp.static(measuring) and now.measured != 0:
                     observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)

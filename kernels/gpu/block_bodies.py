@@ -15,6 +15,7 @@ from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, now_struct
+from .block_wheels import load_wheel, seen_wheel, set_load, store_turn, store_wheel
 from .exchange import COURSE, lanes
 
 
@@ -85,7 +86,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         """1 where body s does not turn soundly, or its center has left the drive's box."""
         gone = int(0)
         if wp.static(kind.spinning) and s < wp.static(sprockets):
-            gone = int(not (wp.abs(shared.wheels[s].angle.low + shared.wheels[s].speed.high) < 1.0e38))
+            wheel = load_wheel(shared.wheels, s)
+            gone = int(not (wp.abs(wheel.angle.low + wheel.speed.high) < 1.0e38))
         elif wp.static(kind.poses):
             gone = int(not turns_soundly(shared.poses[s].angle, shared.poses[s].speed))
         if wp.static(moving):
@@ -93,16 +95,21 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         return gone
 
     @wp.func
+    def follow_pose(shared: kinds.Shared, s: int):
+        """Makes what contacts see of sprocket s at float32 go with its pose."""
+        store_wheel(shared.wheels, s, wheel_with(load_wheel(shared.wheels, s), shared.poses[s]))
+
+    @wp.func
     def set_heading(shared: kinds.Shared, s: int):
         """Cosine and sine of body s from its angle."""
         if wp.static(kind.spinning):
-            shared.wheels[s] = faced(shared.wheels[s])
+            store_turn(shared.wheels, s, faced(load_wheel(shared.wheels, s)))
             return
         sine, cosine = sine_cosine(shared.poses[s].angle)
         shared.poses[s].cosine = cosine
         shared.poses[s].sine = sine
         if wp.static(kind.paired):
-            shared.wheels[s] = wheel_with(shared.wheels[s], shared.poses[s])
+            follow_pose(shared, s)
 
     @wp.func
     def led_to(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
@@ -130,8 +137,9 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         share_geometry(ensemble, shared, drive, mine.variant, s, state.bodies[b].center)
         if wp.static(kind.spinning):
             shared.spins[s] = spin_of(ensemble.motions[b])
-            shared.wheels[s] = wheel_at(state.bodies[b], ensemble.sprockets[at].exact_radius)
-            shared.wheels[s].exact_speed = led_to(ensemble, shared, mine, s, step).speed
+            wheel = wheel_at(state.bodies[b], ensemble.sprockets[at].exact_radius)
+            wheel.exact_speed = led_to(ensemble, shared, mine, s, step).speed
+            store_wheel(shared.wheels, s, wheel)
         else:
             pose = pose_of(state.bodies[b])
             angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[b], ensemble.curves)
@@ -139,7 +147,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.poses[s] = pose
             shared.motions[s] = ensemble.motions[b]
             if wp.static(kind.paired):
-                shared.wheels[s] = wheel_of(pose, ensemble.sprockets[at].exact_radius)
+                store_wheel(shared.wheels, s, wheel_of(pose, ensemble.sprockets[at].exact_radius))
         if wp.static(moving):
             shared.mounts[s] = ensemble.mounts[b]
             shared.mount_sums[s] = sums.mount[at]
@@ -154,7 +162,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         s = mine.sprocket
         at = drive.first_sprocket + s
         if wp.static(kind.spinning):
-            state.bodies[drive.first_body + s] = with_spin(state.bodies[drive.first_body + s], shared.wheels[s])
+            b = drive.first_body + s
+            state.bodies[b] = with_spin(state.bodies[b], load_wheel(shared.wheels, s))
         else:
             state.bodies[drive.first_body + s] = state_of(shared.poses[s])
         if wp.static(moving):
@@ -202,15 +211,15 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     def weigh_spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
         """As `weigh`, in float32."""
         s = mine.sprocket
-        speed = shared.wheels[s].speed.high
+        speed = seen_wheel(shared.wheels, s).speed.high
         load = spin_load(float(step) * mine.step.high, speed, shared.spins[s])
         if wp.static(kind.curved):
             if shared.spins[s].curved == 1:
                 motion = ensemble.motions[ensemble.drives[mine.variant].first_body + s]
                 time = wp.float64(step) * mine.h
-                angle = whole(shared.wheels[s].angle)
+                angle = whole(load_wheel(shared.wheels, s).angle)
                 load = wp.float32(load_moment(time, angle, wp.float64(speed), motion, ensemble.curves))
-        shared.wheels[s].load = load
+        set_load(shared.wheels, s, load)
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
@@ -238,7 +247,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.poses[s].speed = pose.speed
             shared.poses[s].exact_speed = pose.exact_speed
         if wp.static(kind.paired):
-            shared.wheels[s] = wheel_with(shared.wheels[s], pose)
+            follow_pose(shared, s)
 
     @wp.func
     def spin(shared: kinds.Shared, mine: Mine, now: Now, moment: wp.float32):
@@ -248,7 +257,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         """
         s = mine.sprocket
         h = mine.step.high
-        wheel = shared.wheels[s]
+        wheel = load_wheel(shared.wheels, s)
         spin = shared.spins[s]
         seen = Seen()
         seen.angle = rounded(wheel.angle)
@@ -259,7 +268,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate
         if now.going != 0:
             ahead = shared.led[course_of(s, now.step + 1) // 2]  # which stands for nothing where the angle is free
-            shared.wheels[s] = spun(wheel, leapfrog_kick(now.step, h), h, moment, ahead, spin)
+            store_turn(shared.wheels, s, spun(wheel, leapfrog_kick(now.step, h), h, moment, ahead, spin))
         return seen
 
     @wp.func

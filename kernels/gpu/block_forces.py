@@ -32,6 +32,7 @@ from ..sums import add_contact, add_friction, add_touches
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
+from .block_wheels import gears, seen_wheel, velocity_of
 from .exchange import group, lanes, lowest_bit
 
 
@@ -62,6 +63,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     X, Y, X_LOW, Y_LOW, group_sum = row.X, row.Y, row.X_LOW, row.Y_LOW, row.sharing.group_sum
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    load_gear, store_gear = gears(kind).load_gear, gears(kind).store_gear
     SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.func
@@ -167,22 +169,30 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return away(high, vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
 
     @wp.func
+    def teeth_of(shared: kinds.Shared, s: int):
+        """Teeth of sprocket s."""
+        if wp.static(kind.paired):
+            return load_gear(shared.gears, s)
+        else:
+            return shared.teeth[s]
+
+    @wp.func
     def in_gap_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, at: int, j: int, s: int):
         """Penetration [m], normal and relative velocity [m/s] of roller j in the teeth of sprocket s; its arm [m].
 
         Its seat is kept at `at`.
         """
-        teeth = shared.teeth[s]
+        teeth = teeth_of(shared, s)
         kept = load_whole(state.seat, at)
         v = velocity(shared.rows, j)
         if wp.static(kind.paired):
-            wheel = shared.wheels[s]
+            wheel = seen_wheel(shared.wheels, s)
             near_it = away_from(shared.rows, j, wheel.center, wheel.center_low)
             gap = tracked_gap(near_it, kept, wheel, teeth, ensemble.split_seats)
             if gap.number != kept:
                 store_whole(state.seat, at, gap.number)
             if wp.static(moving):
-                v = v - wheel.velocity
+                v = v - velocity_of(shared.wheels, s)
             penetration, normal, relative = in_teeth_gap(near_it.high, v, wheel.speed.high, gap, teeth)
             return penetration, normal, relative, near_it.high
         else:
@@ -212,7 +222,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         before = load_row(state.impact_speed, at)
         penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, s)
         if penetration > Real(0.0):
-            law = shared.teeth[s].law
+            law = teeth_of(shared, s).law
             force, size, first, damper, energy = respond(penetration, normal, relative, before, law)
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first + j
@@ -438,6 +448,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """Teeth and band of sprocket s at `center`; with the first one, the chain and the guide-bars."""
         sprocket = ensemble.sprockets[drive.first_sprocket + s]
         shared.teeth[s] = sprocket
+        if wp.static(kind.paired):
+            store_gear(shared.gears, s, sprocket)
         band = kinds.Band()
         band.center = vec2(Real(center[0]), Real(center[1]))
         band.near_square = sprocket.near_square

@@ -12,9 +12,10 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import Led, Line, Motion, Mount, Pose, Spin, Strand, Wheel, types
+from ..structs import Led, Line, Motion, Mount, Pose, Spin, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
 from .block_kind import BlockKind
+from .block_wheels import GEAR_ROWS, WHEEL_ROWS
 
 LARGEST = """
 #if defined(__CUDA_ARCH__)
@@ -168,7 +169,7 @@ class Room:
 
 def _bytes(struct: Any) -> int:
     """Size of a struct."""
-    return int(struct.numpy_dtype()["itemsize"])
+    return int(wp.types.type_size_in_bytes(struct))
 
 
 def room(kind: BlockKind) -> Room:
@@ -180,7 +181,7 @@ def room(kind: BlockKind) -> Room:
     seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
-    of_each += [Wheel] if kind.paired else []
+    of_each += [wp.vec4f] * (WHEEL_ROWS + GEAR_ROWS) if kind.paired else []
     of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
     used = kind.sprockets * (16 * COURSE * (not kind.spinning) + sum(map(_bytes, of_each)))
     used += (kind.bodies + kind.profiles) * _bytes(Pose) * kind.poses
@@ -260,8 +261,11 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("poses", kind.bodies + kind.profiles))
     def poses(like: kinds.Shared) -> wp.array[Pose]: ...
 
-    @wp.func_native(_shared_snippet("wheels", sprockets))
-    def wheels(like: kinds.Shared) -> wp.array[Wheel]: ...
+    @wp.func_native(_shared_snippet("wheels", WHEEL_ROWS * sprockets))
+    def wheels(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
+
+    @wp.func_native(_shared_snippet("gears", GEAR_ROWS * sprockets))
+    def gears(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
 
     @wp.func_native(_shared_snippet("spins", sprockets))
     def spins(like: kinds.Shared) -> wp.array[Spin]: ...
@@ -337,6 +341,7 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.seen = view(state.rows, first + wp.static(of.values - of.seen), wp.static(of.seen))
         if wp.static(kind.paired):
             shared.wheels = wheels(shared)
+            shared.gears = gears(shared)
             shared.lines = lines(shared)
             shared.box = box(shared)
         if wp.static(kind.spinning):

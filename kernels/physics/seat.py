@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from ..pairs import Pair, cross, exact_sum, fused, pair_of, rounded_sum
+from ..pairs import Pair, cross, fused, pair_of, rounded_sum, two_difference
 from ..structs import Line, Wheel
 from .contact import turned
 from .guide import guide_gap
@@ -57,11 +57,11 @@ def load_seat(seats: wp.array[wp.vec4f], i: int) -> wp.vec4f:
 @wp.func
 def away(high: wp.vec2f, low: wp.vec2f, center: wp.vec2f, center_low: wp.vec2f):
     """A position less a center, both with low parts."""
-    x = exact_sum(high[0], -center[0])
-    y = exact_sum(high[1], -center[1])
+    x = two_difference(high[0], center[0])
+    y = two_difference(high[1], center[1])
     p = Away()
-    p.high = wp.vec2f(x.high, y.high)
-    p.low = wp.vec2f(x.low + (low[0] - center_low[0]), y.low + (low[1] - center_low[1]))
+    p.high = wp.vec2f(x[0], y[0])
+    p.low = wp.vec2f(x[1] + (low[0] - center_low[0]), y[1] + (low[1] - center_low[1]))
     return p
 
 

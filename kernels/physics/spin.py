@@ -11,6 +11,7 @@ whose next terms are below 1e-14 for steps of a hundredth of a radian.
 import warp as wp
 
 from ..pairs import Pair, apart, exact_product, minus, pair_of, plus, rounded, settled, times, trimmed, whole
+from ..root import reciprocal
 from ..structs import BodyState, Led, Motion, Pose, Spin, Wheel
 from ..trigonometry import sine_cosine
 from .motion import ramp, resisted
@@ -148,7 +149,7 @@ def spun(wheel: Wheel, kick: wp.float32, h: wp.float32, moment: wp.float32, ahea
     turn = float(0.0)
     if spin.prescribed == 1:
         turn = apart(ahead.angle, wheel.angle)
-        wheel.speed = pair_of(turn / h)
+        wheel.speed = pair_of(turn * reciprocal(h))
         wheel.angle = ahead.angle
         wheel.exact_speed = ahead.speed
     else:
