@@ -10,12 +10,12 @@ from ..pairs import counted, pair_of, rounded, whole
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.spin import faced, led_at, spin_load, spin_of, spun, wheel_at, wheel_of, wheel_with, with_spin
-from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
+from ..structs import BodyState, Drive, Mount, Pose, Spin, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, now_struct
-from .block_wheels import load_wheel, seen_wheel, set_load, store_turn, store_wheel
+from .block_wheels import load_wheel, store_turn, store_wheel
 from .exchange import COURSE, lanes
 
 
@@ -40,6 +40,7 @@ class Seen:
     angle: wp.float32  # [rad]
     speed: wp.float32  # [rad/s]
     center: wp.vec2f  # [m]
+    load: wp.float32  # moment [N m], at the speed that was known then
 
 
 @wp.func
@@ -208,25 +209,21 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             s = s + wp.static(threads) // lanes()
 
     @wp.func
-    def weigh_spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
-        """As `weigh`, in float32."""
-        s = mine.sprocket
-        speed = seen_wheel(shared.wheels, s).speed.high
-        load = spin_load(float(step) * mine.step.high, speed, shared.spins[s])
+    def load_on(ensemble: kinds.Ensemble, mine: Mine, step: int, wheel: Wheel, spin: Spin):
+        """The load moment on the thread's sprocket [N m], in float32."""
+        load = spin_load(float(step) * mine.step.high, wheel.speed.high, spin)
         if wp.static(kind.curved):
-            if shared.spins[s].curved == 1:
-                motion = ensemble.motions[ensemble.drives[mine.variant].first_body + s]
+            if spin.curved == 1:
+                motion = ensemble.motions[ensemble.drives[mine.variant].first_body + mine.sprocket]
                 time = wp.float64(step) * mine.h
-                angle = whole(load_wheel(shared.wheels, s).angle)
-                load = wp.float32(load_moment(time, angle, wp.float64(speed), motion, ensemble.curves))
-        set_load(shared.wheels, s, load)
+                speed = wp.float64(wheel.speed.high)
+                load = wp.float32(load_moment(time, whole(wheel.angle), speed, motion, ensemble.curves))
+        return load
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
-        """Works out the load on the thread's body, while other threads are at their contacts."""
-        if wp.static(kind.spinning):
-            weigh_spin(ensemble, shared, mine, step)
-        else:
+        """Works out the load on the thread's body, while other threads are at their contacts; `spin` does so itself."""
+        if wp.static(not kind.spinning):
             s = mine.sprocket
             time = wp.float64(step) * mine.h
             pose = shared.poses[s]
@@ -250,7 +247,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             follow_pose(shared, s)
 
     @wp.func
-    def spin(shared: kinds.Shared, mine: Mine, now: Now, moment: wp.float32):
+    def spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, moment: wp.float32):
         """Takes the thread's sprocket one step on if the run goes on; returns it with its rates at the step's instant.
 
         In pairs of float32; `moment` is the chain's on it [N m].
@@ -264,6 +261,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         seen.speed = wheel.exact_speed
         seen.center = wheel.center
         if spin.prescribed == 0:
+            wheel.load = load_on(ensemble, mine, now.step, wheel, spin)
+            seen.load = wheel.load
             rate = (moment + wheel.load) * spin.inverse_inertia
             seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate
         if now.going != 0:

@@ -363,7 +363,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         while by_teeth != 0:
             j = slot(by_teeth) * wp.static(threads) + mine.thread
             if rest == 0:
-                rest = shared.held[j] & SPROCKETS
+                rest = load_whole(shared.held, j) & SPROCKETS
             s = lowest_bit(rest)
             rest = rest & (rest - 1)
             if rest == 0:
@@ -372,7 +372,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         while by_bar != 0:
             j = slot(by_bar) * wp.static(threads) + mine.thread
             if rest == 0:
-                rest = shared.held[j] & ~SPROCKETS
+                rest = load_whole(shared.held, j) & ~SPROCKETS
             p = lowest_bit(rest)
             rest = rest & (rest - 1)
             if rest == 0:

@@ -178,7 +178,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         spin = shared.spins[s]
         time = float(now.step) * mine.step.high
         weight = wp.float64(now.weight)
-        load = load_moment_at_speed(time, before.load, before.speed.high, seen.speed, spin)
+        load = load_moment_at_speed(time, seen.load, before.speed.high, seen.speed, spin)
         if now.flags & ENDS != 0 and spin.prescribed == 0:
             at = ensemble.drives[mine.variant].first_body + s
             energy = wp.float64(0.5 * seen.speed * seen.speed / spin.inverse_inertia)

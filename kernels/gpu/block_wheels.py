@@ -127,12 +127,6 @@ def store_wheel(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
     store_four(rows, WHEEL_ROWS * s + 5, wp.vec4f(moving[0], moving[1], wheel.grid, 0.0))
 
 
-@wp.func
-def set_load(rows: wp.array[wp.vec4f], s: int, load: wp.float32):
-    """The load moment on sprocket s [N m]."""
-    rows[WHEEL_ROWS * s + 2][3] = load
-
-
 @dataclass(frozen=True)
 class GearFunctions:
     """How the teeth of sprockets are kept."""
