@@ -7,6 +7,9 @@ import warp as wp
 
 from ..structs import Drive
 
+DECLARED = 47_000
+"""Most bytes of shared memory that a kernel declares; CUDA allows 48 KiB."""
+
 
 @dataclass(frozen=True)
 class BlockKind:
@@ -25,6 +28,7 @@ class BlockKind:
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
+        shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
 
     Real: type
@@ -41,6 +45,7 @@ class BlockKind:
     arms: int = 0
     tensioners: int = 0
     profiles: bool = False
+    shared_bytes: int = DECLARED
 
     @property
     def bodies(self) -> int:

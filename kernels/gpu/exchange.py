@@ -13,7 +13,7 @@ import warp as wp
 
 from ..structs import Motion, Mount, Pose, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
-from .block_kind import BlockKind
+from .block_kind import DECLARED, BlockKind
 
 LARGEST = """
 #if defined(__CUDA_ARCH__)
@@ -45,14 +45,15 @@ GROUP_SUM = """
 OWN = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"
 """A view of `count` values of a global array from `first` on."""
 
-SHARED_BYTES = 47_000
-"""Most bytes of shared memory that a block asks for; what does not fit lies in global memory."""
 
-
-def _shared_snippet(field: str, count: int) -> str:
+def _shared_snippet(field: str, count: int, at: int | None = None) -> str:
+    """An array of the block's own shared memory; `at` bytes from the start of what each launch asks for, if given."""
+    memory = f"__shared__ __align__(16) char memory[{count} * sizeof(*like.{field}.data)];"
+    if at is not None:
+        memory = f"extern __shared__ __align__(16) char of_launch[]; char* const memory = of_launch + {at};"
     return f"""
 #if defined(__CUDA_ARCH__)
-    __shared__ __align__(16) char memory[{count} * sizeof(*like.{field}.data)];
+    {memory}
 #else
     static char memory[{count} * sizeof(*like.{field}.data)];
 #endif
@@ -139,15 +140,20 @@ friction is one more."""
 
 @dataclass(frozen=True)
 class Room:
-    """How much of what a block's threads share there is, and what of it lies in shared memory."""
+    """How much of what a block's threads share there is, and what of it lies in shared memory.
+
+    A kernel declares up to `DECLARED` bytes of it; where that is not enough and the GPU has more, launches ask for it.
+    """
 
     parts: int  # values, float64
     rows: int  # values
     held: int
     seen: int  # values
+    size: int  # bytes of a value
     shares_parts: bool
     shares_rows: bool  # and held
     shares_seen: bool
+    asks: bool  # each launch asks for what is shared of these
 
     @property
     def doubles(self) -> int:
@@ -163,6 +169,13 @@ class Room:
     def integers(self) -> int:
         """Integers of a block in global memory."""
         return self.held * (not self.shares_rows)
+
+    @property
+    def asked(self) -> tuple[int | None, ...]:
+        """Where parts, rows, held, seen and their end lie in what a launch asks for [bytes]; None if it does not."""
+        sizes = [8 * self.parts * self.shares_parts, self.size * self.rows * self.shares_rows]
+        sizes += [4 * self.held * self.shares_rows, self.size * self.seen * self.shares_seen]
+        return tuple(sum(sizes[:k]) if self.asks else None for k in range(5))
 
 
 def room(kind: BlockKind) -> Room:
@@ -180,11 +193,14 @@ def room(kind: BlockKind) -> Room:
         used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
+    needs = (8 * parts, rows * size + 4 * kind.slots, seen * size)
+    asks = used + sum(needs) > DECLARED and kind.shared_bytes > DECLARED
+    used += 4 * kind.threads * asks  # Warp's own
     fits = []
-    for needed in (8 * parts, rows * size + 4 * kind.slots, seen * size):
-        fits.append(used + needed <= SHARED_BYTES)
+    for needed in needs:
+        fits.append(used + needed <= kind.shared_bytes)
         used += needed * fits[-1]
-    return Room(parts, rows, kind.slots, seen, *fits)
+    return Room(parts, rows, kind.slots, seen, size, *fits, asks=asks)
 
 
 @dataclass(frozen=True)
@@ -206,6 +222,7 @@ def exchange(kind: BlockKind) -> Exchange:
     guides, moving = kind.guides, kind.moving
     kinds = types(Real)
     of = room(kind)
+    parts_at, rows_at, held_at, seen_at, end = of.asked
 
     @wp.func_native(WARP_BARRIER if threads == 32 else BARRIER)
     def barrier():
@@ -227,13 +244,13 @@ def exchange(kind: BlockKind) -> Exchange:
         """Largest `value` of the threads of this warp."""
         ...
 
-    @wp.func_native(_shared_snippet("rows", of.rows))
+    @wp.func_native(_shared_snippet("rows", of.rows, rows_at))
     def rows(like: kinds.Shared) -> wp.array[Real]: ...
 
-    @wp.func_native(_shared_snippet("held", slots))
+    @wp.func_native(_shared_snippet("held", slots, held_at))
     def held(like: kinds.Shared) -> wp.array[wp.int32]: ...
 
-    @wp.func_native(_shared_snippet("seen", of.seen))
+    @wp.func_native(_shared_snippet("seen", of.seen, seen_at))
     def seen(like: kinds.Shared) -> wp.array[Real]: ...
 
     @wp.func_native(OWN)
@@ -271,7 +288,7 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("links", 1))
     def links(like: kinds.Shared) -> wp.array[kinds.Links]: ...
 
-    @wp.func_native(_shared_snippet("parts", of.parts))
+    @wp.func_native(_shared_snippet("parts", of.parts, parts_at))
     def parts(like: kinds.Shared) -> wp.array[wp.float64]: ...
 
     @wp.func_native(_shared_snippet("motions", sprockets))
@@ -296,9 +313,17 @@ def exchange(kind: BlockKind) -> Exchange:
     def strand_sums(like: kinds.Shared) -> wp.array[StrandSums]: ...
 
     @wp.func
+    def ask():
+        """Has Warp ask for the memory at each launch: as much as this tile would take, which nothing else uses."""
+        if wp.static(of.asks):
+            wp.tile_zeros(shape=wp.static(end // 8), dtype=wp.float64, storage="shared")
+            barrier()
+
+    @wp.func
     def shared_arrays(state: kinds.State, block: int):
         """The arrays that the threads share; `block` is the place of this block in its launch."""
         shared = kinds.Shared()
+        ask()
         first = block * wp.static(of.values)
         if wp.static(of.shares_rows):
             shared.rows = rows(shared)

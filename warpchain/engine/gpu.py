@@ -17,12 +17,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.engine.arrays import NOTES, SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.engine.block_shape import MANY, THREADS, BlockShape, block_shape, room_for
+from warpchain.engine.block_shape import LONGEST_ON_A_WARP, MANY, THREADS, BlockShape, block_shape, room_for
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
 from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
@@ -128,6 +128,7 @@ class Bucket:
     arms: int
     tensioners: int
     profiles: bool
+    shared_bytes: int
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
 
@@ -161,6 +162,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         arms=bucket.arms,
         tensioners=bucket.tensioners,
         profiles=bucket.profiles,
+        shared_bytes=bucket.shared_bytes if shape.slots > LONGEST_ON_A_WARP else DECLARED,
     )
 
 
@@ -212,6 +214,7 @@ class GpuEngine:
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
         processors = int(wp.get_device(self.device).sm_count)
+        most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
         buckets = []
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
@@ -220,7 +223,7 @@ class GpuEngine:
             shape = block_shape(slots, len(order) >= MANY * processors)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
-            bodies = arms, tensioners, bool(profiles)
+            bodies = arms, tensioners, bool(profiles), most_shared
             buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array))
         return buckets
 
