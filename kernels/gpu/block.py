@@ -201,24 +201,27 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         held = partners.held_by(shared, i)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine.variant, i, now.step)
+        tension, rate = pull(shared, lengths, mine.rollers, i)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(now)
-            tension, rate = pull(shared, lengths, mine.rollers, i)
             now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
             if mine.sprocket >= 0 and now.stage == 0:
                 bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
-            barrier()
-            if now.flags != 0:
-                sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-            if wp.static(kind.bending and measuring) and now.measured != 0:
-                joints.add_friction(shared, mine, now)
-            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+            if now.measured != 0 or now.flags != 0:  # others may still be at rollers beside theirs
+                barrier()
+                if now.flags != 0:
+                    sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                if wp.static(kind.bending and measuring) and now.measured != 0:
+                    joints.add_friction(shared, mine, now)
             advance_rollers(state, shared, mine, now)
+            barrier()
+            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
             now = next_stage(now)
+            tension, rate = pull(shared, lengths, mine.rollers, i)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)
 

@@ -31,7 +31,7 @@ from ..sums import add_contact, add_friction, add_touches
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import group, lanes, lowest_bit
+from .exchange import group, lanes, lowest_bit, parts_of_a_body
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     load_part, store_part = accessors(wp.float64).load_row, accessors(wp.float64).store_row
     SPROCKETS = wp.constant((1 << sprockets) - 1)
+    width = parts_of_a_body(kind)
+    of_rollers = width == kind.slots
 
     @wp.func
     def by_profile(bar: kinds.Guide):
@@ -141,14 +143,16 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store_row(state.impact_speed, at, kept)
 
     @wp.func
-    def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
-        """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on body s."""
-        at = s * wp.static(threads) + i
+    def add_wrench(shared: kinds.Shared, s: int, j: int, moment: wp.float64, force: vec2):
+        """Adds the moment [N m] and the opposite of roller j's force [N] to its parts, or its thread's, of body s."""
+        at = s * wp.static(width) + j
+        if wp.static(not of_rollers):
+            at = s * wp.static(width) + j % wp.static(threads)
         store_part(shared.parts, at, load_part(shared.parts, at) + moment)
         if wp.static(kind.pushes):
-            x = at + wp.static(bodies * threads)
+            x = at + wp.static(bodies * width)
             store_part(shared.parts, x, load_part(shared.parts, x) - wp.float64(force[0]))
-            y = at + wp.static(2 * bodies * threads)
+            y = at + wp.static(2 * bodies * width)
             store_part(shared.parts, y, load_part(shared.parts, y) - wp.float64(force[1]))
 
     @wp.func
@@ -196,7 +200,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                     add_touches(tallies.contact, at, 1, 0)
             if (now.summed >> s) & 1 != 0:
                 arm = vec2(Real(p[0]), Real(p[1]))
-                add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
+                add_wrench(shared, s, j, wp.float64(reaction(arm, force)), force)
         else:
             put(state, now, at, before, after_teeth(before))
 
@@ -275,7 +279,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if bar.body < wp.static(bodies):
                     arm = place(shared.rows, j, shared.poses[bar.body].center)
                     moment = reaction(vec2(Real(arm[0]), Real(arm[1])), force)
-                    add_wrench(shared, bar.body, mine.thread, wp.float64(moment), force)
+                    add_wrench(shared, bar.body, j, wp.float64(moment), force)
             keep(state, now, at, before, first)
             if now.measured != 0:
                 a = acceleration(shared, j)
@@ -331,10 +335,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     def part(shared: kinds.Shared, row: int, i: int):
         """This thread's share of the sum of all parts in `row`, which start anew at zero."""
         value = wp.float64(0.0)
-        k = row * wp.static(threads) + i % group()
+        k = row * wp.static(width) + i % group()
         for q in range(lanes() // group()):
             of_lane = wp.float64(0.0)
-            for w in range(wp.static(threads) // lanes()):
+            for w in range(wp.static(width) // lanes()):
                 at = k + w * lanes() + q * group()
                 of_lane = of_lane + load_part(shared.parts, at)
                 store_part(shared.parts, at, wp.float64(0.0))
@@ -342,10 +346,15 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return value
 
     @wp.func
+    def first_of(i: int):
+        """The first body of thread i's warp: the last warps, which have the fewest rollers, take bodies first."""
+        return wp.static(threads) // lanes() - 1 - i // lanes()
+
+    @wp.func
     def body_of(i: int):
         """The body that thread i moves, negative for most: each group of threads has one, if they are few."""
         warps = wp.static(threads) // lanes()
-        s = i // lanes() + warps * (i % lanes() // group() + lanes() // group() * (i % group()))
+        s = first_of(i) + warps * (i % lanes() // group() + lanes() // group() * (i % group()))
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
@@ -358,7 +367,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         warps = wp.static(threads) // lanes()
         groups = lanes() // group()
         turn = int(0)
-        first = i // lanes()  # body of this warp
+        first = first_of(i)
         while first < wp.static(bodies):
             s = first + warps * (i % lanes() // group())
             moment = wp.float64(0.0)

@@ -138,6 +138,18 @@ SEEN = 5
 friction is one more."""
 
 
+ORDERED = 512
+"""Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
+
+
+def parts_of_a_body(kind: BlockKind) -> int:
+    """Into how many parts the sum over all rollers of what acts on a body is taken apart.
+
+    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many.
+    """
+    return kind.threads if kind.threads == 32 or kind.slots > ORDERED else kind.slots
+
+
 @dataclass(frozen=True)
 class Room:
     """How much of what a block's threads share there is, and what of it lies in shared memory.
@@ -182,7 +194,7 @@ def room(kind: BlockKind) -> Room:
     """What a block of a kind needs."""
     kinds = types(kind.Real)
     size = wp.types.type_size_in_bytes(kind.Real)
-    parts = (3 if kind.pushes else 1) * kind.bodies * kind.threads
+    parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
     seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
     of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
