@@ -13,12 +13,13 @@ from .block_kind import BlockKind, Mine
 from .exchange import Exchange, exchange, room
 
 
-def _opaque(register: str) -> str:
+def _less(subtract: str) -> str:
     return f"""
 #if defined(__CUDA_ARCH__)
-    asm("" : "+{register}"(product));
+    return {subtract}(value, other);
+#else
+    return value - other;
 #endif
-    return product;
 """
 
 
@@ -111,9 +112,9 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         """The roller before roller j."""
         return wp.where(j > 0, j - 1, n - 1)
 
-    @wp.func_native(_opaque("f" if compensated else "d"))
-    def rounded(product: Real) -> Real:
-        """`product` as it would come back from a row: not taken together with a sum that follows."""
+    @wp.func_native(_less("__fsub_rn" if compensated else "__dsub_rn"))
+    def less(value: Real, other: Real) -> Real:
+        """`value` - `other`, both rounded before: not taken together with the product that one of them may be."""
         ...
 
     @wp.func
@@ -142,8 +143,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
                 tension_i, rate_i, force = link_of(shared, i, n, load_row(lengths, i))
                 h = before(i, n)
                 tension_h, rate_h, force_h = link_of(shared, h, n, load_row(lengths, h))
-                force = vec2(rounded(force[0]), rounded(force[1]))
-                set_force(shared, i, force - vec2(rounded(force_h[0]), rounded(force_h[1])))
+                set_force(shared, i, vec2(less(force[0], force_h[0]), less(force[1], force_h[1])))
                 tension[0] = tension_i
                 rate[0] = rate_i
         else:
@@ -160,8 +160,8 @@ def block_rows(kind: BlockKind) -> RowFunctions:
             barrier()
             for k in range(wp.static(per)):
                 force = force_on(shared, before(k * wp.static(threads) + i, n))
-                pull_x[k] = pull_x[k] - force[0]
-                pull_y[k] = pull_y[k] - force[1]
+                pull_x[k] = less(pull_x[k], force[0])
+                pull_y[k] = less(pull_y[k], force[1])
             barrier()
             for k in range(wp.static(per)):
                 set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
