@@ -78,3 +78,24 @@ def reciprocal(value: wp.float64) -> wp.float64:
 def reciprocal(value: wp.float32) -> wp.float32:
     """1 / value, which is of ordinary size, to round-off."""
     ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    double y;
+    asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(by));
+    const double e = fma(-by, y, 1.0);
+    return value * fma(y * e, fma(e, e, 1.0 + e), y);
+#else
+    return value / by;
+#endif
+""")
+def quotient(value: wp.float64, by: wp.float64) -> wp.float64:
+    """`value` / `by`, which is of ordinary size; on CUDA to round-off."""
+    ...
+
+
+@wp.func_native("return value / by;")
+def quotient(value: wp.float32, by: wp.float32) -> wp.float32:
+    """`value` / `by`."""
+    ...

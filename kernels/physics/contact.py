@@ -23,6 +23,7 @@ from typing import Any
 
 import warp as wp
 
+from ..root import quotient
 from ..rows import accessors
 from ..structs import Pose
 from .friction import friction
@@ -59,7 +60,7 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         first = wp.max(speed, law.speed_floor)
     elastic = elastic_force(penetration, law.stiffness, law.exponent)
     size = contact_force(elastic, speed, first, law)
-    energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
+    energy = quotient(elastic * penetration, law.exponent + type(penetration)(1.0))
     return size * normal, size, first, size - elastic, energy
 
 
