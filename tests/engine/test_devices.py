@@ -17,7 +17,7 @@ from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
 from warpchain.engine.gpu import Bucket, GpuEngine, kernel_shape, launch_steps, refusal, rows_apart
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
-from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
 from warpchain.kernels.gpu.exchange import room
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
@@ -128,18 +128,21 @@ def test_blocks_have_room_for_the_chain_and_little_more():
 
 
 @pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("most", [DECLARED, 232_448], ids=["old", "new"])  # bytes of shared memory a block may have
 @pytest.mark.parametrize("room_", [128, 640, 768, 1024, 4096])
-def test_every_kernel_finds_its_rows(room_, moves):
+def test_every_kernel_finds_its_rows(room_, most, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
-    bucket = Bucket(block_shape(room_, False), 3, 1, moves, False, False, False, False, 0, 0, False, np.arange(7), None)
-    other = Bucket(block_shape(32, True), 2, 0, False, False, False, False, False, 0, 0, False, np.arange(5), None)
+    few, many = block_shape(room_, False), block_shape(32, True)
+    bucket = Bucket(few, 3, 1, moves, False, False, False, False, 0, 0, False, most, np.arange(7), None)
+    other = Bucket(many, 2, 0, False, False, False, False, False, 0, 0, False, most, np.arange(5), None)
     there = rows_apart(wp.float64, [other, bucket])
     for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
         shape = kernel_shape(name, bucket)
-        of = room(BlockKind(wp.float64, shape.threads, shape.per, 3, 1, moving, measuring))
+        allowed = most if room_ > 512 else DECLARED
+        of = room(BlockKind(wp.float64, shape.threads, shape.per, 3, 1, moving, measuring, shared_bytes=allowed))
         assert there[0] >= 7 * of.values and there[1] >= 7 * of.integers and there[2] >= 7 * of.doubles
-    # a roller has 6 values and an int, 52 bytes, and its thread 24 for 3 moments: 640 would need 48,640 of 47,000 bytes
-    assert (there[0] >= 7 * 6 * room_, there[1] == 7 * room_) == (room_ >= 640, room_ >= 640)
+    # a roller has 6 values and an int, 52 bytes: 1,024 need 53,248 of 47,000 bytes, 4,096 need 212,992 of 232,448
+    assert (there[0] >= 7 * 6 * room_, there[1] == 7 * room_) == (room_ > 768 and most == DECLARED,) * 2
 
 
 def test_no_gpu_is_told_in_one_line(monkeypatch):
