@@ -289,14 +289,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             put(state, now, at, before, Real(UNTOUCHED))
 
     @wp.func
-    def slot(mask: int):
-        """The first of a thread's rollers in `mask`, bits, which is not zero."""
-        if wp.static(per == 1):
-            return int(0)
-        else:
-            return lowest_bit(mask)
-
-    @wp.func
     def contacts(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -307,28 +299,38 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         by_teeth: int,
         by_bar: int,
     ):
-        """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, bits of their slots.
+        """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, as from `meet`.
 
         Each thread goes on to its next such roller at once, so that few wait.
         """
         rest = int(0)
         while by_teeth != 0:
-            j = slot(by_teeth) * wp.static(threads) + mine.thread
-            if rest == 0:
-                rest = shared.held[j] & SPROCKETS
-            s = lowest_bit(rest)
-            rest = rest & (rest - 1)
-            if rest == 0:
+            j = int(mine.thread)
+            if wp.static(per == 1):
+                s = lowest_bit(by_teeth)
                 by_teeth = by_teeth & (by_teeth - 1)
+            else:
+                j = lowest_bit(by_teeth) * wp.static(threads) + mine.thread
+                if rest == 0:
+                    rest = shared.held[j] & SPROCKETS
+                s = lowest_bit(rest)
+                rest = rest & (rest - 1)
+                if rest == 0:
+                    by_teeth = by_teeth & (by_teeth - 1)
             at_sprocket(ensemble, state, tallies, shared, mine, now, j, s)
         while by_bar != 0:
-            j = slot(by_bar) * wp.static(threads) + mine.thread
-            if rest == 0:
-                rest = shared.held[j] & ~SPROCKETS
-            p = lowest_bit(rest)
-            rest = rest & (rest - 1)
-            if rest == 0:
+            j = int(mine.thread)
+            if wp.static(per == 1):
+                p = lowest_bit(by_bar)
                 by_bar = by_bar & (by_bar - 1)
+            else:
+                j = lowest_bit(by_bar) * wp.static(threads) + mine.thread
+                if rest == 0:
+                    rest = shared.held[j] & ~SPROCKETS
+                p = lowest_bit(rest)
+                rest = rest & (rest - 1)
+                if rest == 0:
+                    by_bar = by_bar & (by_bar - 1)
             at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
 
     @wp.func
@@ -346,15 +348,23 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return value
 
     @wp.func
+    def crew():
+        """Warps that move bodies: the last ones, which have the fewest rollers, or only the last, which has none."""
+        if wp.static(per == 1 and threads > 32 and bodies <= 4):
+            if lanes() > 1:
+                return int(1)
+        return wp.static(threads) // lanes()
+
+    @wp.func
     def first_of(i: int):
-        """The first body of thread i's warp: the last warps, which have the fewest rollers, take bodies first."""
-        return wp.static(threads) // lanes() - 1 - i // lanes()
+        """The first body of thread i's warp, one that there is not where it has none."""
+        place = wp.static(threads) // lanes() - 1 - i // lanes()
+        return wp.where(place < crew(), place, wp.static(bodies))
 
     @wp.func
     def body_of(i: int):
         """The body that thread i moves, negative for most: each group of threads has one, if they are few."""
-        warps = wp.static(threads) // lanes()
-        s = first_of(i) + warps * (i % lanes() // group() + lanes() // group() * (i % group()))
+        s = first_of(i) + crew() * (i % lanes() // group() + lanes() // group() * (i % group()))
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
@@ -364,12 +374,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         All threads together, between the barrier after the contacts and the next one.
         """
         wrench = Wrench()
-        warps = wp.static(threads) // lanes()
         groups = lanes() // group()
         turn = int(0)
         first = first_of(i)
         while first < wp.static(bodies):
-            s = first + warps * (i % lanes() // group())
+            s = first + crew() * (i % lanes() // group())
             moment = wp.float64(0.0)
             x = wp.float64(0.0)
             y = wp.float64(0.0)
@@ -386,7 +395,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 wrench.moment = moment
                 wrench.force = wp.vec2d(x, y)
             turn = turn + 1
-            first = first + warps * groups
+            first = first + crew() * groups
         return wrench
 
     @wp.func
