@@ -162,8 +162,8 @@ class Room:
     held: int
     seen: int  # values
     size: int  # bytes of a value
-    shares_parts: bool
     shares_rows: bool  # and held
+    shares_parts: bool
     shares_seen: bool
     asks: bool  # each launch asks for what is shared of these
 
@@ -205,7 +205,7 @@ def room(kind: BlockKind) -> Room:
         used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
-    needs = (8 * parts, rows * size + 4 * kind.slots, seen * size)
+    needs = (rows * size + 4 * kind.slots, 8 * parts, seen * size)
     asks = used + sum(needs) > DECLARED and kind.shared_bytes > DECLARED
     used += 4 * kind.threads * asks  # Warp's own
     fits = []
