@@ -88,19 +88,28 @@ def reciprocal(value: wp.float32) -> wp.float32:
     ...
 
 
-@wp.func_native("return a / b;")
-def quotient(a: wp.float64, b: wp.float64) -> wp.float64:
-    """a / b."""
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    double y;
+    asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(by));
+    const double e = fma(-by, y, 1.0);
+    return value * fma(y * e, fma(e, e, 1.0 + e), y);
+#else
+    return value / by;
+#endif
+""")
+def quotient(value: wp.float64, by: wp.float64) -> wp.float64:
+    """`value` / `by`, which is of ordinary size; on CUDA to round-off."""
     ...
 
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    return __fdividef(a, b);
+    return __fdividef(value, by);
 #else
-    return a / b;
+    return value / by;
 #endif
 """)
-def quotient(a: wp.float32, b: wp.float32) -> wp.float32:
-    """a / b, which is of ordinary size, to two units of the last place."""
+def quotient(value: wp.float32, by: wp.float32) -> wp.float32:
+    """`value` / `by`, which is of ordinary size, to two units of the last place."""
     ...

@@ -15,7 +15,7 @@ from ..sum_structs import Sums, Tallies
 from ..sums import add_hub_force
 from .block_arms import block_arms
 from .block_bodies import block_bodies
-from .block_events import END
+from .block_events import END, EXTRA
 from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
@@ -48,6 +48,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     SPROCKETS, acting_on, wrench_of = forces.SPROCKETS, forces.acting_on, forces.wrench_of
     observe, step_of = block_observing(kind), row.step_of
     stage_roller = block_rk4(kind)
+    early = threads > 32 and not (moving or kind.profiles)  # what rollers may touch does not depend on where bodies are
 
     @wp.func
     def driven(shared: kinds.Shared):
@@ -71,6 +72,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.summed = now.driven
         if now.measured != 0 or now.flags != 0:
             now.summed = SPROCKETS
+        return now
+
+    @wp.func
+    def plain(now: Now):
+        """A step at which nothing is wanted of contacts but their forces: so the compiler leaves out the rest."""
+        now.flags = 0
         return now
 
     @wp.func
@@ -213,24 +220,37 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         held = partners.held_by(shared, i)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine, now.step)
+        tension, rate = pull(shared, lengths, mine.rollers, i)
+        by_teeth = int(0)
+        by_bar = int(0)
+        if wp.static(early):
+            held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(now)
-            tension, rate = pull(shared, lengths, mine.rollers, i)
             now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-            held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-            forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
+            if wp.static(not early):
+                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+            if now.flags & EXTRA == 0:
+                forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
+            else:
+                forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
             if mine.sprocket >= 0 and now.stage == 0:
                 bodies.weigh(ensemble, shared, mine, now.step)
-            barrier()
-            if now.flags != 0:
-                sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-            if wp.static(kind.bending and measuring) and now.measured != 0:
-                joints.add_friction(shared, mine, now)
-            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+            if now.measured != 0 or now.flags != 0:  # others may still be at rollers beside theirs
+                barrier()
+                if now.flags != 0:
+                    sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                if wp.static(kind.bending and measuring) and now.measured != 0:
+                    joints.add_friction(shared, mine, now)
             advance_rollers(state, shared, mine, now)
+            barrier()
+            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
             now = next_stage(now)
+            tension, rate = pull(shared, lengths, mine.rollers, i)
+            if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)
 

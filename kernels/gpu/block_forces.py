@@ -33,7 +33,7 @@ from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_wheels import gears, seen_wheel, velocity_of
-from .exchange import group, lanes, lowest_bit
+from .exchange import group, lanes, lowest_bit, parts_of_a_body
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     load_gear, store_gear = gears(kind).load_gear, gears(kind).store_gear
     SPROCKETS = wp.constant((1 << sprockets) - 1)
+    width = parts_of_a_body(kind)
+    of_rollers = width == kind.slots
 
     @wp.func
     def by_profile(bar: kinds.Guide):
@@ -152,14 +154,16 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store_row(state.impact_speed, at, kept)
 
     @wp.func
-    def add_wrench(shared: kinds.Shared, s: int, i: int, moment: Real, force: vec2):
-        """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on body s."""
-        at = s * wp.static(threads) + i
+    def add_wrench(shared: kinds.Shared, s: int, j: int, moment: Real, force: vec2):
+        """Adds the moment [N m] and the opposite of roller j's force [N] to its parts, or its thread's, of body s."""
+        at = s * wp.static(width) + j
+        if wp.static(not of_rollers):
+            at = s * wp.static(width) + j % wp.static(threads)
         store_row(shared.parts, at, load_row(shared.parts, at) + moment)
         if wp.static(kind.pushes):
-            x = at + wp.static(bodies * threads)
+            x = at + wp.static(bodies * width)
             store_row(shared.parts, x, load_row(shared.parts, x) - force[0])
-            y = at + wp.static(2 * bodies * threads)
+            y = at + wp.static(2 * bodies * width)
             store_row(shared.parts, y, load_row(shared.parts, y) - force[1])
 
     @wp.func
@@ -241,7 +245,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if before == Real(UNTOUCHED):
                     add_touches(tallies.contact, at, 1, 0)
             if (now.summed >> s) & 1 != 0:
-                add_wrench(shared, s, mine.thread, reaction(arm, force), force)
+                add_wrench(shared, s, j, reaction(arm, force), force)
         else:
             put(state, now, at, before, after_teeth(before))
 
@@ -327,7 +331,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if bar.body < wp.static(bodies):
                     arm = place(shared.rows, j, shared.poses[bar.body].center)
                     moment = reaction(vec2(Real(arm[0]), Real(arm[1])), force)
-                    add_wrench(shared, bar.body, mine.thread, moment, force)
+                    add_wrench(shared, bar.body, j, moment, force)
             keep(state, now, at, before, first)
             if now.measured != 0:
                 a = acceleration(shared, j)
@@ -335,14 +339,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
         else:
             put(state, now, at, before, Real(UNTOUCHED))
-
-    @wp.func
-    def slot(mask: int):
-        """The first of a thread's rollers in `mask`, bits, which is not zero."""
-        if wp.static(per == 1):
-            return int(0)
-        else:
-            return lowest_bit(mask)
 
     @wp.func
     def contacts(
@@ -355,38 +351,48 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         by_teeth: int,
         by_bar: int,
     ):
-        """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, bits of their slots.
+        """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, as from `meet`.
 
         Each thread goes on to its next such roller at once, so that few wait.
         """
         rest = int(0)
         while by_teeth != 0:
-            j = slot(by_teeth) * wp.static(threads) + mine.thread
-            if rest == 0:
-                rest = load_whole(shared.held, j) & SPROCKETS
-            s = lowest_bit(rest)
-            rest = rest & (rest - 1)
-            if rest == 0:
+            j = int(mine.thread)
+            if wp.static(per == 1):
+                s = lowest_bit(by_teeth)
                 by_teeth = by_teeth & (by_teeth - 1)
+            else:
+                j = lowest_bit(by_teeth) * wp.static(threads) + mine.thread
+                if rest == 0:
+                    rest = load_whole(shared.held, j) & SPROCKETS
+                s = lowest_bit(rest)
+                rest = rest & (rest - 1)
+                if rest == 0:
+                    by_teeth = by_teeth & (by_teeth - 1)
             at_sprocket(ensemble, state, tallies, shared, mine, now, j, s)
         while by_bar != 0:
-            j = slot(by_bar) * wp.static(threads) + mine.thread
-            if rest == 0:
-                rest = load_whole(shared.held, j) & ~SPROCKETS
-            p = lowest_bit(rest)
-            rest = rest & (rest - 1)
-            if rest == 0:
+            j = int(mine.thread)
+            if wp.static(per == 1):
+                p = lowest_bit(by_bar)
                 by_bar = by_bar & (by_bar - 1)
+            else:
+                j = lowest_bit(by_bar) * wp.static(threads) + mine.thread
+                if rest == 0:
+                    rest = load_whole(shared.held, j) & ~SPROCKETS
+                p = lowest_bit(rest)
+                rest = rest & (rest - 1)
+                if rest == 0:
+                    by_bar = by_bar & (by_bar - 1)
             at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
 
     @wp.func
     def part(shared: kinds.Shared, row: int, i: int):
         """This thread's share of the sum of all parts in `row`, which start anew at zero."""
         value = Real(0.0)
-        k = row * wp.static(threads) + i % group()
+        k = row * wp.static(width) + i % group()
         for q in range(lanes() // group()):
             of_lane = Real(0.0)
-            for w in range(wp.static(threads) // lanes()):
+            for w in range(wp.static(width) // lanes()):
                 at = k + w * lanes() + q * group()
                 of_lane = of_lane + load_row(shared.parts, at)
                 store_row(shared.parts, at, Real(0.0))
@@ -394,10 +400,23 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return value
 
     @wp.func
+    def crew():
+        """Warps that move bodies: the last ones, which have the fewest rollers, or only the last, which has none."""
+        if wp.static(per == 1 and threads > 32 and bodies <= 4):
+            if lanes() > 1:
+                return int(1)
+        return wp.static(threads) // lanes()
+
+    @wp.func
+    def first_of(i: int):
+        """The first body of thread i's warp, one that there is not where it has none."""
+        place = wp.static(threads) // lanes() - 1 - i // lanes()
+        return wp.where(place < crew(), place, wp.static(bodies))
+
+    @wp.func
     def body_of(i: int):
         """The body that thread i moves, negative for most: each group of threads has one, if they are few."""
-        warps = wp.static(threads) // lanes()
-        s = i // lanes() + warps * (i % lanes() // group() + lanes() // group() * (i % group()))
+        s = first_of(i) + crew() * (i % lanes() // group() + lanes() // group() * (i % group()))
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
@@ -407,12 +426,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         All threads together, between the barrier after the contacts and the next one.
         """
         acting = of_three()
-        warps = wp.static(threads) // lanes()
         groups = lanes() // group()
         turn = int(0)
-        first = i // lanes()  # body of this warp
+        first = first_of(i)
         while first < wp.static(bodies):
-            s = first + warps * (i % lanes() // group())
+            s = first + crew() * (i % lanes() // group())
             moment = Real(0.0)
             x = Real(0.0)
             y = Real(0.0)
@@ -430,7 +448,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 acting[1] = x
                 acting[2] = y
             turn = turn + 1
-            first = first + warps * groups
+            first = first + crew() * groups
         return acting
 
     @wp.func

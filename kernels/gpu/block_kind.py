@@ -8,6 +8,9 @@ import warp as wp
 from ..pairs import Pair, pair_of
 from ..structs import Drive
 
+DECLARED = 47_000
+"""Most bytes of shared memory that a kernel declares; CUDA allows 48 KiB."""
+
 
 @dataclass(frozen=True)
 class BlockKind:
@@ -27,6 +30,7 @@ class BlockKind:
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
         curved: motions or loads may be tabulated or have harmonics, which matters at float32 only.
+        shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
 
     Real: type
@@ -43,6 +47,7 @@ class BlockKind:
     arms: int = 0
     tensioners: int = 0
     profiles: bool = False
+    shared_bytes: int = DECLARED
     curved: bool = True
 
     @property

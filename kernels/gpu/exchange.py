@@ -14,7 +14,7 @@ import warp as wp
 
 from ..structs import Led, Line, Motion, Mount, Pose, Spin, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
-from .block_kind import BlockKind
+from .block_kind import DECLARED, BlockKind
 from .block_wheels import GEAR_ROWS, WHEEL_ROWS
 
 LARGEST = """
@@ -47,14 +47,15 @@ GROUP_SUM = """
 OWN = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"
 """A view of `count` values of a global array from `first` on."""
 
-SHARED_BYTES = 47_000
-"""Most bytes of shared memory that a block asks for; what does not fit lies in global memory."""
 
-
-def _shared_snippet(field: str, count: int) -> str:
+def _shared_snippet(field: str, count: int, at: int | None = None) -> str:
+    """An array of the block's own shared memory; `at` bytes from the start of what each launch asks for, if given."""
+    memory = f"__shared__ __align__(16) char memory[{count} * sizeof(*like.{field}.data)];"
+    if at is not None:
+        memory = f"extern __shared__ __align__(16) char of_launch[]; char* const memory = of_launch + {at};"
     return f"""
 #if defined(__CUDA_ARCH__)
-    __shared__ __align__(16) char memory[{count} * sizeof(*like.{field}.data)];
+    {memory}
 #else
     static char memory[{count} * sizeof(*like.{field}.data)];
 #endif
@@ -139,17 +140,34 @@ SEEN = 5
 friction is one more."""
 
 
+ORDERED = 512
+"""Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
+
+
+def parts_of_a_body(kind: BlockKind) -> int:
+    """Into how many parts the sum over all rollers of what acts on a body is taken apart.
+
+    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many.
+    """
+    return kind.threads if kind.threads == 32 or kind.slots > ORDERED else kind.slots
+
+
 @dataclass(frozen=True)
 class Room:
-    """How much of what a block's threads share there is, and what of it lies in shared memory."""
+    """How much of what a block's threads share there is, and what of it lies in shared memory.
+
+    A kernel declares up to `DECLARED` bytes of it; where that is not enough and the GPU has more, launches ask for it.
+    """
 
     parts: int  # values
     rows: int  # values
     held: int
     seen: int  # values
-    shares_parts: bool
+    size: int  # bytes of a value
     shares_rows: bool  # and held
+    shares_parts: bool
     shares_seen: bool
+    asks: bool  # each launch asks for what is shared of these
 
     @property
     def doubles(self) -> int:
@@ -166,6 +184,13 @@ class Room:
         """Integers of a block in global memory."""
         return self.held * (not self.shares_rows)
 
+    @property
+    def asked(self) -> tuple[int | None, ...]:
+        """Where parts, rows, held, seen and their end lie in what a launch asks for [bytes]; None if it does not."""
+        sizes = [self.size * self.parts * self.shares_parts, self.size * self.rows * self.shares_rows]
+        sizes += [4 * self.held * self.shares_rows, self.size * self.seen * self.shares_seen]
+        return tuple(sum(sizes[:k]) if self.asks else None for k in range(5))
+
 
 def _bytes(struct: Any) -> int:
     """Size of a struct."""
@@ -176,7 +201,7 @@ def room(kind: BlockKind) -> Room:
     """What a block of a kind needs."""
     kinds = types(kind.Real)
     size = wp.types.type_size_in_bytes(kind.Real)
-    parts = (3 if kind.pushes else 1) * kind.bodies * kind.threads
+    parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
     seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
@@ -189,13 +214,16 @@ def room(kind: BlockKind) -> Room:
         used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
-    fits = []
     if kind.paired:
         used += kind.guides * _bytes(Line)
-    for needed in (parts * size, rows * size + 4 * kind.slots, seen * size):
-        fits.append(used + needed <= SHARED_BYTES)
+    needs = (rows * size + 4 * kind.slots, size * parts, seen * size)
+    asks = used + sum(needs) > DECLARED and kind.shared_bytes > DECLARED
+    used += 4 * kind.threads * asks  # Warp's own
+    fits = []
+    for needed in needs:
+        fits.append(used + needed <= kind.shared_bytes)
         used += needed * fits[-1]
-    return Room(parts, rows, kind.slots, seen, *fits)
+    return Room(parts, rows, kind.slots, seen, size, *fits, asks=asks)
 
 
 @dataclass(frozen=True)
@@ -217,6 +245,7 @@ def exchange(kind: BlockKind) -> Exchange:
     guides, moving = kind.guides, kind.moving
     kinds = types(Real)
     of = room(kind)
+    parts_at, rows_at, held_at, seen_at, end = of.asked
 
     @wp.func_native(WARP_BARRIER if threads == 32 else BARRIER)
     def barrier():
@@ -238,13 +267,13 @@ def exchange(kind: BlockKind) -> Exchange:
         """Largest `value` of the threads of this warp."""
         ...
 
-    @wp.func_native(_shared_snippet("rows", of.rows))
+    @wp.func_native(_shared_snippet("rows", of.rows, rows_at))
     def rows(like: kinds.Shared) -> wp.array[Real]: ...
 
-    @wp.func_native(_shared_snippet("held", slots))
+    @wp.func_native(_shared_snippet("held", slots, held_at))
     def held(like: kinds.Shared) -> wp.array[wp.int32]: ...
 
-    @wp.func_native(_shared_snippet("seen", of.seen))
+    @wp.func_native(_shared_snippet("seen", of.seen, seen_at))
     def seen(like: kinds.Shared) -> wp.array[Real]: ...
 
     @wp.func_native(OWN)
@@ -300,7 +329,7 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("links", 1))
     def links(like: kinds.Shared) -> wp.array[kinds.Links]: ...
 
-    @wp.func_native(_shared_snippet("parts", of.parts))
+    @wp.func_native(_shared_snippet("parts", of.parts, parts_at))
     def parts(like: kinds.Shared) -> wp.array[Real]: ...
 
     @wp.func_native(_shared_snippet("motions", sprockets))
@@ -325,9 +354,17 @@ def exchange(kind: BlockKind) -> Exchange:
     def strand_sums(like: kinds.Shared) -> wp.array[StrandSums]: ...
 
     @wp.func
+    def ask():
+        """Has Warp ask for the memory at each launch: as much as this tile would take, which nothing else uses."""
+        if wp.static(of.asks):
+            wp.tile_zeros(shape=wp.static(end // 8), dtype=wp.float64, storage="shared")
+            barrier()
+
+    @wp.func
     def shared_arrays(state: kinds.State, block: int):
         """The arrays that the threads share; `block` is the place of this block in its launch."""
         shared = kinds.Shared()
+        ask()
         first = block * wp.static(of.values)
         if wp.static(of.shares_rows):
             shared.rows = rows(shared)

@@ -164,12 +164,15 @@ def tracked_seat(
     seat.radial = radial
     seat.lateral = lateral
     step = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
-    if step != 0:
+    tries = int(2)  # a loop, which the GPU's compiler leaves where it is: most rollers have no use for it
+    while step != 0 and tries > 0:
         number = wrapped_seat(number + step, sprocket.teeth)
         new_e, new_radial, new_lateral = in_gap(p, load_direction(seats, sprocket.first_seat + number), cosine, sine)
         seat.outward = new_e
         seat.radial = new_radial
         seat.lateral = new_lateral
+        step = seat_step(new_radial, new_lateral, wp.float64(sprocket.half_pitch_tangent))
+        tries = tries - 1
     seat.number = number
     return seat
 

@@ -1,5 +1,6 @@
 """The block kernel: against the CPU kernel on cooperative fibers, and compiled for CUDA where there is no GPU."""
 
+import json
 from dataclasses import replace
 from functools import partial
 
@@ -17,7 +18,7 @@ from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic, quickened
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
 from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
@@ -254,7 +255,7 @@ def joint_powers(packed, drive, frames):
 )
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     variants = drives()
-    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), many)
+    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), 100 if many else 1)
     schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]
     packed = pack(variants, schedules).at_precision(precision)
     bends = bool(packed.joints["rubs"].any())
@@ -342,6 +343,18 @@ def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, bloc
     kernel = block_kernel(BlockKind(wp.float64, *form), blocks, FRAME)  # ptxas refuses what asks for more than 48 KiB
     wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
+
+
+def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
+    # 1,024 rollers at float64: 6 rows of 8 bytes and an integer of 4, which no kernel may declare
+    kind = BlockKind(wp.float64, 256, 4, 2, 0, shared_bytes=232_448)
+    *starts, end = room(kind).asked
+    assert room(kind).shares_rows and end >= 1024 * 52 and all(start % 16 == 0 for start in starts)
+    assert room(replace(kind, shared_bytes=DECLARED)).asked == (None,) * 5
+    module = block_kernel(kind, 2, FRAME).module
+    wp.compile_aot_module(module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
+    asked = json.loads(next(path for path in tmp_path.iterdir() if path.suffix == ".meta").read_text())
+    assert all(bytes_ >= end for name, bytes_ in asked.items() if name.endswith("forward_smem_bytes"))
 
 
 @pytest.mark.parametrize("drives", [equal_sprockets, rk4])

@@ -7,14 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-THREADS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 1024)
-"""Sizes of blocks that have one roller a thread; longer chains have several on the largest."""
+from warpchain.kernels.gpu.block_kind import DECLARED
+
+ROOMS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
+"""Rollers that blocks have room for; beyond, sixteenths of the next power of two, from 4,096 on whole 1,024."""
 
 LONGEST_ON_A_WARP = 512
 """Links of the longest chain that one warp may have to itself."""
 
 MANY = 6
-"""Variants a multiprocessor from which a warp each is faster (docs/performance.md)."""
+"""Variants a multiprocessor from which a warp or two each is faster (docs/performance.md)."""
+
+WARP_EACH = 12
+"""Variants a multiprocessor from which a warp each is faster for chains of more than 128 links."""
 
 
 @dataclass(frozen=True, order=True)
@@ -23,11 +28,18 @@ class BlockShape:
 
     threads: int
     per: int
+    shared_bytes: int = DECLARED
+    """Most of shared memory that a block may have."""
 
     @property
     def slots(self) -> int:
-        """Rollers that the block has room for."""
+        """Rollers that the threads could have."""
         return self.threads * self.per
+
+    @property
+    def room(self) -> int:
+        """Rollers that there is room for: of threads with one each, the last warp has none."""
+        return self.slots - 32 if self.per == 1 and self.threads > 32 else self.slots
 
     def resident(self, precision: str, measuring: bool, wanted: int) -> int:
         """How many blocks the compiler is to make room for on a multiprocessor, `wanted` at most.
@@ -49,18 +61,23 @@ class BlockShape:
 
 def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
     """The rollers that blocks for chains of so many links have room for, so that like chains share a kernel."""
-    most = THREADS[-1]
-    return np.where(links > most, -(-links // most) * most, np.array(THREADS)[np.searchsorted(THREADS[:-1], links)])
+    most = ROOMS[-1]
+    step = np.minimum(2 ** np.ceil(np.log2(np.maximum(links, most))).astype(int) // 8, most)
+    return np.where(links > most, -(-links // step) * step, np.array(ROOMS)[np.searchsorted(ROOMS[:-1], links)])
 
 
-def block_shape(room: int, many: bool) -> BlockShape:
-    """The block for chains of up to `room` links, as from `room_for`.
+def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
+    """The block for chains of up to `room` links, as from `room_for`, of which a multiprocessor gets `each` variants.
 
-    Few variants are fastest with a roller a thread; of `many`, each is fastest on a warp of its own, which then waits
-    for no other. Moments on sprockets are added up in the same order either way, so a variant's results do not
-    depend on how many there are beside it.
+    Few variants are fastest with a roller a thread, and a warp beside them for the bodies; of many, each is fastest on
+    a warp of its own, which then waits for no other. Moments on bodies are added up in the same order either way, so
+    a variant's results do not depend on how many there are beside it. Longer chains have up to eight rollers a thread
+    and `shared_bytes` of memory, however many they are.
     """
-    if many and room <= LONGEST_ON_A_WARP:
-        return BlockShape(32, -(-room // 32))
-    threads = min(room, THREADS[-1])
-    return BlockShape(threads, -(-room // threads))
+    if room > LONGEST_ON_A_WARP:
+        threads = min(max(128, 2 ** (room - 1).bit_length() // 8), 1024)
+        return BlockShape(threads, -(-room // threads), shared_bytes)
+    if each >= MANY:
+        threads = 64 if room > 128 and each < WARP_EACH else 32
+        return BlockShape(threads, -(-room // threads))
+    return BlockShape(room + 32 if room > 32 else room, 1)

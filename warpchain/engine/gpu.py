@@ -17,7 +17,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.engine.arrays import NOTES, SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.engine.block_shape import MANY, THREADS, BlockShape, block_shape, room_for
+from warpchain.engine.block_shape import MANY, ROOMS, BlockShape, block_shape, room_for
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
 from warpchain.kernels import relaxation
@@ -28,7 +28,7 @@ from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.structs import DIVERGENCE_CHECK, GROUND
 
-MOST_LINKS = 16 * THREADS[-1]
+MOST_LINKS = 16 * ROOMS[-1]
 """Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
 
 MOST_PARTNERS = 31
@@ -140,7 +140,9 @@ class Bucket:
 
 def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
     """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
-    return block_shape(bucket.shape.slots, True) if name == "relax" else bucket.shape
+    if name == "relax":
+        return block_shape(bucket.shape.room, 100 * MANY, bucket.shape.shared_bytes)
+    return bucket.shape
 
 
 def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
@@ -163,6 +165,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         tensioners=bucket.tensioners,
         profiles=bucket.profiles,
         curved=bucket.curved,
+        shared_bytes=shape.shared_bytes,
     )
 
 
@@ -223,12 +226,13 @@ class GpuEngine:
         kinds = [*kinds, curved(self.packed)]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
         processors = int(wp.get_device(self.device).sm_count)
+        most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
         buckets = []
         for key in sorted({tuple(row) for row in keys.tolist()}, reverse=True):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
             slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles, curves = key
-            shape = block_shape(slots, len(order) >= MANY * processors)
+            shape = block_shape(slots, len(order) // processors, most_shared)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
             bodies = arms, tensioners, bool(profiles), bool(curves)
