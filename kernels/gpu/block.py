@@ -12,7 +12,7 @@ import warp as wp
 
 from ..structs import types
 from ..sum_structs import Sums, Tallies
-from ..sums import add_hub_force
+from ..sums import WATCH_EVERY, add_hub_force
 from .block_arms import block_arms
 from .block_bodies import block_bodies
 from .block_events import END
@@ -45,7 +45,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
     SPROCKETS, wrench_on = forces.SPROCKETS, forces.wrench_on
-    observe_sprocket = block_observing(kind).observe_sprocket
+    observe, of_each = block_observing(kind), wp.types.vector(per, Real)
     stage_roller = block_rk4(kind)
 
     @wp.func
@@ -63,8 +63,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def wanted(now: Now):
         """What is wanted of this evaluation: metrics at a step's start, and whose moments."""
         now.measured = 0
+        now.watched = 0
         if wp.static(measuring) and now.stage == 0:
             now.measured = now.window
+            if now.step % WATCH_EVERY == 0:
+                now.watched = now.window
         now.summed = now.driven
         if now.measured != 0 or now.flags != 0:
             now.summed = SPROCKETS
@@ -85,7 +88,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         All threads together work out what the chain does to it.
         """
-        wrench = wrench_on(shared, mine.thread)
+        wrench = wrench_on(shared, mine.thread, now.watched)
         if mine.sprocket >= 0:
             before = shared.poses[mine.sprocket]
             hub = wp.vec2d(wrench.force[0], wrench.force[1])  # the chain's alone, without tensioners
@@ -93,9 +96,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
             body = bodies.advance(ensemble, state, shared, mine, now, wrench)
             if wp.static(measuring) and now.measured != 0:
-                observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
-                mine_sums = shared.sprocket_sums[mine.sprocket]
-                shared.sprocket_sums[mine.sprocket] = add_hub_force(mine_sums, hub, wp.float64(now.weight))
+                observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
+                if now.watched != 0:
+                    mine_sums = shared.sprocket_sums[mine.sprocket]
+                    shared.sprocket_sums[mine.sprocket] = add_hub_force(mine_sums, hub, wp.float64(now.watch_weight))
                 if wp.static(kind.tensioners > 0):
                     arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
             sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench)
@@ -147,13 +151,16 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
+        rates: of_each,
     ):
         """Everything back into the state."""
-        if wp.static(measuring) and now.samples > 0:
-            sampling.flush_links(ensemble, tallies, shared, mine, now.samples)
+        if wp.static(measuring):
+            observe.flush(ensemble, tallies, shared, mine, rates)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
+        if wp.static(measuring):
+            observe.end_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.end_arm(ensemble, state, shared, mine)
@@ -193,20 +200,25 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.since = since
         if mine.sprocket >= 0:
             bodies.start_body(ensemble, state, sums, shared, mine, now.step)
+        if wp.static(measuring):
+            observe.start_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.start_arm(ensemble, state, shared, mine)
         barrier()
         now.driven = driven(shared)
+        if wp.static(measuring):
+            observe.find_strands(shared, mine)
         held = partners.held_by(shared, i)
+        rates = of_each()
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine.variant, i, now.step)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
-                now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
+                now, rates = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now, rates)
             now = wanted(now)
             tension, rate = pull(shared, lengths, mine.rollers, i)
-            now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+            rates = sampling.sample_links(state, shared, mine, now, lengths, tension, rate, rates)
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
             if mine.sprocket >= 0 and now.stage == 0:
@@ -220,6 +232,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             advance_rollers(state, shared, mine, now)
             now = next_stage(now)
             barrier()
-        finish(ensemble, state, sums, tallies, shared, mine, now)
+        finish(ensemble, state, sums, tallies, shared, mine, now, rates)
 
     return advance_block

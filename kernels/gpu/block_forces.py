@@ -27,7 +27,7 @@ from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
-from ..sums import add_contact, add_friction, add_touches
+from ..sums import add_touches
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
@@ -130,9 +130,17 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
         """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
-        add_contact(tallies.contact, at, size, size, damped, wp.where(before <= Real(0.0), 1, 0), now.weight)
+        lost = load_part(tallies.dissipated, at)
+        store_part(tallies.dissipated, at, lost + wp.float64(now.weight * damped))
         if wp.static(sliding):
-            add_friction(tallies.contact, at, rubbed, now.weight)
+            lost = load_part(tallies.friction, at)
+            store_part(tallies.friction, at, lost + wp.float64(now.weight * rubbed))
+        if now.watched != 0:
+            store_part(tallies.impulse, at, load_part(tallies.impulse, at) + wp.float64(now.watch_weight * size))
+            if wp.float64(size) > load_part(tallies.force_max, at):
+                store_part(tallies.force_max, at, wp.float64(size))
+        if before <= Real(0.0):
+            add_touches(tallies.touch, at, 1, 0, 0)
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
@@ -141,11 +149,21 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store_row(state.impact_speed, at, kept)
 
     @wp.func
-    def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
+    def pushed(watched: int):
+        """Whether the force on sprockets is wanted beside the moment."""
+        if wp.static(moving):
+            return True
+        elif wp.static(kind.pushes):
+            return watched != 0
+        else:
+            return False
+
+    @wp.func
+    def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2, watched: int):
         """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on body s."""
         at = s * wp.static(threads) + i
         store_part(shared.parts, at, load_part(shared.parts, at) + moment)
-        if wp.static(kind.pushes):
+        if pushed(watched):
             x = at + wp.static(bodies * threads)
             store_part(shared.parts, x, load_part(shared.parts, x) - wp.float64(force[0]))
             y = at + wp.static(2 * bodies * threads)
@@ -193,10 +211,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 damped = dissipated(damper * normal, relative, a, lag(mine))
                 measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
                 if before == Real(UNTOUCHED):
-                    add_touches(tallies.contact, at, 1, 0)
+                    add_touches(tallies.touch, at, 0, 1, 0)
             if (now.summed >> s) & 1 != 0:
                 arm = vec2(Real(p[0]), Real(p[1]))
-                add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
+                add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force, now.watched)
         else:
             put(state, now, at, before, after_teeth(before))
 
@@ -258,7 +276,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):
             if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
-                add_touches(tallies.contact, at, 0, 1)
+                add_touches(tallies.touch, at, 0, 0, 1)
             put(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
             force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
@@ -275,7 +293,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if bar.body < wp.static(bodies):
                     arm = place(shared.rows, j, shared.poses[bar.body].center)
                     moment = reaction(vec2(Real(arm[0]), Real(arm[1])), force)
-                    add_wrench(shared, bar.body, mine.thread, wp.float64(moment), force)
+                    add_wrench(shared, bar.body, mine.thread, wp.float64(moment), force, now.watched)
             keep(state, now, at, before, first)
             if now.measured != 0:
                 a = acceleration(shared, j)
@@ -349,7 +367,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
-    def wrench_on(shared: kinds.Shared, i: int):
+    def wrench_on(shared: kinds.Shared, i: int, watched: int):
         """The chain's moment [N m] on the body that thread i moves and, if it is wanted, its force [N].
 
         All threads together, between the barrier after the contacts and the next one.
@@ -366,11 +384,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             y = wp.float64(0.0)
             if s < wp.static(bodies):
                 moment = part(shared, s, i)
-                if wp.static(kind.pushes):
+                if pushed(watched):
                     x = part(shared, s + wp.static(bodies), i)
                     y = part(shared, s + wp.static(2 * bodies), i)
             moment = group_sum(moment)
-            if wp.static(kind.pushes):
+            if pushed(watched):
                 x = group_sum(x)
                 y = group_sum(y)
             if i % group() == turn:

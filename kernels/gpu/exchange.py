@@ -132,9 +132,9 @@ def any_thread(flag: int) -> int:
     ...
 
 
-SEEN = 5
-"""Rows of what is seen of links between two updates of where the strands are (`block_observe`); the work of joint
-friction is one more."""
+def extremes(kind: BlockKind) -> int:
+    """Places for the extremes of tension: of the strands, of links on none, and of threads without a link."""
+    return kind.sprockets + 2
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,8 @@ class Room:
     parts: int  # values, float64
     rows: int  # values
     held: int
-    seen: int  # values
+    seen: int  # values: smallest and largest tensions, and the work of each roller's joint friction
+    strand_of: int  # bytes
     shares_parts: bool
     shares_rows: bool  # and held
     shares_seen: bool
@@ -171,7 +172,8 @@ def room(kind: BlockKind) -> Room:
     size = wp.types.type_size_in_bytes(kind.Real)
     parts = (3 if kind.pushes else 1) * kind.bodies * kind.threads
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
-    seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
+    seen = 2 * extremes(kind) + kind.bending * kind.slots if kind.measuring else 1
+    strand_of = kind.slots if kind.measuring else 1
     of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
     used = kind.sprockets * (16 * COURSE + sum(struct.numpy_dtype()["itemsize"] for struct in of_each))
@@ -179,12 +181,12 @@ def room(kind: BlockKind) -> Room:
     if kind.sliding:
         used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
-    used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
+    used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + strand_of + 1000
     fits = []
     for needed in (8 * parts, rows * size + 4 * kind.slots, seen * size):
         fits.append(used + needed <= SHARED_BYTES)
         used += needed * fits[-1]
-    return Room(parts, rows, kind.slots, seen, *fits)
+    return Room(parts, rows, kind.slots, seen, strand_of, *fits)
 
 
 @dataclass(frozen=True)
@@ -235,6 +237,9 @@ def exchange(kind: BlockKind) -> Exchange:
 
     @wp.func_native(_shared_snippet("seen", of.seen))
     def seen(like: kinds.Shared) -> wp.array[Real]: ...
+
+    @wp.func_native(_shared_snippet("strand_of", of.strand_of))
+    def strand_of(like: kinds.Shared) -> wp.array[wp.uint8]: ...
 
     @wp.func_native(OWN)
     def view(all: wp.array[Real], first: int, count: int) -> wp.array[Real]:
@@ -310,6 +315,7 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.seen = seen(shared)
         else:
             shared.seen = view(state.rows, first + wp.static(of.values - of.seen), wp.static(of.seen))
+        shared.strand_of = strand_of(shared)
         shared.poses = poses(shared)
         shared.teeth = teeth(shared)
         shared.bands = bands(shared)
