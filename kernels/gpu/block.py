@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import types
+from ..structs import Wrench, types
 from ..sum_structs import Sums, Tallies
 from ..sums import WATCH_EVERY, add_hub_force
 from .block_arms import block_arms
@@ -44,7 +44,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     pull = joints.pull if kind.bending else row.pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
-    SPROCKETS, wrench_on = forces.SPROCKETS, forces.wrench_on
+    SPROCKETS = forces.SPROCKETS
     observe, of_each = block_observing(kind), wp.types.vector(per, Real)
     stage_roller = block_rk4(kind)
 
@@ -74,6 +74,16 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         return now
 
     @wp.func
+    def add_hub(shared: kinds.Shared, mine: Mine, now: Now, wrench: Wrench):
+        """Adds the chain's force on the thread's sprocket to its sums; all threads together."""
+        hub = wrench.force
+        if wp.static(not moving):
+            hub = forces.force_on_hub(shared, mine.thread)
+        if mine.sprocket >= 0:
+            sums = shared.sprocket_sums[mine.sprocket]
+            shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, hub, wp.float64(now.watch_weight))
+
+    @wp.func
     def advance_bodies(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -88,18 +98,16 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         All threads together work out what the chain does to it.
         """
-        wrench = wrench_on(shared, mine.thread, now.watched)
+        wrench = forces.wrench_on(shared, mine.thread)
+        if wp.static(measuring) and now.watched != 0:
+            add_hub(shared, mine, now, wrench)
         if mine.sprocket >= 0:
             before = shared.poses[mine.sprocket]
-            hub = wp.vec2d(wrench.force[0], wrench.force[1])  # the chain's alone, without tensioners
             if wp.static(kind.tensioners > 0):
                 wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
             body = bodies.advance(ensemble, state, shared, mine, now, wrench)
             if wp.static(measuring) and now.measured != 0:
                 observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
-                if now.watched != 0:
-                    mine_sums = shared.sprocket_sums[mine.sprocket]
-                    shared.sprocket_sums[mine.sprocket] = add_hub_force(mine_sums, hub, wp.float64(now.watch_weight))
                 if wp.static(kind.tensioners > 0):
                     arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
             sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench)

@@ -43,6 +43,7 @@ class ForceFunctions:
     leave: wp.Function
     contacts: wp.Function
     body_of: wp.Function
+    force_on_hub: wp.Function
     wrench_on: wp.Function
     share_geometry: wp.Function
 
@@ -367,35 +368,42 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
-    def wrench_on(shared: kinds.Shared, i: int, watched: int):
-        """The chain's moment [N m] on the body that thread i moves and, if it is wanted, its force [N].
-
-        All threads together, between the barrier after the contacts and the next one.
-        """
-        wrench = Wrench()
+    def total_on(shared: kinds.Shared, rows: int, i: int):
+        """Sum of all threads' parts in the row of the body that thread i moves, of those from `rows` on."""
+        total = wp.float64(0.0)
         warps = wp.static(threads) // lanes()
         groups = lanes() // group()
         turn = int(0)
         first = i // lanes()  # body of this warp
         while first < wp.static(bodies):
             s = first + warps * (i % lanes() // group())
-            moment = wp.float64(0.0)
-            x = wp.float64(0.0)
-            y = wp.float64(0.0)
+            value = wp.float64(0.0)
             if s < wp.static(bodies):
-                moment = part(shared, s, i)
-                if pushed(watched):
-                    x = part(shared, s + wp.static(bodies), i)
-                    y = part(shared, s + wp.static(2 * bodies), i)
-            moment = group_sum(moment)
-            if pushed(watched):
-                x = group_sum(x)
-                y = group_sum(y)
+                value = part(shared, rows + s, i)
+            value = group_sum(value)
             if i % group() == turn:
-                wrench.moment = moment
-                wrench.force = wp.vec2d(x, y)
+                total = value
             turn = turn + 1
             first = first + warps * groups
+        return total
+
+    @wp.func
+    def force_on_hub(shared: kinds.Shared, i: int):
+        """The chain's force on the body that thread i moves [N], where it is wanted; all threads as for `wrench_on`."""
+        x = total_on(shared, wp.static(bodies), i)
+        y = total_on(shared, wp.static(2 * bodies), i)
+        return wp.vec2d(x, y)
+
+    @wp.func
+    def wrench_on(shared: kinds.Shared, i: int):
+        """The chain's moment [N m] on the body that thread i moves and, if bodies move, its force [N].
+
+        All threads together, between the barrier after the contacts and the next one.
+        """
+        wrench = Wrench()
+        wrench.moment = total_on(shared, 0, i)
+        if wp.static(moving):
+            wrench.force = force_on_hub(shared, i)
         return wrench
 
     @wp.func
@@ -436,6 +444,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         leave=leave,
         contacts=contacts,
         body_of=body_of,
+        force_on_hub=force_on_hub,
         wrench_on=wrench_on,
         share_geometry=share_geometry,
     )

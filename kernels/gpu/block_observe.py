@@ -36,6 +36,14 @@ from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .exchange import extremes
 
+SIGN_BITS = """
+#if defined(__CUDA_ARCH__)
+    return __double2hiint(value);
+#else
+    return value < 0 ? -1 : 0;
+#endif
+"""
+
 
 @dataclass(frozen=True)
 class ObserveFunctions:
@@ -63,8 +71,13 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     row = block_rows(kind)
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    LOWEST, HIGHEST, FRICTION = (wp.constant(k * extremes(kind)) for k in range(3))
+    LOWEST, HIGHEST, FRICTION = wp.constant(0), wp.constant(1), wp.constant(2 * extremes(kind))
     follow = following(Real).follow
+
+    @wp.func_native(SIGN_BITS if Real == wp.float64 else SIGN_BITS.replace("__double2hiint", "__float_as_int"))
+    def sign_bits(value: Real) -> int:
+        """A negative number where `value` is negative: many are tested at once, none waits for another."""
+        ...
 
     @wp.func
     def start_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
@@ -72,13 +85,13 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         if mine.thread == 0:
             first = ensemble.drives[mine.variant].first_sprocket
             for s in range(wp.static(sprockets)):
-                store_row(shared.seen, LOWEST + s, Real(sums.strand[first + s].tension_min))
-                store_row(shared.seen, HIGHEST + s, Real(sums.strand[first + s].tension_max))
+                store_row(shared.seen, LOWEST + 2 * s, Real(sums.strand[first + s].tension_min))
+                store_row(shared.seen, HIGHEST + 2 * s, Real(sums.strand[first + s].tension_max))
             none = int(wp.static(sprockets))
-            store_row(shared.seen, LOWEST + none, Real(sums.chain[mine.variant].tension_min))
-            store_row(shared.seen, HIGHEST + none, Real(sums.chain[mine.variant].tension_max))
-            store_row(shared.seen, LOWEST + none + 1, -Real(3.0e38))
-            store_row(shared.seen, HIGHEST + none + 1, Real(3.0e38))
+            store_row(shared.seen, LOWEST + 2 * none, Real(sums.chain[mine.variant].tension_min))
+            store_row(shared.seen, HIGHEST + 2 * none, Real(sums.chain[mine.variant].tension_max))
+            store_row(shared.seen, LOWEST + 2 * none + 2, -Real(3.0e38))
+            store_row(shared.seen, HIGHEST + 2 * none + 2, Real(3.0e38))
         if wp.static(kind.bending):
             j = int(mine.thread)
             while j < wp.static(kind.slots):
@@ -91,12 +104,12 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         s = mine.sprocket
         if s >= 0:
             at = ensemble.drives[mine.variant].first_sprocket + s
-            sums.strand[at].tension_min = wp.float64(load_row(shared.seen, LOWEST + s))
-            sums.strand[at].tension_max = wp.float64(load_row(shared.seen, HIGHEST + s))
+            sums.strand[at].tension_min = wp.float64(load_row(shared.seen, LOWEST + 2 * s))
+            sums.strand[at].tension_max = wp.float64(load_row(shared.seen, HIGHEST + 2 * s))
         if mine.thread == 0:
             none = int(wp.static(sprockets))
-            sums.chain[mine.variant].tension_min = wp.float64(load_row(shared.seen, LOWEST + none))
-            sums.chain[mine.variant].tension_max = wp.float64(load_row(shared.seen, HIGHEST + none))
+            sums.chain[mine.variant].tension_min = wp.float64(load_row(shared.seen, LOWEST + 2 * none))
+            sums.chain[mine.variant].tension_max = wp.float64(load_row(shared.seen, HIGHEST + 2 * none))
 
     @wp.func
     def strand_under(shared: kinds.Shared, j: int, n: int):
@@ -124,16 +137,14 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         beyond = int(0)
         for k in range(wp.static(per)):
             of = int(shared.strand_of[k * wp.static(threads) + mine.thread])
-            if tension[k] < load_row(shared.seen, LOWEST + of):
-                beyond = 1
-            if tension[k] > load_row(shared.seen, HIGHEST + of):
-                beyond = 1
-        if beyond != 0:
+            beyond = beyond | sign_bits(tension[k] - load_row(shared.seen, LOWEST + 2 * of))
+            beyond = beyond | sign_bits(load_row(shared.seen, HIGHEST + 2 * of) - tension[k])
+        if beyond < 0:
             for k in range(wp.static(per)):
                 of = int(shared.strand_of[k * wp.static(threads) + mine.thread])
                 if of <= wp.static(sprockets):
-                    wp.atomic_min(shared.seen, LOWEST + of, tension[k])
-                    wp.atomic_max(shared.seen, HIGHEST + of, tension[k])
+                    wp.atomic_min(shared.seen, LOWEST + 2 * of, tension[k])
+                    wp.atomic_max(shared.seen, HIGHEST + 2 * of, tension[k])
 
     @wp.func
     def add_rates(rates: of_each, rate: of_each, flags: int):
@@ -142,7 +153,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             rates[k] = rates[k] + rate[k] * rate[k]
         if flags & ENDS != 0:
             for k in range(wp.static(per)):
-                rates[k] = rates[k] - Real(0.5) * (rate[k] * rate[k])
+                rates[k] = rates[k] - (Real(0.5) * rate[k]) * rate[k]
         return rates
 
     @wp.func

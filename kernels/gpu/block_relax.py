@@ -163,7 +163,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             barrier()
             angular = wp.float64(0.0)
             if wp.static(kind.arms > 0):
-                wrench = forces.wrench_on(shared, i, 0)
+                wrench = forces.wrench_on(shared, i)
                 if mine.arm >= 0:
                     angular = arms.rest_arm(ensemble, state, shared, mine, wrench)
             restart = int(0)
