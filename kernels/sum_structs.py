@@ -187,24 +187,17 @@ class RollerTally:
 
 
 @wp.struct
-class TouchTally:
-    """How often one roller touched one sprocket or guide-bar, as in `ContactSums`."""
-
-    impacts: wp.int32
-    contacts: wp.int32
-    missed: wp.int32
-
-
-@wp.struct
 class Tallies:
     """Sums that the block kernels keep roller by roller, so that no thread waits for another.
 
-    Those of contacts that change every step lie in rows of their own, neighbors' beside each other.
+    Those of contacts (`ContactSums`) lie in rows of their own, neighbors' beside each other.
     """
 
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
-    touch: wp.array[TouchTally]  # (contact memories,)
-    dissipated: wp.array[wp.float64]  # (contact memories,), as in `ContactSums`
+    impacts: wp.array[wp.int32]  # (contact memories,)
+    contacts: wp.array[wp.int32]
+    missed: wp.array[wp.int32]
+    dissipated: wp.array[wp.float64]
     friction: wp.array[wp.float64]
     impulse: wp.array[wp.float64]
     force_max: wp.array[wp.float64]

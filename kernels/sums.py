@@ -25,7 +25,7 @@ from .sum_structs import (
     Totals,
 )
 
-STRAND_EVERY = wp.constant(16)
+STRAND_EVERY = wp.constant(32)
 """Steps between two looks at the chain: which links lie on a strand, their tensions, where mid-strand is.
 
 The chain moves a small part of a pitch in between. The window's first step has a look too.
@@ -119,7 +119,7 @@ def add_contact_force(sums: ContactSums, totals: Totals, weight: wp.float64):
 
 
 @wp.func
-def add_touches(sums: Any, at: int, impacts: int, contacts: int, missed: int):
+def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: int, missed: int):
     """Adds to the counts at `at` contacts that began, rollers that touched for the first time in their pass, and those
     that came in not through the face; rarely any.
     """
@@ -147,8 +147,10 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 @wp.func
 def add_sprocket(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load: wp.float64, weight: wp.float64):
     """One sprocket's speed, contact moment and load moment at one step."""
-    sums.speed_min = wp.min(sums.speed_min, speed)
-    sums.speed_max = wp.max(sums.speed_max, speed)
+    if speed < sums.speed_min:
+        sums.speed_min = speed
+    if speed > sums.speed_max:
+        sums.speed_max = speed
     sums.speed = sums.speed + weight * speed
     sums.speed_square = sums.speed_square + weight * speed * speed
     sums.moment = sums.moment + weight * moment

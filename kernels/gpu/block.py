@@ -15,7 +15,7 @@ from ..sum_structs import Sums, Tallies
 from ..sums import WATCH_EVERY, add_hub_force
 from .block_arms import block_arms
 from .block_bodies import block_bodies
-from .block_events import END
+from .block_events import END, EXTRA
 from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
@@ -232,7 +232,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if mine.sprocket >= 0 and now.stage == 0:
                 bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
             barrier()
-            if now.flags != 0:
+            if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
                 sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
             if wp.static(kind.bending and measuring) and now.measured != 0:
                 joints.add_friction(shared, mine, now)

@@ -27,7 +27,6 @@ from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
-from ..sums import add_touches
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
@@ -129,6 +128,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return Real(wp.float64(0.5) * mine.h)
 
     @wp.func
+    def count(counts: wp.array[wp.int32], at: int):
+        """One more at `at`."""
+        store_whole(counts, at, load_whole(counts, at) + 1)
+
+    @wp.func
     def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
         """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
         lost = load_part(tallies.dissipated, at)
@@ -141,7 +145,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if wp.float64(size) > load_part(tallies.force_max, at):
                 store_part(tallies.force_max, at, wp.float64(size))
         if before <= Real(0.0):
-            add_touches(tallies.touch, at, 1, 0, 0)
+            count(tallies.impacts, at)
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
@@ -212,7 +216,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 damped = dissipated(damper * normal, relative, a, lag(mine))
                 measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
                 if before == Real(UNTOUCHED):
-                    add_touches(tallies.touch, at, 0, 1, 0)
+                    count(tallies.contacts, at)
             if (now.summed >> s) & 1 != 0:
                 arm = vec2(Real(p[0]), Real(p[1]))
                 add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force, now.watched)
@@ -277,7 +281,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):
             if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
-                add_touches(tallies.touch, at, 0, 0, 1)
+                count(tallies.missed, at)
             put(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
             force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)

@@ -34,7 +34,7 @@ from ..sums import (
 from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import extremes
+from .exchange import WARP, any_lane, extremes, lanes
 
 SIGN_BITS = """
 #if defined(__CUDA_ARCH__)
@@ -71,7 +71,8 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     row = block_rows(kind)
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    LOWEST, HIGHEST, FRICTION = wp.constant(0), wp.constant(1), wp.constant(2 * extremes(kind))
+    FRICTION = wp.constant(threads // WARP * extremes(kind))
+    warp_max = row.sharing.warp_max
     follow = following(Real).follow
 
     @wp.func_native(SIGN_BITS if Real == wp.float64 else SIGN_BITS.replace("__double2hiint", "__float_as_int"))
@@ -80,23 +81,45 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         ...
 
     @wp.func
+    def extremes_at(i: int, of: int):
+        """Where the lowest tension on strand `of` stands for thread i's warp; the highest is the next value."""
+        return i // wp.static(WARP) * wp.static(extremes(kind)) + 2 * of
+
+    @wp.func
+    def set_extremes(shared: kinds.Shared, at: int, lowest: wp.float64, highest: wp.float64):
+        """Makes a pair of extremes stand at `at`."""
+        store_row(shared.seen, at, Real(lowest))
+        store_row(shared.seen, at + 1, Real(highest))
+
+    @wp.func
     def start_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
-        """The extremes of tension so far, and no friction yet; one thread has all of those."""
-        if mine.thread == 0:
+        """The extremes of tension so far, and no friction yet; one thread of each warp sets those of its warp."""
+        i = mine.thread
+        none = int(wp.static(sprockets))
+        if i % wp.static(WARP) == 0:
             first = ensemble.drives[mine.variant].first_sprocket
             for s in range(wp.static(sprockets)):
-                store_row(shared.seen, LOWEST + 2 * s, Real(sums.strand[first + s].tension_min))
-                store_row(shared.seen, HIGHEST + 2 * s, Real(sums.strand[first + s].tension_max))
-            none = int(wp.static(sprockets))
-            store_row(shared.seen, LOWEST + 2 * none, Real(sums.chain[mine.variant].tension_min))
-            store_row(shared.seen, HIGHEST + 2 * none, Real(sums.chain[mine.variant].tension_max))
-            store_row(shared.seen, LOWEST + 2 * none + 2, -Real(3.0e38))
-            store_row(shared.seen, HIGHEST + 2 * none + 2, Real(3.0e38))
+                strand = sums.strand[first + s]
+                set_extremes(shared, extremes_at(i, s), strand.tension_min, strand.tension_max)
+            chain = sums.chain[mine.variant]
+            set_extremes(shared, extremes_at(i, none), chain.tension_min, chain.tension_max)
+            set_extremes(shared, extremes_at(i, none + 1), wp.float64(-3.0e38), wp.float64(3.0e38))
         if wp.static(kind.bending):
-            j = int(mine.thread)
+            j = int(i)
             while j < wp.static(kind.slots):
                 store_row(shared.seen, FRICTION + j, Real(0.0))
                 j = j + wp.static(threads)
+
+    @wp.func
+    def extremes_of(shared: kinds.Shared, of: int):
+        """Lowest and highest tension on strand `of` that any warp has seen [N]."""
+        lowest = Real(3.0e38)
+        highest = -Real(3.0e38)
+        for w in range(wp.static(threads // WARP)):
+            at = extremes_at(w * wp.static(WARP), of)
+            lowest = wp.min(lowest, load_row(shared.seen, at))
+            highest = wp.max(highest, load_row(shared.seen, at + 1))
+        return wp.float64(lowest), wp.float64(highest)
 
     @wp.func
     def end_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
@@ -104,12 +127,11 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         s = mine.sprocket
         if s >= 0:
             at = ensemble.drives[mine.variant].first_sprocket + s
-            sums.strand[at].tension_min = wp.float64(load_row(shared.seen, LOWEST + 2 * s))
-            sums.strand[at].tension_max = wp.float64(load_row(shared.seen, HIGHEST + 2 * s))
+            lowest, highest = extremes_of(shared, s)
+            sums.strand[at] = merge_extremes(sums.strand[at], lowest, highest)
         if mine.thread == 0:
-            none = int(wp.static(sprockets))
-            sums.chain[mine.variant].tension_min = wp.float64(load_row(shared.seen, LOWEST + 2 * none))
-            sums.chain[mine.variant].tension_max = wp.float64(load_row(shared.seen, HIGHEST + 2 * none))
+            lowest, highest = extremes_of(shared, wp.static(sprockets))
+            sums.chain[mine.variant] = merge_extremes(sums.chain[mine.variant], lowest, highest)
 
     @wp.func
     def strand_under(shared: kinds.Shared, j: int, n: int):
@@ -132,19 +154,38 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             j = j + wp.static(threads)
 
     @wp.func
-    def watch(shared: kinds.Shared, mine: Mine, tension: of_each):
-        """Holds the tensions of the thread's links against the extremes so far."""
+    def widen(shared: kinds.Shared, i: int, tension: of_each):
+        """Holds the tensions of the links of thread i's warp against its extremes; all its threads together."""
+        of = int(0)
+        while of < wp.static(sprockets + 1):
+            lowest = Real(3.0e38)
+            highest = -Real(3.0e38)
+            for k in range(wp.static(per)):
+                if int(shared.strand_of[k * wp.static(threads) + i]) == of:
+                    if tension[k] < lowest:
+                        lowest = tension[k]
+                    if tension[k] > highest:
+                        highest = tension[k]
+            lowest = -warp_max(-lowest)
+            highest = warp_max(highest)
+            at = extremes_at(i, of)
+            if i % lanes() == 0:
+                if lowest < load_row(shared.seen, at):
+                    store_row(shared.seen, at, lowest)
+                if highest > load_row(shared.seen, at + 1):
+                    store_row(shared.seen, at + 1, highest)
+            of = of + 1
+
+    @wp.func
+    def watch(shared: kinds.Shared, i: int, tension: of_each):
+        """Holds the tensions of the links of thread i's warp against the extremes so far: rarely one is beyond."""
         beyond = int(0)
         for k in range(wp.static(per)):
-            of = int(shared.strand_of[k * wp.static(threads) + mine.thread])
-            beyond = beyond | sign_bits(tension[k] - load_row(shared.seen, LOWEST + 2 * of))
-            beyond = beyond | sign_bits(load_row(shared.seen, HIGHEST + 2 * of) - tension[k])
-        if beyond < 0:
-            for k in range(wp.static(per)):
-                of = int(shared.strand_of[k * wp.static(threads) + mine.thread])
-                if of <= wp.static(sprockets):
-                    wp.atomic_min(shared.seen, LOWEST + 2 * of, tension[k])
-                    wp.atomic_max(shared.seen, HIGHEST + 2 * of, tension[k])
+            at = extremes_at(i, int(shared.strand_of[k * wp.static(threads) + i]))
+            beyond = beyond | sign_bits(tension[k] - load_row(shared.seen, at))
+            beyond = beyond | sign_bits(load_row(shared.seen, at + 1) - tension[k])
+        if any_lane(wp.where(beyond < 0, 1, 0)) != 0:
+            widen(shared, i, tension)
 
     @wp.func
     def add_rates(rates: of_each, rate: of_each, flags: int):
@@ -278,9 +319,9 @@ def contact_sums(tallies: Tallies, at: int):
     """The sums of one roller's contacts with one partner."""
     found = ContactSums()
     found.force_max = tallies.force_max[at]
-    found.impacts = tallies.touch[at].impacts
-    found.contacts = tallies.touch[at].contacts
-    found.missed = tallies.touch[at].missed
+    found.impacts = tallies.impacts[at]
+    found.contacts = tallies.contacts[at]
+    found.missed = tallies.missed[at]
     found.impulse = tallies.impulse[at]
     found.dissipated = tallies.dissipated[at]
     found.friction = tallies.friction[at]

@@ -136,7 +136,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         if wp.static(measuring) and now.measured != 0:
             rates = observe.add_rates(rates, rate, now.flags)
             if now.watched != 0:
-                observe.watch(shared, mine, tension)
+                observe.watch(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:
             j = int(mine.thread)
             while j < n:

@@ -15,6 +15,14 @@ from ..structs import Motion, Mount, Pose, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
 from .block_kind import BlockKind
 
+ANY_LANE = """
+#if defined(__CUDA_ARCH__)
+    return __any_sync(0xffffffffu, flag);
+#else
+    return flag;
+#endif
+"""
+
 LARGEST = """
 #if defined(__CUDA_ARCH__)
     #pragma unroll
@@ -114,6 +122,12 @@ def lowest_bit(mask: int) -> int:
     ...
 
 
+@wp.func_native(ANY_LANE)
+def any_lane(flag: int) -> int:
+    """Whether `flag` is not zero in any thread of the warp."""
+    ...
+
+
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     return __syncthreads_or(flag);
@@ -132,9 +146,15 @@ def any_thread(flag: int) -> int:
     ...
 
 
+WARP = 32
+"""Threads of a warp on a GPU."""
+
+
 def extremes(kind: BlockKind) -> int:
-    """Places for the extremes of tension: of the strands, of links on none, and of threads without a link."""
-    return kind.sprockets + 2
+    """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none,
+    and what threads without a link are held against.
+    """
+    return 2 * (kind.sprockets + 2)
 
 
 @dataclass(frozen=True)
@@ -172,7 +192,7 @@ def room(kind: BlockKind) -> Room:
     size = wp.types.type_size_in_bytes(kind.Real)
     parts = (3 if kind.pushes else 1) * kind.bodies * kind.threads
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
-    seen = 2 * extremes(kind) + kind.bending * kind.slots if kind.measuring else 1
+    seen = kind.threads // WARP * extremes(kind) + kind.bending * kind.slots if kind.measuring else 1
     strand_of = kind.slots if kind.measuring else 1
     of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []

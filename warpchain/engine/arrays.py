@@ -132,7 +132,8 @@ def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     links, sprockets = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
     tallies = sum_structs.Tallies()
     tallies.link = wp.zeros(int((links * (sprockets + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
-    tallies.touch = wp.zeros(len(packed.seat), dtype=sum_structs.TouchTally, device=device)
+    for name in ("impacts", "contacts", "missed"):
+        setattr(tallies, name, wp.zeros(len(packed.seat), dtype=wp.int32, device=device))
     for name in ("dissipated", "friction", "impulse", "force_max"):
         setattr(tallies, name, wp.zeros(len(packed.seat), dtype=wp.float64, device=device))
     tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
