@@ -17,11 +17,12 @@ from ..structs import Drive, types
 from ..sum_structs import Sums
 from ..sums import (
     STRAND_EVERY,
+    WATCH_EVERY,
     add_arm,
     add_contact,
+    add_contact_force,
     add_displacement,
     add_energy,
-    add_friction,
     add_hub_force,
     add_mount,
     add_sprocket,
@@ -29,6 +30,8 @@ from ..sums import (
     add_touches,
     flowed_since,
     following,
+    merge_extremes,
+    watch_weight,
 )
 from .joints import joint_passes
 from .rollers import passes, rows
@@ -77,7 +80,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     vec2 = kinds.vec2
     tally = tallies(Real, capacity)
     friction_power, joint_power = joint_passes(Real, capacity).friction_power, joint_passes(Real, capacity).joint_power
-    look = statistics(Real, capacity).look
+    look, note = statistics(Real, capacity).look, statistics(Real, capacity).note
     follow = following(Real).follow
     load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
@@ -136,8 +139,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             whole = wrench_on(ensemble, state, drive, b)
             held, power = held_by(at.time, body, whole, load_part, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
-        mine = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
-        sums.sprocket[i] = add_hub_force(mine, wrench.force, at.weight)
+        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
 
     @wp.func
     def add_arm_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, a: int, at: Instant):
@@ -165,6 +167,51 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         sums.tensioner[t] = added
 
     @wp.func
+    def look_at_chain(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        variant: int,
+        drive: Drive,
+        w: wp.array[Real],
+        step: int,
+    ):
+        """Brings the strands up to date, and adds tensions and mid-strand displacements of step `step` to the sums."""
+        n = drive.rollers
+        if step > drive.window_start:
+            note(sums, variant, drive, step)
+        for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+            state.strands[i] = follow(w, X, Y, n, state.strands[i])
+        look(ensemble, state, sums, variant, drive, w)
+        sums.chain[variant] = tally.add_links(w, n, sums.chain[variant])
+        for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+            strand = state.strands[i]
+            strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
+            sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
+
+    @wp.func
+    def watch(state: kinds.State, sums: Sums, variant: int, drive: Drive, w: wp.array[Real]):
+        """Holds tensions against their extremes so far, and adds up forces on sprockets and guide-bars."""
+        n = drive.rollers
+        none, most = Real(3.0e38), -Real(3.0e38)
+        lowest, highest = tally.widen(w, 0, n, none, most)
+        sums.chain[variant] = merge_extremes(sums.chain[variant], wp.float64(lowest), wp.float64(highest))
+        for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+            strand = state.strands[i]
+            end = strand.first_link + strand.links
+            lowest, highest = tally.widen(w, strand.first_link, wp.min(end, n), none, most)
+            lowest, highest = tally.widen(w, 0, end - n, lowest, highest)
+            if strand.links > 0:
+                sums.strand[i] = merge_extremes(sums.strand[i], wp.float64(lowest), wp.float64(highest))
+        weight = watch_weight(drive)
+        for s in range(drive.sprockets):
+            i = drive.first_sprocket + s
+            sums.sprocket[i] = add_hub_force(sums.sprocket[i], state.wrenches[drive.first_body + s].force, weight)
+        first = drive.first_sprocket + drive.first_guide
+        for i in range(first, first + drive.sprockets + drive.guides):
+            sums.contact[i] = add_contact_force(sums.contact[i], state.totals[i], weight)
+
+    @wp.func
     def measure(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -177,10 +224,13 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     ):
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
-        if at.step % STRAND_EVERY == 0 and at.step > drive.window_start:
-            look(ensemble, state, sums, variant, drive, w, at.step)
+        if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
+            look_at_chain(ensemble, state, sums, variant, drive, w, at.step)
+        if at.step % WATCH_EVERY == 0:
+            watch(state, sums, variant, drive, w)
         links = ensemble.links[variant]
-        chain_sums = tally.add_links(w, n, chain, links, sums.chain[variant], at.weight)
+        chain_sums = sums.chain[variant]
+        chain_sums.dissipated += at.weight * tally.links_power(w, n, chain, links)
         if ensemble.joints[variant].rubs != 0:
             chain_sums.friction += at.weight * friction_power(w, n, chain, Real(at.lag))
         if at.step == drive.window_start:
@@ -191,25 +241,15 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         for p in range(drive.sprockets + drive.guides):
             i = drive.first_sprocket + drive.first_guide + p
             of = state.totals[i]
-            add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, at.weight)
+            sums.contact[i] = add_contact(sums.contact[i], of, at.weight)
             missed = wp.where(at.step == drive.window_start, of.missing, of.missed)
-            add_touches(sums.contact, i, of.contacts, missed)
-            if of.friction != wp.float64(0.0):
-                add_friction(sums.contact, i, of.friction, at.weight)
+            add_touches(sums.contact, i, of.impacts, of.contacts, missed)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, at)
         for a in range(drive.arms):
             add_arm_body(ensemble, state, sums, drive, a, at)
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             add_push(ensemble, state, sums, drive, t, at)
-        for s in range(drive.sprockets):
-            i = drive.first_sprocket + s
-            strand = state.strands[i]
-            if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
-                strand = follow(w, X, Y, n, strand)
-                state.strands[i] = strand
-            strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
-            sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
 
     @wp.func
     def seen(w: wp.array[Real], i: int):

@@ -1,4 +1,4 @@
-"""What one thread a variant takes for statistics every `STRAND_EVERY` steps: tensions by size, slips, notes of sums."""
+"""What one thread a variant looks at every `STRAND_EVERY` steps: tensions by size, slips, notes of sums."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -32,6 +32,7 @@ class Statistics:
     """What takes one variant's statistics."""
 
     look: wp.Function
+    note: wp.Function
 
 
 @cache
@@ -43,7 +44,7 @@ def statistics(Real: type, capacity: int) -> Statistics:
 
     @wp.func
     def note(sums: Sums, variant: int, drive: Drive, step: int):
-        """Notes the sums at the ends of batches."""
+        """Notes the sums at the ends of batches, before step `step` is added."""
         first, end = notes_due(drive, step)
         for k in range(first, end):
             of_chain = ChainNote()
@@ -68,9 +69,8 @@ def statistics(Real: type, capacity: int) -> Statistics:
         variant: int,
         drive: Drive,
         w: wp.array[Real],
-        step: int,
     ):
-        """Counts tensions, follows slips and notes sums before step `step` is added; strands are as they were."""
+        """Counts tensions and follows slips."""
         n = drive.rollers
         first = drive.first_sprocket
         for j in range(n):
@@ -84,6 +84,5 @@ def statistics(Real: type, capacity: int) -> Statistics:
             sign = ensemble.motions[drive.first_body + s].sign
             teeth = ensemble.sprockets[first + s].teeth
             sums.slip[first + s] = follow_slip(sums.slip[first + s], roller, seat, teeth, sign, n)
-        note(sums, variant, drive, step)
 
-    return Statistics(look=look)
+    return Statistics(look=look, note=note)

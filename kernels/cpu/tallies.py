@@ -1,4 +1,4 @@
-"""Sums over the rollers of one variant at one step: tension, mid-strand displacement, energy."""
+"""Sums over the rollers of one variant: tension, mid-strand displacement, what links take, energy."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -9,8 +9,8 @@ from ..physics.link import link_chain
 from ..physics.roller import roller_energy
 from ..rows import accessors
 from ..structs import Strand, types
-from ..sum_structs import ChainSums, StrandSums
-from ..sums import add_tension, after, displacement, merge_tension, unseen
+from ..sum_structs import ChainSums, LinkTally, StrandSums
+from ..sums import add_tension, after, displacement, merge_tension
 from .rollers import passes, rows
 
 
@@ -18,9 +18,11 @@ from .rollers import passes, rows
 class RollerSums:
     """The sums over the rollers of one variant."""
 
+    links_power: wp.Function
     add_links: wp.Function
-    mid_displacement: wp.Function
     add_strand_links: wp.Function
+    widen: wp.Function
+    mid_displacement: wp.Function
     rollers_energy: wp.Function
 
 
@@ -45,25 +47,41 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         return power
 
     @wp.func
-    def add_links(
-        w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links, sums: ChainSums, weight: wp.float64
-    ):
-        """Tension of every link, and the power of the links' dampers."""
-        seen = unseen()
+    def links_power(w: wp.array[Real], n: int, chain: kinds.Chain, links: kinds.Links):
+        """Power of the links' dampers [W]."""
         rates = Real(0.0)
         i = int(0)
         while i < n:
-            seen = add_tension(seen, load_row(w, TENSION + i))
             rate = load_row(w, RATE + i)
             rates += rate * rate
             i = i + 1
-        sums = merge_tension(sums, seen)
-        sums.samples = sums.samples + wp.int64(1)
         power = chain.damping * rates
         if links.uneven != 0:
             power = damper_power(w, n, chain, links)
-        sums.dissipated = sums.dissipated + weight * wp.float64(power)
+        return wp.float64(power)
+
+    @wp.func
+    def add_links(w: wp.array[Real], n: int, sums: ChainSums):
+        """A look at every link's tension."""
+        seen = LinkTally()
+        i = int(0)
+        while i < n:
+            seen = add_tension(seen, load_row(w, TENSION + i))
+            i = i + 1
+        sums = merge_tension(sums, seen)
+        sums.samples = sums.samples + wp.int64(1)
         return sums
+
+    @wp.func
+    def widen(w: wp.array[Real], first: int, end: int, lowest: Real, highest: Real):
+        """The smallest and the largest tension so far, after those of links `first` to `end` - 1."""
+        i = first
+        while i < end:
+            tension = load_row(w, TENSION + i)
+            lowest = wp.min(lowest, tension)
+            highest = wp.max(highest, tension)
+            i = i + 1
+        return lowest, highest
 
     @wp.func
     def mid_displacement(w: wp.array[Real], n: int, strand: Strand):
@@ -80,8 +98,8 @@ def tallies(Real: type, capacity: int) -> RollerSums:
 
     @wp.func
     def add_strand_links(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
-        """Tension of the links between the strand's two tangent points."""
-        seen = unseen()
+        """A look at the tension of the links between the strand's two tangent points."""
+        seen = LinkTally()
         link = strand.first_link
         count = int(0)
         while count < strand.links:
@@ -113,8 +131,10 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         return total
 
     return RollerSums(
+        links_power=links_power,
         add_links=add_links,
-        mid_displacement=mid_displacement,
         add_strand_links=add_strand_links,
+        widen=widen,
+        mid_displacement=mid_displacement,
         rollers_energy=rollers_energy,
     )

@@ -12,7 +12,7 @@ import warp as wp
 
 from ..structs import types
 from ..sum_structs import Sums, Tallies
-from ..sums import add_hub_force
+from ..sums import WATCH_EVERY, add_hub_force
 from .block_arms import block_arms
 from .block_bodies import block_bodies
 from .block_events import END, EXTRA
@@ -38,6 +38,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
+    vec2 = kinds.vec2
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
     sampling, partners = block_sampling(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
@@ -46,7 +47,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
     SPROCKETS, acting_on, wrench_of = forces.SPROCKETS, forces.acting_on, forces.wrench_of
-    observe, step_of = block_observing(kind), row.step_of
+    observe, step_of, of_each = block_observing(kind), row.step_of, wp.types.vector(per, Real)
     stage_roller = block_rk4(kind)
     early = threads > 32 and not (moving or kind.profiles)  # what rollers may touch does not depend on where bodies are
 
@@ -67,8 +68,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def wanted(now: Now):
         """What is wanted of this evaluation: metrics at a step's start, and whose moments."""
         now.measured = 0
+        now.watched = 0
         if wp.static(measuring) and now.stage == 0:
             now.measured = now.window
+            if now.step % WATCH_EVERY == 0:
+                now.watched = now.window
         now.summed = now.driven
         if now.measured != 0 or now.flags != 0:
             now.summed = SPROCKETS
@@ -79,6 +83,17 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """A step at which nothing is wanted of contacts but their forces: so the compiler leaves out the rest."""
         now.flags = 0
         return now
+
+    @wp.func
+    def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: wp.types.vector(3, Real)):
+        """Adds the chain's force on the thread's sprocket to its sums; all threads together."""
+        hub = vec2(acting[1], acting[2])
+        if wp.static(not moving):
+            hub = forces.force_on_hub(shared, mine.thread)
+        if mine.sprocket >= 0:
+            sums = shared.sprocket_sums[mine.sprocket]
+            force = wp.vec2d(wp.float64(hub[0]), wp.float64(hub[1]))
+            shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, force, wp.float64(now.watch_weight))
 
     @wp.func
     def advance_bodies(
@@ -96,24 +111,23 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         All threads together work out what the chain does to it.
         """
         acting = acting_on(shared, mine.thread)
+        if wp.static(measuring) and now.watched != 0:
+            add_hub(shared, mine, now, acting)
         if mine.sprocket >= 0:
             if wp.static(kind.spinning):
                 wheel = seen_wheel(shared.wheels, mine.sprocket)
                 seen = bodies.spin(ensemble, shared, mine, now, acting[0])
                 if wp.static(measuring) and now.measured != 0:
-                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
+                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting[0], wheel)
                 sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
             else:
                 before = shared.poses[mine.sprocket]
                 wrench = wrench_of(acting)
-                hub = wp.vec2d(wrench.force[0], wrench.force[1])  # the chain's alone, without tensioners
                 if wp.static(kind.tensioners > 0):
                     wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
                 body = bodies.advance(ensemble, state, shared, mine, now, wrench)
                 if wp.static(measuring) and now.measured != 0:
                     observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
-                    mine_sums = shared.sprocket_sums[mine.sprocket]
-                    shared.sprocket_sums[mine.sprocket] = add_hub_force(mine_sums, hub, wp.float64(now.weight))
                     if wp.static(kind.tensioners > 0):
                         arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
                 sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
@@ -166,13 +180,16 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
+        rates: of_each,
     ):
         """Everything back into the state."""
-        if wp.static(measuring) and now.samples > 0:
-            sampling.flush_links(ensemble, tallies, shared, mine, now.samples)
+        if wp.static(measuring):
+            observe.flush(ensemble, tallies, shared, mine, rates)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
+        if wp.static(measuring):
+            observe.end_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.end_arm(ensemble, state, shared, mine)
@@ -212,12 +229,17 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.since = since
         if mine.sprocket >= 0:
             bodies.start_body(ensemble, state, sums, shared, mine, now.step)
+        if wp.static(measuring):
+            observe.start_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.start_arm(ensemble, state, shared, mine)
         barrier()
         now.driven = driven(shared)
+        if wp.static(measuring):
+            observe.find_strands(shared, mine)
         held = partners.held_by(shared, i)
+        rates = of_each()
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine, now.step)
         tension, rate = pull(shared, lengths, mine.rollers, i)
@@ -227,9 +249,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
-                now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
+                now, rates = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now, rates)
             now = wanted(now)
-            now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+            rates = sampling.sample_links(state, shared, mine, now, lengths, tension, rate, rates)
             if wp.static(not early):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             if now.flags & EXTRA == 0:
@@ -240,7 +262,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 bodies.weigh(ensemble, shared, mine, now.step)
             if now.measured != 0 or now.flags != 0:  # others may still be at rollers beside theirs
                 barrier()
-                if now.flags != 0:
+                if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
                     sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
                 if wp.static(kind.bending and measuring) and now.measured != 0:
                     joints.add_friction(shared, mine, now)
@@ -252,6 +274,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             barrier()
-        finish(ensemble, state, sums, tallies, shared, mine, now)
+        finish(ensemble, state, sums, tallies, shared, mine, now, rates)
 
     return advance_block

@@ -28,7 +28,6 @@ from ..physics.seat import away, in_teeth_gap, line_of, near_line, on_line, trac
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
-from ..sums import add_contact, add_friction, add_touches
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
@@ -46,6 +45,7 @@ class ForceFunctions:
     contacts: wp.Function
     body_of: wp.Function
     acting_on: wp.Function
+    force_on_hub: wp.Function
     wrench_of: wp.Function
     share_geometry: wp.Function
 
@@ -63,6 +63,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     X, Y, X_LOW, Y_LOW, group_sum = row.X, row.Y, row.X_LOW, row.Y_LOW, row.sharing.group_sum
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    load_part, store_part = accessors(wp.float64).load_row, accessors(wp.float64).store_row
     load_gear, store_gear = gears(kind).load_gear, gears(kind).store_gear
     SPROCKETS = wp.constant((1 << sprockets) - 1)
     width = parts_of_a_body(kind)
@@ -141,11 +142,24 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return Real(wp.float64(0.5) * mine.h)
 
     @wp.func
+    def count(counts: wp.array[wp.int32], at: int):
+        """One more at `at`."""
+        store_whole(counts, at, load_whole(counts, at) + 1)
+
+    @wp.func
     def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
         """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
-        add_contact(tallies.contact, at, size, size, damped, wp.where(before <= Real(0.0), 1, 0), now.weight)
+        lost = load_part(tallies.dissipated, at)
+        store_part(tallies.dissipated, at, lost + wp.float64(now.weight * damped))
         if wp.static(sliding):
-            add_friction(tallies.contact, at, rubbed, now.weight)
+            lost = load_part(tallies.friction, at)
+            store_part(tallies.friction, at, lost + wp.float64(now.weight * rubbed))
+        if now.watched != 0:
+            store_part(tallies.impulse, at, load_part(tallies.impulse, at) + wp.float64(now.watch_weight * size))
+            if wp.float64(size) > load_part(tallies.force_max, at):
+                store_part(tallies.force_max, at, wp.float64(size))
+        if before <= Real(0.0):
+            count(tallies.impacts, at)
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
@@ -154,13 +168,23 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store_row(state.impact_speed, at, kept)
 
     @wp.func
-    def add_wrench(shared: kinds.Shared, s: int, j: int, moment: Real, force: vec2):
+    def pushed(watched: int):
+        """Whether the force on sprockets is wanted beside the moment."""
+        if wp.static(moving):
+            return True
+        elif wp.static(kind.pushes):
+            return watched != 0
+        else:
+            return False
+
+    @wp.func
+    def add_wrench(shared: kinds.Shared, s: int, j: int, moment: Real, force: vec2, watched: int):
         """Adds the moment [N m] and the opposite of roller j's force [N] to its parts, or its thread's, of body s."""
         at = s * wp.static(width) + j
         if wp.static(not of_rollers):
             at = s * wp.static(width) + j % wp.static(threads)
         store_row(shared.parts, at, load_row(shared.parts, at) + moment)
-        if wp.static(kind.pushes):
+        if pushed(watched):
             x = at + wp.static(bodies * width)
             store_row(shared.parts, x, load_row(shared.parts, x) - force[0])
             y = at + wp.static(2 * bodies * width)
@@ -243,9 +267,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 damped = dissipated(damper * normal, relative, a, lag(mine))
                 measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
                 if before == Real(UNTOUCHED):
-                    add_touches(tallies.contact, at, 1, 0)
+                    count(tallies.contacts, at)
             if (now.summed >> s) & 1 != 0:
-                add_wrench(shared, s, j, reaction(arm, force), force)
+                add_wrench(shared, s, j, reaction(arm, force), force, now.watched)
         else:
             put(state, now, at, before, after_teeth(before))
 
@@ -314,7 +338,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):
             if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
-                add_touches(tallies.contact, at, 0, 1)
+                count(tallies.missed, at)
             put(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
             force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
@@ -331,7 +355,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if bar.body < wp.static(bodies):
                     arm = place(shared.rows, j, shared.poses[bar.body].center)
                     moment = reaction(vec2(Real(arm[0]), Real(arm[1])), force)
-                    add_wrench(shared, bar.body, j, moment, force)
+                    add_wrench(shared, bar.body, j, moment, force, now.watched)
             keep(state, now, at, before, first)
             if now.measured != 0:
                 a = acceleration(shared, j)
@@ -420,35 +444,41 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
-    def acting_on(shared: kinds.Shared, i: int):
-        """The chain's moment [N m] on the body that thread i moves and, if it is wanted, its force (x, y) [N].
-
-        All threads together, between the barrier after the contacts and the next one.
-        """
-        acting = of_three()
+    def total_on(shared: kinds.Shared, rows: int, i: int):
+        """Sum of all threads' parts in the row of the body that thread i moves, of those from `rows` on."""
+        total = Real(0.0)
         groups = lanes() // group()
         turn = int(0)
         first = first_of(i)
         while first < wp.static(bodies):
             s = first + crew() * (i % lanes() // group())
-            moment = Real(0.0)
-            x = Real(0.0)
-            y = Real(0.0)
+            value = Real(0.0)
             if s < wp.static(bodies):
-                moment = part(shared, s, i)
-                if wp.static(kind.pushes):
-                    x = part(shared, s + wp.static(bodies), i)
-                    y = part(shared, s + wp.static(2 * bodies), i)
-            moment = group_sum(moment)
-            if wp.static(kind.pushes):
-                x = group_sum(x)
-                y = group_sum(y)
+                value = part(shared, rows + s, i)
+            value = group_sum(value)
             if i % group() == turn:
-                acting[0] = moment
-                acting[1] = x
-                acting[2] = y
+                total = value
             turn = turn + 1
             first = first + crew() * groups
+        return total
+
+    @wp.func
+    def force_on_hub(shared: kinds.Shared, i: int):
+        """The chain's force on the body that thread i moves [N], where it is wanted; all threads as for `acting_on`."""
+        return vec2(total_on(shared, wp.static(bodies), i), total_on(shared, wp.static(2 * bodies), i))
+
+    @wp.func
+    def acting_on(shared: kinds.Shared, i: int):
+        """The chain's moment [N m] on the body that thread i moves and, if bodies move, its force (x, y) [N].
+
+        All threads together, between the barrier after the contacts and the next one.
+        """
+        acting = of_three()
+        acting[0] = total_on(shared, 0, i)
+        if wp.static(moving):
+            force = force_on_hub(shared, i)
+            acting[1] = force[0]
+            acting[2] = force[1]
         return acting
 
     @wp.func
@@ -508,6 +538,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         contacts=contacts,
         body_of=body_of,
         acting_on=acting_on,
+        force_on_hub=force_on_hub,
         wrench_of=wrench_of,
         share_geometry=share_geometry,
     )

@@ -127,7 +127,8 @@ def now_struct(Real: type) -> type:
         measured: wp.int32  # 1 in the window, at a step's start
         window: wp.int32  # 1 in the window
         weight: Real  # time that this step stands for in the window's sums [s]
-        samples: wp.int32  # tensions of each link that have not gone to its tally yet
+        watched: wp.int32  # 1 where forces are looked at too (`sums.WATCH_EVERY`)
+        watch_weight: Real  # time that such a step stands for [s]
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
         driven: wp.int32  # sprockets that their moment moves, as bits

@@ -1,7 +1,8 @@
 """What a block's threads take from an evaluated step: sums of the window, and the energy balance.
 
-A thread adds up its own links' tension over `STRAND_EVERY` steps, then adds that to the tally of the strand that
-the link is on; one thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
+Every step a thread adds up the squared rates of its own links in registers; every other step it holds their tensions
+against the extremes of the strands that they are on, which hardly ever change. Looks add tensions to tallies of each
+link and strand. One thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
 """
 
 from dataclasses import dataclass
@@ -23,28 +24,40 @@ from ..sums import (
     add_hub_force,
     add_mount,
     add_sprocket,
+    add_tension,
     displacement,
     following,
     merge_contact,
+    merge_extremes,
     merge_roller,
     merge_tension,
-    unseen,
 )
 from .block_bodies import Seen
 from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import SEEN
+from .exchange import WARP, any_lane, extremes, lanes
+
+SIGN_BITS = """
+#if defined(__CUDA_ARCH__)
+    return __double2hiint(value);
+#else
+    return value < 0 ? -1 : 0;
+#endif
+"""
 
 
 @dataclass(frozen=True)
 class ObserveFunctions:
     """What observes one variant on a block."""
 
-    reset_link: wp.Function
-    add_link: wp.Function
+    start_extremes: wp.Function
+    end_extremes: wp.Function
+    find_strands: wp.Function
+    watch: wp.Function
+    add_rates: wp.Function
     flush: wp.Function
-    category_of: wp.Function
+    add_link: wp.Function
     update_strand: wp.Function
     add_middle: wp.Function
     energy_of_roller: wp.Function
@@ -55,49 +68,137 @@ class ObserveFunctions:
 @cache
 def block_observing(kind: BlockKind) -> ObserveFunctions:
     """The functions that observe one variant on a block."""
-    Real, sprockets, moving, slots = kind.Real, kind.sprockets, kind.moving, kind.slots
+    Real, threads, per, sprockets, moving = kind.Real, kind.threads, kind.per, kind.sprockets, kind.moving
     kinds, Now = types(Real), now_struct(Real)
-    vec2 = kinds.vec2
+    vec2, of_each = kinds.vec2, wp.types.vector(per, Real)
     row = block_rows(kind)
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    LOWEST, HIGHEST, TENSION, SQUARE, RATE = (wp.constant(k * slots) for k in range(5))
-    FRICTION = wp.constant(SEEN * slots)
+    FRICTION = wp.constant(threads // WARP * extremes(kind))
+    warp_max = row.sharing.warp_max
     follow = following(Real).follow
 
+    @wp.func_native(SIGN_BITS if Real == wp.float64 else SIGN_BITS.replace("__double2hiint", "__float_as_int"))
+    def sign_bits(value: Real) -> int:
+        """A negative number where `value` is negative: many are tested at once, none waits for another."""
+        ...
+
     @wp.func
-    def reset_link(shared: kinds.Shared, j: int):
-        """Nothing has been seen of link j."""
-        store_row(shared.seen, LOWEST + j, Real(3.0e38))
-        store_row(shared.seen, HIGHEST + j, -Real(3.0e38))
-        store_row(shared.seen, TENSION + j, Real(0.0))
-        store_row(shared.seen, SQUARE + j, Real(0.0))
-        store_row(shared.seen, RATE + j, Real(0.0))
+    def extremes_at(i: int, of: int):
+        """Where the lowest tension on strand `of` stands for thread i's warp; the highest is the next value."""
+        return i // wp.static(WARP) * wp.static(extremes(kind)) + 2 * of
+
+    @wp.func
+    def set_extremes(shared: kinds.Shared, at: int, lowest: wp.float64, highest: wp.float64):
+        """Makes a pair of extremes stand at `at`."""
+        store_row(shared.seen, at, Real(lowest))
+        store_row(shared.seen, at + 1, Real(highest))
+
+    @wp.func
+    def start_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
+        """The extremes of tension so far, and no friction yet; one thread of each warp sets those of its warp."""
+        i = mine.thread
+        none = int(wp.static(sprockets))
+        if i % wp.static(WARP) == 0:
+            first = ensemble.drives[mine.variant].first_sprocket
+            for s in range(wp.static(sprockets)):
+                strand = sums.strand[first + s]
+                set_extremes(shared, extremes_at(i, s), strand.tension_min, strand.tension_max)
+            chain = sums.chain[mine.variant]
+            set_extremes(shared, extremes_at(i, none), chain.tension_min, chain.tension_max)
+            set_extremes(shared, extremes_at(i, none + 1), wp.float64(-3.0e38), wp.float64(3.0e38))
         if wp.static(kind.bending):
-            store_row(shared.seen, FRICTION + j, Real(0.0))
+            j = int(i)
+            while j < wp.static(kind.slots):
+                store_row(shared.seen, FRICTION + j, Real(0.0))
+                j = j + wp.static(threads)
 
     @wp.func
-    def add_link(shared: kinds.Shared, j: int, tension: Real, rate: Real, weight: Real):
-        """One step's tension of link j, and its rate squared over the time `weight` that the step stands for [s]."""
-        if tension < load_row(shared.seen, LOWEST + j):
-            store_row(shared.seen, LOWEST + j, tension)
-        if tension > load_row(shared.seen, HIGHEST + j):
-            store_row(shared.seen, HIGHEST + j, tension)
-        store_row(shared.seen, TENSION + j, load_row(shared.seen, TENSION + j) + tension)
-        store_row(shared.seen, SQUARE + j, load_row(shared.seen, SQUARE + j) + tension * tension)
-        store_row(shared.seen, RATE + j, load_row(shared.seen, RATE + j) + weight * (rate * rate))
+    def extremes_of(shared: kinds.Shared, of: int):
+        """Lowest and highest tension on strand `of` that any warp has seen [N]."""
+        lowest = Real(3.0e38)
+        highest = -Real(3.0e38)
+        for w in range(wp.static(threads // WARP)):
+            at = extremes_at(w * wp.static(WARP), of)
+            lowest = wp.min(lowest, load_row(shared.seen, at))
+            highest = wp.max(highest, load_row(shared.seen, at + 1))
+        return wp.float64(lowest), wp.float64(highest)
 
     @wp.func
-    def category_of(shared: kinds.Shared, j: int, n: int):
-        """Strand that link j is on, S where it is on none."""
-        category = int(wp.static(sprockets))
+    def end_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
+        """The extremes of tension into the sums, by the threads that have the strands' other sums, and the first."""
+        s = mine.sprocket
+        if s >= 0:
+            at = ensemble.drives[mine.variant].first_sprocket + s
+            lowest, highest = extremes_of(shared, s)
+            sums.strand[at] = merge_extremes(sums.strand[at], lowest, highest)
+        if mine.thread == 0:
+            lowest, highest = extremes_of(shared, wp.static(sprockets))
+            sums.chain[mine.variant] = merge_extremes(sums.chain[mine.variant], lowest, highest)
+
+    @wp.func
+    def strand_under(shared: kinds.Shared, j: int, n: int):
+        """Strand that link j is on, S where it is on none, S + 1 where there is no such link."""
+        found = int(wp.static(sprockets))
         for s in range(wp.static(sprockets)):
             place = j - shared.strands[s].first_link
             if place < 0:
                 place = place + n
             if place < shared.strands[s].links:
-                category = s
-        return category
+                found = s
+        return wp.where(j < n, found, wp.static(sprockets + 1))
+
+    @wp.func
+    def find_strands(shared: kinds.Shared, mine: Mine):
+        """Brings up to date which strands the thread's links are on."""
+        j = int(mine.thread)
+        while j < wp.static(kind.slots):
+            shared.strand_of[j] = wp.uint8(strand_under(shared, j, mine.rollers))
+            j = j + wp.static(threads)
+
+    @wp.func
+    def widen(shared: kinds.Shared, i: int, tension: of_each):
+        """Holds the tensions of the links of thread i's warp against its extremes; all its threads together."""
+        of = int(0)
+        while of < wp.static(sprockets + 1):
+            lowest = Real(3.0e38)
+            highest = -Real(3.0e38)
+            for k in range(wp.static(per)):
+                if int(shared.strand_of[k * wp.static(threads) + i]) == of:
+                    if tension[k] < lowest:
+                        lowest = tension[k]
+                    if tension[k] > highest:
+                        highest = tension[k]
+            lowest = -warp_max(-lowest)
+            highest = warp_max(highest)
+            at = extremes_at(i, of)
+            if i % lanes() == 0:
+                if lowest < load_row(shared.seen, at):
+                    store_row(shared.seen, at, lowest)
+                if highest > load_row(shared.seen, at + 1):
+                    store_row(shared.seen, at + 1, highest)
+            of = of + 1
+
+    @wp.func
+    def watch(shared: kinds.Shared, i: int, tension: of_each):
+        """Holds the tensions of the links of thread i's warp against the extremes so far: rarely one is beyond."""
+        beyond = int(0)
+        for k in range(wp.static(per)):
+            at = extremes_at(i, int(shared.strand_of[k * wp.static(threads) + i]))
+            beyond = beyond | sign_bits(tension[k] - load_row(shared.seen, at))
+            beyond = beyond | sign_bits(load_row(shared.seen, at + 1) - tension[k])
+        if any_lane(wp.where(beyond < 0, 1, 0)) != 0:
+            widen(shared, i, tension)
+
+    @wp.func
+    def add_rates(rates: of_each, rate: of_each, flags: int):
+        """One step's squared rates of the thread's links; the window's ends count half."""
+        for k in range(wp.static(per)):
+            rates[k] = rates[k] + rate[k] * rate[k]
+        if flags & ENDS != 0:
+            for k in range(wp.static(per)):
+                rates[k] = rates[k] - (Real(0.5) * rate[k]) * rate[k]
+        return rates
 
     @wp.func
     def chain_of(ensemble: kinds.Ensemble, variant: int, j: int):
@@ -108,32 +209,28 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             return ensemble.chains[variant]
 
     @wp.func
-    def flush(
-        ensemble: kinds.Ensemble,
-        tallies: Tallies,
-        shared: kinds.Shared,
-        variant: int,
-        j: int,
-        n: int,
-        samples: int,
-    ):
-        """Adds what has been seen of link j at `samples` steps to its tally of the strand it is on."""
-        drive = ensemble.drives[variant]
-        at = drive.first_tally + category_of(shared, j, n) * n + j
-        seen = LinkTally()
-        seen.tension_min = wp.float64(load_row(shared.seen, LOWEST + j))
-        seen.tension_max = wp.float64(load_row(shared.seen, HIGHEST + j))
-        seen.tension = wp.float64(load_row(shared.seen, TENSION + j))
-        seen.tension_square = wp.float64(load_row(shared.seen, SQUARE + j))
-        tally = merge_tension(tallies.link[at], seen)
-        tally.samples = tally.samples + wp.int64(samples)
+    def flush(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, rates: of_each):
+        """Adds what the thread's links and joints have taken to their tallies; `rates` begin anew after that."""
+        for k in range(wp.static(per)):
+            j = k * wp.static(threads) + mine.thread
+            if j < mine.rollers:
+                at = mine.first + j
+                power = chain_of(ensemble, mine.variant, j).damping * rates[k]
+                tallies.roller[at].dissipated = tallies.roller[at].dissipated + mine.h * wp.float64(power)
+                if wp.static(kind.bending):
+                    work = wp.float64(load_row(shared.seen, FRICTION + j))
+                    tallies.roller[at].friction = tallies.roller[at].friction + work
+                    store_row(shared.seen, FRICTION + j, Real(0.0))
+
+    @wp.func
+    def add_link(tallies: Tallies, drive: Drive, shared: kinds.Shared, j: int, tension: Real):
+        """A look at link j, whose tension goes to its tally of the strand it is on; returns that strand."""
+        of = int(shared.strand_of[j])
+        at = drive.first_tally + of * drive.rollers + j
+        tally = add_tension(tallies.link[at], tension)
+        tally.samples = tally.samples + wp.int64(1)
         tallies.link[at] = tally
-        roller = tallies.roller[drive.first_roller + j]
-        power = wp.float64(chain_of(ensemble, variant, j).damping) * wp.float64(load_row(shared.seen, RATE + j))
-        roller.dissipated = roller.dissipated + power
-        if wp.static(kind.bending):
-            roller.friction = roller.friction + wp.float64(load_row(shared.seen, FRICTION + j))
-        tallies.roller[drive.first_roller + j] = roller
+        return of
 
     @wp.func
     def update_strand(shared: kinds.Shared, n: int, s: int):
@@ -142,7 +239,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
 
     @wp.func
     def add_middle(shared: kinds.Shared, n: int, s: int):
-        """One step's mid-strand displacement of strand s."""
+        """A look at the mid-strand displacement of strand s."""
         rows = shared.rows
         a = shared.strands[s].middle
         b = wp.where(a + 1 < n, a + 1, 0)
@@ -223,10 +320,13 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
 
     return ObserveFunctions(
-        reset_link=reset_link,
-        add_link=add_link,
+        start_extremes=start_extremes,
+        end_extremes=end_extremes,
+        find_strands=find_strands,
+        watch=watch,
+        add_rates=add_rates,
         flush=flush,
-        category_of=category_of,
+        add_link=add_link,
         update_strand=update_strand,
         add_middle=add_middle,
         energy_of_roller=energy_of_roller,
@@ -245,6 +345,20 @@ def whole_note(sums: Sums, drive: Drive, k: int, note: ChainNote):
     return note
 
 
+@wp.func
+def contact_sums(tallies: Tallies, at: int):
+    """The sums of one roller's contacts with one partner."""
+    found = ContactSums()
+    found.force_max = tallies.force_max[at]
+    found.impacts = tallies.impacts[at]
+    found.contacts = tallies.contacts[at]
+    found.missed = tallies.missed[at]
+    found.impulse = tallies.impulse[at]
+    found.dissipated = tallies.dissipated[at]
+    found.friction = tallies.friction[at]
+    return found
+
+
 @wp.kernel(enable_backward=False)
 def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
     """Adds up one variant's tallies, roller by roller in order: a thread a variant."""
@@ -254,17 +368,17 @@ def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
     chain = sums.chain[variant]
     samples = wp.int64(0)
     for c in range(drive.sprockets + 1):
-        strand = unseen()
+        strand = LinkTally()
         for i in range(n):
             tally = tallies.link[drive.first_tally + c * n + i]
-            if tally.samples > wp.int64(0):
-                strand = merge_tension(strand, tally)
-                strand.samples = strand.samples + tally.samples
+            strand = merge_tension(strand, tally)
+            strand.samples = strand.samples + tally.samples
         chain = merge_tension(chain, strand)
         samples = samples + strand.samples
         if c < drive.sprockets:
             mine = merge_tension(sums.strand[drive.first_sprocket + c], strand)
             mine.links = mine.links + strand.samples
+            chain = merge_extremes(chain, mine.tension_min, mine.tension_max)
             sums.strand[drive.first_sprocket + c] = mine
     chain.samples = samples / wp.int64(n)
     for k in range(variant * NOTES, (variant + 1) * NOTES):
@@ -279,6 +393,6 @@ def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
         at = drive.first_sprocket + drive.first_guide + p
         total = ContactSums()
         for i in range(n):
-            total = merge_contact(total, tallies.contact[memory + i])
+            total = merge_contact(total, contact_sums(tallies, memory + i))
         sums.contact[at] = total
         memory = memory + n

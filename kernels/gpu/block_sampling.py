@@ -11,7 +11,7 @@ from ..physics.body import in_box
 from ..rows import accessors
 from ..structs import BodyState, Drive, Wrench, types
 from ..sum_structs import Sums, Tallies
-from ..sums import STRAND_EVERY, add_energy
+from ..sums import STRAND_EVERY, add_energy, watch_weight
 from .block_bodies import block_bodies
 from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
 from .block_joints import block_joints
@@ -32,7 +32,6 @@ class SamplingFunctions:
     write_sprocket_frame: wp.Function
     write_arm_frame: wp.Function
     write_push_frames: wp.Function
-    flush_links: wp.Function
 
 
 @cache
@@ -52,15 +51,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     body_gone, set_heading, plan = bodies.body_gone, bodies.set_heading, bodies.plan
 
     @wp.func
-    def flush_links(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, samples: int):
-        """Adds what has been seen of the thread's links to their tallies."""
-        j = int(mine.thread)
-        while j < mine.rollers:
-            observe.flush(ensemble, tallies, shared, mine.variant, j, mine.rollers, samples)
-            j = j + wp.static(threads)
-
-    @wp.func
-    def update_strands(
+    def look_at_chain(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         sums: Sums,
@@ -68,27 +59,17 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
+        rates: of_each,
     ):
-        """Takes statistics and brings the strands up to date, if it is time to; returns each link's samples since."""
-        samples = now.samples
-        if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
-            if samples > 0:
-                flush_links(ensemble, tallies, shared, mine, samples)
-                samples = 0
-            begun = now.flags & START == 0
-            if begun:
-                statistics.look(ensemble, state, sums, shared, mine)
-            barrier()
-            if begun:
-                statistics.note(ensemble, tallies, sums, shared, mine, now.step)
-            if mine.sprocket >= 0:
-                observe.update_strand(shared, mine.rollers, mine.sprocket)
-        if samples == 0:
-            j = int(mine.thread)
-            while j < mine.rollers:
-                observe.reset_link(shared, j)
-                j = j + wp.static(threads)
-        return samples
+        """Notes what is due, brings the strands up to date, and adds what is looked at now and then to the sums."""
+        if now.flags & START == 0:
+            statistics.note(ensemble, tallies, sums, shared, mine, now.step)
+        if mine.sprocket >= 0:
+            observe.update_strand(shared, mine.rollers, mine.sprocket)
+        barrier()
+        observe.find_strands(shared, mine)
+        observe.flush(ensemble, tallies, shared, mine, rates)
+        statistics.look(ensemble, state, sums, tallies, shared, mine)
 
     @wp.func
     def position(shared: kinds.Shared, j: int):
@@ -126,6 +107,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
+        rates: of_each,
     ):
         """What is due at this step beside forces and motion; all threads together."""
         drive = ensemble.drives[mine.variant]
@@ -136,7 +118,10 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             now.weight = step_of(mine)
             if now.flags & ENDS != 0:
                 now.weight = Real(0.5) * now.weight
-            now.samples = update_strands(ensemble, state, sums, tallies, shared, mine, now)
+            now.watch_weight = Real(watch_weight(drive))
+            if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
+                look_at_chain(ensemble, state, sums, tallies, shared, mine, now, rates)
+                rates = of_each()
         if now.flags & CHECK != 0:
             now.diverged = any_thread(gone_from(drive, shared, mine))
             if mine.sprocket >= 0:
@@ -145,7 +130,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             barrier()
         if now.flags & LAST != 0 or now.diverged != 0:
             now.going = 0
-        return now
+        return now, rates
 
     @wp.func
     def sample_links(
@@ -156,15 +141,14 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         lengths: wp.array[Real],
         tension: of_each,
         rate: of_each,
+        rates: of_each,
     ):
-        """Adds the tension of the thread's links to what is seen of them; keeps it where frames or ends want it."""
+        """Adds the squared rates of the thread's links to `rates`; keeps what frames or ends want of links."""
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
-            for k in range(wp.static(per)):
-                observe.add_link(shared, k * wp.static(threads) + mine.thread, tension[k], rate[k], now.weight)
-            now.samples = now.samples + 1
-            if mine.sprocket >= 0:
-                observe.add_middle(shared, n, mine.sprocket)
+            rates = observe.add_rates(rates, rate, now.flags)
+            if now.watched != 0:
+                observe.watch(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:
             j = int(mine.thread)
             while j < n:
@@ -174,7 +158,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
                 extra.rate = rate_j
                 state.extra[mine.first + j] = extra
                 j = j + wp.static(threads)
-        return now.samples
+        return rates
 
     @wp.func
     def sample_joints(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
@@ -277,5 +261,4 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         sample_links=sample_links,
         sample_rollers=sample_rollers,
         write_sprocket_frame=write_frame,
-        flush_links=flush_links,
     )

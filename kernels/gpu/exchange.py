@@ -17,6 +17,14 @@ from ..sum_structs import MountSums, SprocketSums, StrandSums
 from .block_kind import DECLARED, BlockKind
 from .block_wheels import GEAR_ROWS, WHEEL_ROWS
 
+ANY_LANE = """
+#if defined(__CUDA_ARCH__)
+    return __any_sync(0xffffffffu, flag);
+#else
+    return flag;
+#endif
+"""
+
 LARGEST = """
 #if defined(__CUDA_ARCH__)
     #pragma unroll
@@ -117,6 +125,12 @@ def lowest_bit(mask: int) -> int:
     ...
 
 
+@wp.func_native(ANY_LANE)
+def any_lane(flag: int) -> int:
+    """Whether `flag` is not zero in any thread of the warp."""
+    ...
+
+
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
     return __syncthreads_or(flag);
@@ -135,9 +149,15 @@ def any_thread(flag: int) -> int:
     ...
 
 
-SEEN = 5
-"""Rows of what is seen of links between two updates of where the strands are (`block_observe`); the work of joint
-friction is one more."""
+WARP = 32
+"""Threads of a warp on a GPU."""
+
+
+def extremes(kind: BlockKind) -> int:
+    """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none,
+    and what threads without a link are held against.
+    """
+    return 2 * (kind.sprockets + 2)
 
 
 ORDERED = 512
@@ -162,8 +182,9 @@ class Room:
     parts: int  # values
     rows: int  # values
     held: int
-    seen: int  # values
-    size: int  # bytes of a value
+    seen: int  # values: smallest and largest tensions, and the work of each roller's joint friction
+    strand_of: int  # bytes
+    size: int  # of a value [bytes]
     shares_rows: bool  # and held
     shares_parts: bool
     shares_seen: bool
@@ -203,7 +224,8 @@ def room(kind: BlockKind) -> Room:
     size = wp.types.type_size_in_bytes(kind.Real)
     parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
-    seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
+    seen = kind.threads // WARP * extremes(kind) + kind.bending * kind.slots if kind.measuring else 1
+    strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
     of_each += [wp.vec4f] * (WHEEL_ROWS + GEAR_ROWS) if kind.paired else []
@@ -213,7 +235,7 @@ def room(kind: BlockKind) -> Room:
     if kind.sliding:
         used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
-    used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
+    used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + strand_of + 1000
     if kind.paired:
         used += kind.guides * _bytes(Line)
     needs = (rows * size + 4 * kind.slots, size * parts, seen * size)
@@ -223,7 +245,7 @@ def room(kind: BlockKind) -> Room:
     for needed in needs:
         fits.append(used + needed <= kind.shared_bytes)
         used += needed * fits[-1]
-    return Room(parts, rows, kind.slots, seen, size, *fits, asks=asks)
+    return Room(parts, rows, kind.slots, seen, strand_of, size, *fits, asks=asks)
 
 
 @dataclass(frozen=True)
@@ -275,6 +297,9 @@ def exchange(kind: BlockKind) -> Exchange:
 
     @wp.func_native(_shared_snippet("seen", of.seen, seen_at))
     def seen(like: kinds.Shared) -> wp.array[Real]: ...
+
+    @wp.func_native(_shared_snippet("strand_of", of.strand_of))
+    def strand_of(like: kinds.Shared) -> wp.array[wp.uint8]: ...
 
     @wp.func_native(OWN)
     def view(all: wp.array[Real], first: int, count: int) -> wp.array[Real]:
@@ -389,6 +414,7 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.course = course(shared)
         if wp.static(kind.poses):
             shared.poses = poses(shared)
+        shared.strand_of = strand_of(shared)
         shared.teeth = teeth(shared)
         shared.bands = bands(shared)
         shared.bars = bars(shared)

@@ -12,7 +12,6 @@ from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.packed import Packed
 from warpchain.kernels import batches, structs, sum_structs
 from warpchain.kernels.gpu.block_rk4 import STAGE_ROWS
-from warpchain.kernels.sums import unseen
 from warpchain.kernels.tension_bins import BINS
 
 SPARE_LENGTHS = 4096
@@ -140,9 +139,11 @@ def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     """Tallies to which nothing has been added, for the block kernels."""
     links, sprockets = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
     tallies = sum_structs.Tallies()
-    tallies.link = wp.empty(int((links * (sprockets + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
-    tallies.link.fill_(unseen())
-    tallies.contact = wp.zeros(len(packed.seat), dtype=sum_structs.ContactSums, device=device)
+    tallies.link = wp.zeros(int((links * (sprockets + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
+    for name in ("impacts", "contacts", "missed"):
+        setattr(tallies, name, wp.zeros(len(packed.seat), dtype=wp.int32, device=device))
+    for name in ("dissipated", "friction", "impulse", "force_max"):
+        setattr(tallies, name, wp.zeros(len(packed.seat), dtype=wp.float64, device=device))
     tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
     tallies.body = wp.zeros(len(packed.bodies), dtype=sum_structs.RollerTally, device=device)
     return tallies

@@ -356,7 +356,7 @@ class GpuEngine:
         """The window's sums, by name as in `kernels.sum_structs.Sums`."""
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device)
-            for name in ("strand", "sprocket", "mount", "arm", "tensioner", "slip", "tension_counts", *NOTES):
+            for name in ("chain", "strand", "sprocket", "mount", "arm", "tensioner", "slip", "tension_counts", *NOTES):
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
             wp.launch(
                 collect, dim=self.packed.variants, inputs=[self.ensemble.drives, self.tallies, sums], device=self.device
