@@ -505,7 +505,7 @@ def types(Real: type) -> SimpleNamespace:
         gears: wp.array[wp.vec4f]
         spins: wp.array[Spin]  # (S,), the same
         led: wp.array[Led]  # (S, steps), the same
-        lines: wp.array[Line]  # (G,), the same
+        lines: wp.array[wp.vec4f]  # rows of straight guide-bars, the same
         box: wp.array[wp.vec4f]  # (1,), the same: low and high corner beyond which a roller has left the drive [m]
         teeth: wp.array[Sprocket]  # (S,)
         bands: wp.array[Band]  # (S,)

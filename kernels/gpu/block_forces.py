@@ -24,14 +24,14 @@ from ..physics.contact import (
     turned,
 )
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
-from ..physics.seat import away, in_teeth_gap, line_of, near_line, on_line, tracked_gap
+from ..physics.seat import away, in_teeth_gap, near_line, on_line, tracked_gap
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .block_wheels import gears, seen_wheel, velocity_of
+from .block_wheels import gears, load_line, seen_wheel, velocity_of
 from .exchange import group, lanes, lowest_bit, parts_of_a_body
 
 
@@ -65,6 +65,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     load_part, store_part = accessors(wp.float64).load_row, accessors(wp.float64).store_row
     load_gear, store_gear = gears(kind).load_gear, gears(kind).store_gear
+    load_bar, store_bar = gears(kind).load_bar, gears(kind).store_bar
     SPROCKETS = wp.constant((1 << sprockets) - 1)
     width = parts_of_a_body(kind)
     of_rollers = width == kind.slots
@@ -76,6 +77,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return bar.pieces != 0
         else:
             return False
+
+    @wp.func
+    def bar_of(shared: kinds.Shared, g: int):
+        """Guide g."""
+        if wp.static(kind.paired and not profiles):
+            return load_bar(shared.lines, g)
+        else:
+            return shared.bars[g]
 
     @wp.func
     def near(shared: kinds.Shared, j: int, n: int):
@@ -92,13 +101,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if square > band.near_square and square < band.far_square:
                 mask = mask | (1 << s)
         for g in range(wp.static(guides)):
-            bar = shared.bars[g]
+            bar = bar_of(shared, g)
             if by_profile(bar):
                 pose = shared.poses[bar.body]
                 if near_profile(in_frame(place(rows, j, pose.center), pose), bar):
                     mask = mask | (1 << (wp.static(sprockets) + g))
             elif wp.static(kind.paired):
-                line = shared.lines[g]
+                line = load_line(shared.lines, g)
                 along_x = (x - line.start[0]) + (load_row(rows, X_LOW + j) - line.start_low[0])
                 along_y = (y - line.start[1]) + (load_row(rows, Y_LOW + j) - line.start_low[1])
                 if near_line(along_x, along_y, line, bar):
@@ -297,7 +306,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """The same on guide g, a straight bar on the ground."""
         v = velocity(shared.rows, j)
         if wp.static(kind.paired):
-            line = shared.lines[g]
+            line = load_line(shared.lines, g)
             return on_line(away_from(shared.rows, j, line.start, line.start_low), v, line, bar)
         else:
             p = place(shared.rows, j, bar.start)
@@ -332,7 +341,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         g: int,
     ):
         """Adds the force of guide g to roller j's, and its reaction to the body that carries it."""
-        bar = shared.bars[g]
+        bar = bar_of(shared, g)
         at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
         before = load_row(state.impact_speed, at)
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
@@ -527,7 +536,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                     bar.first_piece = drive.first_piece + bar.first_piece
                 shared.bars[g] = bar
                 if wp.static(kind.paired):
-                    shared.lines[g] = line_of(bar)
+                    store_bar(shared.lines, g, bar)
                 if wp.static(sliding):
                     shared.sliding[wp.static(sprockets) + g] = ensemble.guide_sliding[drive.first_guide + g]
 

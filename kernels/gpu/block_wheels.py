@@ -1,11 +1,16 @@
-"""What contacts at float32 want of a sprocket, in rows of four values: all threads read them, and a row is one access.
+"""What contacts at float32 want of sprockets and straight guide-bars, in rows of four values: all threads read them,
+and a row is one access.
 
-wheel 0  R cos theta, R sin theta, each high and low      gear 0  tan(pi/z), R, clearance, tip reach
-      1  center, high parts (x, y) and low parts                1  cosine and sine of half a seat, flank, first seat
-      2  cosine, sine, speed (high parts), load                 2  of the law K, n, damping, v_min
-      3  their low parts; prescribed speed                      3  of the law m_e / h, form; number of teeth
-      4  angle, R, each high and low
-      5  velocity of the center, grid
+wheel  0  R cos theta, R sin theta, each high and low      gear  0  tan(pi/z), R, clearance, tip reach
+       1  center, high parts (x, y) and low parts                1  cosine and sine of half a seat, flank, first seat
+       2  cosine, sine, speed (high parts), load                 2  of the law K, n, damping, v_min
+       3  their low parts; prescribed speed                      3  of the law m_e / h, form; number of teeth
+       4  angle, R, each high and low
+       5  velocity of the center, grid
+
+line   0  start, high parts (x, y) and low parts                 3  of the law K, n, damping, v_min
+       1  direction, the same                                    4  of the law m_e / h, form; slack
+       2  length, end's and roller's radius, deepest entry
 """
 
 from dataclasses import dataclass
@@ -13,11 +18,13 @@ from functools import cache
 
 import warp as wp
 
-from ..structs import Wheel, types
+from ..physics.seat import line_of
+from ..structs import Line, Wheel, types
 from .block_kind import BlockKind
 
 WHEEL_ROWS = wp.constant(6)
 GEAR_ROWS = wp.constant(4)
+LINE_ROWS = wp.constant(5)
 
 
 @wp.func_native("""
@@ -127,12 +134,28 @@ def store_wheel(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
     store_four(rows, WHEEL_ROWS * s + 5, wp.vec4f(moving[0], moving[1], wheel.grid, 0.0))
 
 
+@wp.func
+def load_line(rows: wp.array[wp.vec4f], g: int):
+    """Where guide-bar g is."""
+    start = load_four(rows, LINE_ROWS * g)
+    along = load_four(rows, LINE_ROWS * g + 1)
+    line = Line()
+    line.start = wp.vec2f(start[0], start[1])
+    line.start_low = wp.vec2f(start[2], start[3])
+    line.direction = wp.vec2f(along[0], along[1])
+    line.direction_low = wp.vec2f(along[2], along[3])
+    line.slack = load_four(rows, LINE_ROWS * g + 4)[2]
+    return line
+
+
 @dataclass(frozen=True)
 class GearFunctions:
-    """How the teeth of sprockets are kept."""
+    """How the teeth of sprockets and straight guide-bars are kept."""
 
     load_gear: wp.Function
     store_gear: wp.Function
+    load_bar: wp.Function
+    store_bar: wp.Function
 
 
 @cache
@@ -176,4 +199,36 @@ def gears(kind: BlockKind) -> GearFunctions:
         store_four(rows, at + 2, wp.vec4f(law.stiffness, law.exponent, law.damping, law.speed_floor))
         store_four(rows, at + 3, wp.vec4f(law.most_damping, bits_of(law.form), bits_of(gear.teeth), 0.0))
 
-    return GearFunctions(load_gear=load_gear, store_gear=store_gear)
+    @wp.func
+    def load_bar(rows: wp.array[wp.vec4f], g: int):
+        """What contacts want of guide-bar g, but for where it is."""
+        size = load_four(rows, LINE_ROWS * g + 2)
+        law = load_four(rows, LINE_ROWS * g + 3)
+        rest = load_four(rows, LINE_ROWS * g + 4)
+        bar = kinds.Guide()
+        bar.length = size[0]
+        bar.end_radius = size[1]
+        bar.roller_radius = size[2]
+        bar.deepest_entry = size[3]
+        bar.law.stiffness = law[0]
+        bar.law.exponent = law[1]
+        bar.law.damping = law[2]
+        bar.law.speed_floor = law[3]
+        bar.law.most_damping = rest[0]
+        bar.law.form = whole_of(rest[1])
+        return bar
+
+    @wp.func
+    def store_bar(rows: wp.array[wp.vec4f], g: int, bar: kinds.Guide):
+        """Guide-bar g."""
+        law = bar.law
+        line = line_of(bar)
+        at = LINE_ROWS * g
+        start, start_low, along, along_low = line.start, line.start_low, line.direction, line.direction_low
+        store_four(rows, at, wp.vec4f(start[0], start[1], start_low[0], start_low[1]))
+        store_four(rows, at + 1, wp.vec4f(along[0], along[1], along_low[0], along_low[1]))
+        store_four(rows, at + 2, wp.vec4f(bar.length, bar.end_radius, bar.roller_radius, bar.deepest_entry))
+        store_four(rows, at + 3, wp.vec4f(law.stiffness, law.exponent, law.damping, law.speed_floor))
+        store_four(rows, at + 4, wp.vec4f(law.most_damping, bits_of(law.form), line.slack, 0.0))
+
+    return GearFunctions(load_gear=load_gear, store_gear=store_gear, load_bar=load_bar, store_bar=store_bar)

@@ -12,10 +12,10 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import Led, Line, Motion, Mount, Pose, Spin, Strand, types
+from ..structs import Led, Motion, Mount, Pose, Spin, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
 from .block_kind import DECLARED, BlockKind
-from .block_wheels import GEAR_ROWS, WHEEL_ROWS
+from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
 
 ANY_LANE = """
 #if defined(__CUDA_ARCH__)
@@ -237,7 +237,7 @@ def room(kind: BlockKind) -> Room:
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + strand_of + 1000
     if kind.paired:
-        used += kind.guides * _bytes(Line)
+        used += kind.guides * LINE_ROWS * _bytes(wp.vec4f)
     needs = (rows * size + 4 * kind.slots, size * parts, seen * size)
     asks = used + sum(needs) > DECLARED and kind.shared_bytes > DECLARED
     used += 4 * kind.threads * asks  # Warp's own
@@ -327,8 +327,8 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("led", COURSE * sprockets))
     def led(like: kinds.Shared) -> wp.array[Led]: ...
 
-    @wp.func_native(_shared_snippet("lines", max(guides, 1)))
-    def lines(like: kinds.Shared) -> wp.array[Line]: ...
+    @wp.func_native(_shared_snippet("lines", LINE_ROWS * max(guides, 1)))
+    def lines(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
 
     @wp.func_native(_shared_snippet("box", 1))
     def box(like: kinds.Shared) -> wp.array[wp.vec4f]: ...

@@ -16,6 +16,7 @@ from typing import Any
 
 import warp as wp
 
+from ..root import quotient
 from ..structs import Curves, Motion
 from ..trigonometry import sine_cosine
 from .table import table_at
@@ -26,7 +27,7 @@ def ramp(time: Any, duration: Any):
     """S(t / duration), from 0 to 1; 1 throughout where the duration is zero."""
     if time >= duration:
         return type(time)(1.0)
-    u = time / duration
+    u = quotient(time, duration)
     return u * u * (type(time)(3.0) - type(time)(2.0) * u)
 
 
