@@ -54,6 +54,8 @@ class BlockShape:
                 ("float32", False): (20, 16, 12),
                 ("float32", True): (12, 12, 8),
             }[precision, measuring][(self.per > 4) + (self.per > 6)]
+        elif self.slots > LONGEST_ON_A_WARP and self.per > 1:
+            most = min(512 // self.threads, 3 if self.per > 6 else 4)
         else:
             most = (512 if precision == "float64" and self.threads <= 128 else 768) // self.threads
         return max(1, min(most, max(wanted, 2)))
