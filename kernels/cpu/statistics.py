@@ -10,7 +10,7 @@ from ..rows import accessors
 from ..slip import follow_slip, mid_wrap
 from ..structs import Drive, Strand, types
 from ..sum_structs import ChainNote, StrandNote, Sums
-from ..tension_bins import BINS, count_tension
+from ..tension_bins import BINS, bins_per_force, count_tension
 from .rollers import rows
 
 
@@ -73,10 +73,11 @@ def statistics(Real: type, capacity: int) -> Statistics:
         """Counts tensions and follows slips."""
         n = drive.rollers
         first = drive.first_sprocket
+        per_force = bins_per_force(drive.tension_scale)
         for j in range(n):
             category = strand_of(state.strands, first, drive.sprockets, j, n)
             at = (first + variant + category) * BINS
-            count_tension(sums.tension_counts, at, load_row(w, TENSION + j), drive.tension_scale)
+            count_tension(sums.tension_counts, at, load_row(w, TENSION + j), per_force)
         for s in range(drive.sprockets):
             before = state.strands[first + wp.where(s > 0, s, drive.sprockets) - 1]
             roller = mid_wrap(before, state.strands[first + s], n)

@@ -184,7 +184,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     ):
         """Everything back into the state."""
         if wp.static(measuring):
-            observe.flush(ensemble, tallies, shared, mine, rates)
+            observe.flush(tallies, shared, mine, rates)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)

@@ -201,21 +201,21 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return rates
 
     @wp.func
-    def chain_of(ensemble: kinds.Ensemble, variant: int, j: int):
+    def chain_of(shared: kinds.Shared, j: int):
         """The chain, with the stiffness and damping of its link j."""
         if wp.static(kind.uneven):
-            return link_chain(j, ensemble.chains[variant], ensemble.links[variant])
+            return link_chain(j, shared.chain[0], shared.links[0])
         else:
-            return ensemble.chains[variant]
+            return shared.chain[0]
 
     @wp.func
-    def flush(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, rates: of_each):
+    def flush(tallies: Tallies, shared: kinds.Shared, mine: Mine, rates: of_each):
         """Adds what the thread's links and joints have taken to their tallies; `rates` begin anew after that."""
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + mine.thread
             if j < mine.rollers:
                 at = mine.first + j
-                power = chain_of(ensemble, mine.variant, j).damping * rates[k]
+                power = chain_of(shared, j).damping * rates[k]
                 tallies.roller[at].dissipated = tallies.roller[at].dissipated + mine.h * wp.float64(power)
                 if wp.static(kind.bending):
                     work = wp.float64(load_row(shared.seen, FRICTION + j))
@@ -251,12 +251,10 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
 
     @wp.func
-    def energy_of_roller(
-        ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, j: int, v: vec2, extra: kinds.Extra
-    ):
+    def energy_of_roller(shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra):
         """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
         position = vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
-        held, weight = roller_energy(position, v, extra.tension, extra.rate, chain_of(ensemble, variant, j))
+        held, weight = roller_energy(position, v, extra.tension, extra.rate, chain_of(shared, j))
         return held - weight + wp.float64(extra.energy)
 
     @wp.func

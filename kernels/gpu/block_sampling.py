@@ -68,7 +68,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             observe.update_strand(shared, mine.rollers, mine.sprocket)
         barrier()
         observe.find_strands(shared, mine)
-        observe.flush(ensemble, tallies, shared, mine, rates)
+        observe.flush(tallies, shared, mine, rates)
         statistics.look(ensemble, state, sums, tallies, shared, mine)
 
     @wp.func
@@ -118,7 +118,8 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             now.weight = step_of(mine)
             if now.flags & ENDS != 0:
                 now.weight = Real(0.5) * now.weight
-            now.watch_weight = Real(watch_weight(drive))
+            if now.watch_weight == Real(0.0):
+                now.watch_weight = Real(watch_weight(drive))
             if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
                 look_at_chain(ensemble, state, sums, tallies, shared, mine, now, rates)
                 rates = of_each()
@@ -202,7 +203,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
                     at = frame_at(ensemble, state, mine.variant, now.since, now.step)
                     write.write_roller(frames, at, mine.rollers, j, position(shared, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
-                    energy = observe.energy_of_roller(ensemble, shared, mine.variant, j, v, extra)
+                    energy = observe.energy_of_roller(shared, j, v, extra)
                     tally = tallies.roller[mine.first + j]
                     tallies.roller[mine.first + j] = add_energy(tally, now.flags & START != 0, energy)
             j = j + wp.static(threads)

@@ -10,7 +10,7 @@ from ..rows import accessors
 from ..slip import follow_slip, mid_wrap
 from ..structs import Drive, types
 from ..sum_structs import ChainNote, StrandNote, Sums, Tallies
-from ..tension_bins import BINS, count_tension
+from ..tension_bins import BINS, bins_per_force, count_tension
 from .block_kind import BlockKind, Mine
 from .block_observe import block_observing
 from .block_rows import block_rows
@@ -49,12 +49,13 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
         """Adds up and counts tensions of the thread's links, and follows its strand's middle and sprocket's slips."""
         n = mine.rollers
         drive = ensemble.drives[mine.variant]
+        per_force = bins_per_force(drive.tension_scale)
         j = int(mine.thread)
         while j < n:
             tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
             strand = observe.add_link(tallies, drive, shared, j, tension)
             at = (drive.first_sprocket + mine.variant + strand) * BINS
-            count_tension(sums.tension_counts, at, tension, drive.tension_scale)
+            count_tension(sums.tension_counts, at, tension, per_force)
             j = j + wp.static(threads)
         s = mine.sprocket
         if s >= 0:
