@@ -21,7 +21,6 @@ from ..sum_structs import ChainNote, ContactSums, LinkTally, Sums, Tallies
 from ..sums import (
     add_displacement,
     add_energy,
-    add_hub_force,
     add_mount,
     add_sprocket,
     add_tension,
@@ -265,10 +264,10 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         mine: Mine,
         now: Now,
         seen: Seen,
-        acting: wp.vec3f,
+        moment: wp.float32,
         before: Wheel,
     ):
-        """As `observe_sprocket`, and the hub's force, of a sprocket that is moved in pairs of float32."""
+        """As `observe_sprocket`, of a sprocket that is moved in pairs of float32."""
         s = mine.sprocket
         spin = shared.spins[s]
         time = float(now.step) * mine.step.high
@@ -278,11 +277,9 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             at = ensemble.drives[mine.variant].first_body + s
             energy = wp.float64(0.5 * seen.speed * seen.speed / spin.inverse_inertia)
             tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-        sums = add_sprocket(
-            shared.sprocket_sums[s], wp.float64(seen.speed), wp.float64(acting[0]), wp.float64(load), weight
-        )
-        hub = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
-        shared.sprocket_sums[s] = add_hub_force(sums, hub, weight)
+        speed = wp.float64(seen.speed)
+        sums = add_sprocket(shared.sprocket_sums[s], speed, wp.float64(moment), wp.float64(load), weight)
+        shared.sprocket_sums[s] = sums
 
     @wp.func
     def observe_sprocket(
