@@ -282,6 +282,22 @@ class Wheel:
 
 
 @wp.struct
+class SpinSums:
+    """`SprocketSums` of a sprocket that is moved in pairs of float32."""
+
+    speed_min: wp.float32  # [rad/s]
+    speed_max: wp.float32
+    speed: Pair  # [rad]
+    speed_square: Pair
+    moment: Pair  # [N m s]
+    contact_work: Pair  # [J]
+    load_work: Pair  # [J]
+    force_x: Pair  # [N s]
+    force_y: Pair
+    force_max: wp.float32  # [N]
+
+
+@wp.struct
 class Led:
     """Where prescribed motion leads a sprocket, on blocks at float32."""
 
@@ -519,6 +535,7 @@ def types(Real: type) -> SimpleNamespace:
         course: wp.array[wp.float64]  # (S, steps, 2): angle, speed of prescribed sprockets (`exchange.COURSE`)
         mounts: wp.array[Mount]  # (S,)
         sprocket_sums: wp.array[SprocketSums]  # (S,)
+        spin_sums: wp.array[SpinSums]  # (S,), instead of these at float32
         strands: wp.array[Strand]  # (S,)
         strand_sums: wp.array[StrandSums]  # (S,)
         mount_sums: wp.array[MountSums]  # (S,)

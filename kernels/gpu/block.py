@@ -24,6 +24,7 @@ from .block_partners import block_partners
 from .block_rk4 import block_rk4
 from .block_rows import block_rows
 from .block_sampling import block_sampling
+from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
 
 
@@ -90,7 +91,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         hub = vec2(acting[1], acting[2])
         if wp.static(not moving):
             hub = forces.force_on_hub(shared, mine.thread)
-        if mine.sprocket >= 0:
+        if wp.static(kind.spinning):
+            if mine.sprocket >= 0:
+                spun = shared.spin_sums[mine.sprocket]
+                shared.spin_sums[mine.sprocket] = add_spin_hub(spun, hub, now.watch_weight)
+        elif mine.sprocket >= 0:
             sums = shared.sprocket_sums[mine.sprocket]
             force = wp.vec2d(wp.float64(hub[0]), wp.float64(hub[1]))
             shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, force, wp.float64(now.watch_weight))
@@ -185,6 +190,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """Everything back into the state."""
         if wp.static(measuring):
             observe.flush(tallies, shared, mine, rates)
+            forces.close_sums(tallies, mine)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
@@ -231,6 +237,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             bodies.start_body(ensemble, state, sums, shared, mine, now.step)
         if wp.static(measuring):
             observe.start_extremes(ensemble, sums, shared, mine)
+            forces.open_sums(tallies, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.start_arm(ensemble, state, shared, mine)

@@ -15,6 +15,7 @@ from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, now_struct
+from .block_spin_sums import spin_sums_of, sprocket_sums_of
 from .block_wheels import load_wheel, store_turn, store_wheel
 from .exchange import COURSE, lanes
 
@@ -152,7 +153,10 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         if wp.static(moving):
             shared.mounts[s] = ensemble.mounts[b]
             shared.mount_sums[s] = sums.mount[at]
-        shared.sprocket_sums[s] = sums.sprocket[at]
+        if wp.static(kind.spinning):
+            shared.spin_sums[s] = spin_sums_of(sums.sprocket[at])
+        else:
+            shared.sprocket_sums[s] = sums.sprocket[at]
         shared.strand_sums[s] = sums.strand[at]
         shared.strands[s] = state.strands[at]
 
@@ -169,7 +173,10 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             state.bodies[drive.first_body + s] = state_of(shared.poses[s])
         if wp.static(moving):
             sums.mount[at] = shared.mount_sums[s]
-        sums.sprocket[at] = shared.sprocket_sums[s]
+        if wp.static(kind.spinning):
+            sums.sprocket[at] = sprocket_sums_of(shared.spin_sums[s])
+        else:
+            sums.sprocket[at] = shared.sprocket_sums[s]
         sums.strand[at] = shared.strand_sums[s]
         state.strands[at] = shared.strands[s]
 

@@ -31,6 +31,7 @@ from ..sum_structs import Tallies
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
+from .block_spin_sums import add_to_cell, close_cell, open_cell, raise_cell
 from .block_wheels import gears, load_line, seen_wheel, velocity_of
 from .exchange import group, lanes, lowest_bit, parts_of_a_body
 
@@ -43,6 +44,8 @@ class ForceFunctions:
     near: wp.Function
     leave: wp.Function
     contacts: wp.Function
+    open_sums: wp.Function
+    close_sums: wp.Function
     body_of: wp.Function
     acting_on: wp.Function
     force_on_hub: wp.Function
@@ -156,17 +159,49 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         store_whole(counts, at, load_whole(counts, at) + 1)
 
     @wp.func
+    def add_to(sums: wp.array[wp.float64], at: int, value: Real):
+        """Adds to a sum of contacts."""
+        if wp.static(kind.paired):
+            add_to_cell(sums, at, value)
+        else:
+            store_part(sums, at, load_part(sums, at) + value)
+
+    @wp.func
+    def open_sums(tallies: Tallies, mine: Mine):
+        """Makes the sums of contacts pairs of float32 in their places, all threads together."""
+        if wp.static(kind.paired):
+            j = int(mine.thread)
+            while j < wp.static(sprockets + guides) * mine.rollers:
+                open_cell(tallies.dissipated, mine.memory + j)
+                open_cell(tallies.friction, mine.memory + j)
+                open_cell(tallies.impulse, mine.memory + j)
+                open_cell(tallies.force_max, mine.memory + j)
+                j = j + wp.static(threads)
+
+    @wp.func
+    def close_sums(tallies: Tallies, mine: Mine):
+        """Makes them float64 again."""
+        if wp.static(kind.paired):
+            j = int(mine.thread)
+            while j < wp.static(sprockets + guides) * mine.rollers:
+                close_cell(tallies.dissipated, mine.memory + j)
+                close_cell(tallies.friction, mine.memory + j)
+                close_cell(tallies.impulse, mine.memory + j)
+                close_cell(tallies.force_max, mine.memory + j)
+                j = j + wp.static(threads)
+
+    @wp.func
     def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
         """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
-        lost = load_part(tallies.dissipated, at)
-        store_part(tallies.dissipated, at, lost + wp.float64(now.weight * damped))
+        add_to(tallies.dissipated, at, now.weight * damped)
         if wp.static(sliding):
-            lost = load_part(tallies.friction, at)
-            store_part(tallies.friction, at, lost + wp.float64(now.weight * rubbed))
+            add_to(tallies.friction, at, now.weight * rubbed)
         if now.watched != 0:
-            store_part(tallies.impulse, at, load_part(tallies.impulse, at) + wp.float64(now.watch_weight * size))
-            if wp.float64(size) > load_part(tallies.force_max, at):
-                store_part(tallies.force_max, at, wp.float64(size))
+            add_to(tallies.impulse, at, now.watch_weight * size)
+            if wp.static(kind.paired):
+                raise_cell(tallies.force_max, at, size)
+            elif size > load_part(tallies.force_max, at):
+                store_part(tallies.force_max, at, size)
         if before <= Real(0.0):
             count(tallies.impacts, at)
 
@@ -545,6 +580,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         near=near,
         leave=leave,
         contacts=contacts,
+        open_sums=open_sums,
+        close_sums=close_sums,
         body_of=body_of,
         acting_on=acting_on,
         force_on_hub=force_on_hub,

@@ -35,6 +35,7 @@ from .block_bodies import Seen
 from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
+from .block_spin_sums import add_spin
 from .exchange import WARP, any_lane, extremes, lanes
 
 SIGN_BITS = """
@@ -271,15 +272,12 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         s = mine.sprocket
         spin = shared.spins[s]
         time = float(now.step) * mine.step.high
-        weight = wp.float64(now.weight)
         load = load_moment_at_speed(time, seen.load, before.speed.high, seen.speed, spin)
         if now.flags & ENDS != 0 and spin.prescribed == 0:
             at = ensemble.drives[mine.variant].first_body + s
             energy = wp.float64(0.5 * seen.speed * seen.speed / spin.inverse_inertia)
             tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-        speed = wp.float64(seen.speed)
-        sums = add_sprocket(shared.sprocket_sums[s], speed, wp.float64(moment), wp.float64(load), weight)
-        shared.sprocket_sums[s] = sums
+        shared.spin_sums[s] = add_spin(shared.spin_sums[s], seen.speed, moment, load, now.weight)
 
     @wp.func
     def observe_sprocket(

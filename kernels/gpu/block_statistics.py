@@ -14,6 +14,7 @@ from ..tension_bins import BINS, bins_per_force, count_tension
 from .block_kind import BlockKind, Mine
 from .block_observe import block_observing
 from .block_rows import block_rows
+from .block_spin_sums import sprocket_sums_of
 
 
 @dataclass(frozen=True)
@@ -91,10 +92,14 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
                 of_strand = seen_on(drive, tallies, s)
                 of_strand.samples = shared.strand_sums[s].samples
                 of_strand.displacement = shared.strand_sums[s].displacement
+                if wp.static(kind.spinning):
+                    of_sprocket = sprocket_sums_of(shared.spin_sums[s])
+                else:
+                    of_sprocket = shared.sprocket_sums[s]
                 for k in range(first, end):
                     at = (drive.first_sprocket + s) * NOTES + k
                     sums.strand_notes[at] = of_strand
-                    sums.sprocket_notes[at] = shared.sprocket_sums[s]
+                    sums.sprocket_notes[at] = of_sprocket
                     if wp.static(moving):
                         sums.mount_notes[at] = shared.mount_sums[s]
 

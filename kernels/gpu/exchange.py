@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import Led, Motion, Mount, Pose, Spin, Strand, types
+from ..structs import Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
 from .block_kind import DECLARED, BlockKind
 from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
@@ -372,6 +372,9 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("mount_sums", sprockets if moving else 1))
     def mount_sums(like: kinds.Shared) -> wp.array[MountSums]: ...
 
+    @wp.func_native(_shared_snippet("spin_sums", sprockets))
+    def spin_sums(like: kinds.Shared) -> wp.array[SpinSums]: ...
+
     @wp.func_native(_shared_snippet("sprocket_sums", sprockets))
     def sprocket_sums(like: kinds.Shared) -> wp.array[SprocketSums]: ...
 
@@ -432,7 +435,10 @@ def exchange(kind: BlockKind) -> Exchange:
         shared.mounts = mounts(shared)
         shared.strands = strands(shared)
         shared.mount_sums = mount_sums(shared)
-        shared.sprocket_sums = sprocket_sums(shared)
+        if wp.static(kind.spinning):
+            shared.spin_sums = spin_sums(shared)
+        else:
+            shared.sprocket_sums = sprocket_sums(shared)
         shared.strand_sums = strand_sums(shared)
         return shared
 
