@@ -15,7 +15,7 @@ from ..sum_structs import Sums, Tallies
 from ..sums import add_hub_force
 from .block_arms import block_arms
 from .block_bodies import block_bodies
-from .block_events import END, EXTRA
+from .block_events import END
 from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
@@ -47,7 +47,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     SPROCKETS, wrench_on = forces.SPROCKETS, forces.wrench_on
     observe_sprocket = block_observing(kind).observe_sprocket
     stage_roller = block_rk4(kind)
-    early = threads > 32 and not (moving or kind.profiles)  # what rollers may touch does not depend on where bodies are
+    # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
+    # what rollers may touch unless that depends on where the bodies are
+    ahead = threads > 32
+    early = ahead and not (moving or kind.profiles)
+    # contacts without what frames want stand in the code a second time, where a thread's registers bear that
+    lean = not measuring and (ahead or (Real == wp.float32 and per <= 6))
 
     @wp.func
     def driven(shared: kinds.Shared):
@@ -73,8 +78,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def plain(now: Now):
-        """A step at which nothing is wanted of contacts but their forces: so the compiler leaves out the rest."""
+        """A step at which nothing is wanted but forces and motion: so the compiler leaves out what else there is."""
         now.flags = 0
+        now.going = 1
         return now
 
     @wp.func
@@ -131,6 +137,28 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 v = velocity(shared.rows, j) + h * acceleration(shared, j)
                 set_velocity(shared, j, v)
                 move(shared, j, h * v[0], h * v[1])
+
+    @wp.func
+    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
+        """Works out the load on the thread's sprocket."""
+        if mine.sprocket >= 0 and now.stage == 0:
+            bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
+
+    @wp.func
+    def sample_rollers(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+    ):
+        """What is wanted of the thread's rollers, whose forces are complete."""
+        if now.flags != 0:
+            sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+        if wp.static(kind.bending and measuring) and now.measured != 0:
+            joints.add_friction(shared, mine, now)
 
     @wp.func
     def next_stage(now: Now):
@@ -208,35 +236,42 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         held = partners.held_by(shared, i)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine.variant, i, now.step)
-        tension, rate = pull(shared, lengths, mine.rollers, i)
         by_teeth = int(0)
         by_bar = int(0)
+        if wp.static(ahead):
+            tension, rate = pull(shared, lengths, mine.rollers, i)
         if wp.static(early):
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(now)
-            now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+            if wp.static(not ahead):
+                tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(not early):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-            if now.flags & EXTRA == 0:
+            if wp.static(lean) and now.flags == 0:
                 forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
+                weigh(ensemble, shared, mine, now)
+                if wp.static(ahead):
+                    advance_rollers(state, shared, mine, plain(now))
             else:
+                now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
                 forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
-            if mine.sprocket >= 0 and now.stage == 0:
-                bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
-            if now.measured != 0 or now.flags != 0:  # others may still be at rollers beside theirs
-                barrier()
-                if now.flags != 0:
-                    sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-                if wp.static(kind.bending and measuring) and now.measured != 0:
-                    joints.add_friction(shared, mine, now)
-            advance_rollers(state, shared, mine, now)
+                weigh(ensemble, shared, mine, now)
+                if wp.static(ahead):
+                    barrier()  # others may still be at rollers beside theirs
+                    sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                    advance_rollers(state, shared, mine, now)
             barrier()
+            if wp.static(not ahead):
+                sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
             advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+            if wp.static(not ahead):
+                advance_rollers(state, shared, mine, now)
             now = next_stage(now)
-            tension, rate = pull(shared, lengths, mine.rollers, i)
+            if wp.static(ahead):
+                tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             barrier()

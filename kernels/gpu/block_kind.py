@@ -28,6 +28,7 @@ class BlockKind:
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
+        crewed: the last warp has no rollers, but moves the bodies.
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
 
@@ -45,6 +46,7 @@ class BlockKind:
     arms: int = 0
     tensioners: int = 0
     profiles: bool = False
+    crewed: bool = False
     shared_bytes: int = DECLARED
 
     @property
