@@ -50,7 +50,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     SPROCKETS, acting_on, wrench_of = forces.SPROCKETS, forces.acting_on, forces.wrench_of
     observe, step_of, of_each = block_observing(kind), row.step_of, wp.types.vector(per, Real)
     stage_roller = block_rk4(kind)
-    early = threads > 32 and not (moving or kind.profiles)  # what rollers may touch does not depend on where bodies are
+    # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
+    # what rollers may touch unless that depends on where the bodies are
+    ahead = threads > 32
+    early = ahead and not (moving or kind.profiles)
+    # contacts without what frames want stand in the code a second time, where a thread's registers bear that
+    lean = not measuring and (ahead or (Real == wp.float32 and per <= 6))
 
     @wp.func
     def driven(shared: kinds.Shared):
@@ -81,8 +86,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def plain(now: Now):
-        """A step at which nothing is wanted of contacts but their forces: so the compiler leaves out the rest."""
+        """A step at which nothing is wanted but forces and motion: so the compiler leaves out what else there is."""
         now.flags = 0
+        now.going = 1
         return now
 
     @wp.func
@@ -162,6 +168,28 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 v = velocity(shared.rows, j) + h * acceleration(shared, j)
                 set_velocity(shared, j, v)
                 move(shared, j, h * v[0], h * v[1])
+
+    @wp.func
+    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
+        """Works out the load on the thread's sprocket."""
+        if mine.sprocket >= 0 and now.stage == 0:
+            bodies.weigh(ensemble, shared, mine, now.step)
+
+    @wp.func
+    def sample_rollers(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+    ):
+        """What is wanted of the thread's rollers, whose forces are complete."""
+        if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
+            sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+        if wp.static(kind.bending and measuring) and now.measured != 0:
+            joints.add_friction(shared, mine, now)
 
     @wp.func
     def next_stage(now: Now):
@@ -249,35 +277,42 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         rates = of_each()
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine, now.step)
-        tension, rate = pull(shared, lengths, mine.rollers, i)
         by_teeth = int(0)
         by_bar = int(0)
+        if wp.static(ahead):
+            tension, rate = pull(shared, lengths, mine.rollers, i)
         if wp.static(early):
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now, rates = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now, rates)
             now = wanted(now)
-            rates = sampling.sample_links(state, shared, mine, now, lengths, tension, rate, rates)
+            if wp.static(not ahead):
+                tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(not early):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-            if now.flags & EXTRA == 0:
+            if wp.static(lean) and now.flags == 0:
                 forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
+                weigh(ensemble, shared, mine, now)
+                if wp.static(ahead):
+                    advance_rollers(state, shared, mine, plain(now))
             else:
+                rates = sampling.sample_links(state, shared, mine, now, lengths, tension, rate, rates)
                 forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
-            if mine.sprocket >= 0 and now.stage == 0:
-                bodies.weigh(ensemble, shared, mine, now.step)
-            if now.measured != 0 or now.flags != 0:  # others may still be at rollers beside theirs
-                barrier()
-                if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
-                    sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-                if wp.static(kind.bending and measuring) and now.measured != 0:
-                    joints.add_friction(shared, mine, now)
-            advance_rollers(state, shared, mine, now)
+                weigh(ensemble, shared, mine, now)
+                if wp.static(ahead):
+                    barrier()  # others may still be at rollers beside theirs
+                    sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                    advance_rollers(state, shared, mine, now)
             barrier()
+            if wp.static(not ahead):
+                sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
             advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+            if wp.static(not ahead):
+                advance_rollers(state, shared, mine, now)
             now = next_stage(now)
-            tension, rate = pull(shared, lengths, mine.rollers, i)
+            if wp.static(ahead):
+                tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             barrier()

@@ -30,6 +30,7 @@ class BlockKind:
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
         curved: motions or loads may be tabulated or have harmonics, which matters at float32 only.
+        crewed: the last warp has no rollers, but moves the bodies.
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
 
@@ -47,6 +48,7 @@ class BlockKind:
     arms: int = 0
     tensioners: int = 0
     profiles: bool = False
+    crewed: bool = False
     shared_bytes: int = DECLARED
     curved: bool = True
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import quotient
+from ..root import products, quotient
 from ..rows import accessors
 from ..structs import Pose
 from .friction import friction
@@ -127,7 +127,9 @@ def surface_velocity(body: Pose, arm: wp.vec2d):
 @wp.func
 def turned(direction: Any, cosine: Any, sine: Any):
     """`direction` turned by the angle whose cosine and sine are given."""
-    return type(direction)(direction[0] * cosine - direction[1] * sine, direction[0] * sine + direction[1] * cosine)
+    return type(direction)(
+        products(direction[0], cosine, -direction[1], sine), products(direction[0], sine, direction[1], cosine)
+    )
 
 
 @wp.struct

@@ -50,6 +50,7 @@ def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
         rk4=bool(packed.drives["integrator"].any()),
         bending=bool(packed.joints["rubs"].any()),
         uneven=bool(packed.links["uneven"].any()),
+        crewed=shape.crewed,
     )
 
 

@@ -11,7 +11,7 @@ from drives import two_sprockets
 
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
-from warpchain.engine.block_shape import MANY, ROOMS, WARP_EACH, BlockShape, block_shape, room_for
+from warpchain.engine.block_shape import CREWED, MANY, ROOMS, BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
 from warpchain.engine.gpu import Bucket, GpuEngine, kernel_shape, launch_steps, refusal, rows_apart
@@ -106,7 +106,7 @@ def test_launches_take_whole_units_of_steps_and_about_equal_time():
 def test_registers_of_a_block_fit_a_multiprocessor():
     for precision in ("float64", "float32"):
         for links in (*ROOMS, 2048, 4096, 16_384):
-            for each, measuring in product((1, 8, 100), (False, True)):
+            for each, measuring in product((1, 4, 100), (False, True)):
                 shape = block_shape(links, each)
                 assert 65536 // (shape.threads * shape.resident(precision, measuring, 1000)) >= 64, (precision, shape)
                 assert shape.resident(precision, measuring, 1) <= 2
@@ -117,16 +117,15 @@ def test_blocks_have_room_for_the_chain_and_little_more():
     most = room_for(links)
     assert (most >= links).all()
     assert most.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 1280, 2560, 4096, 5120, 16_384]
-    for each in (1, 8, 100):
+    for each in (1, CREWED + 1, MANY):
         shapes = [block_shape(int(r), each) for r in most]
         assert [shape.room for shape in shapes] == most.tolist()
         # moments are added up in the order of rollers on one warp, and up to 512 rollers on several
         assert all(shape.threads == 32 or shape.slots <= ORDERED or shape.room > 512 for shape in shapes)
-        # a warp is free for the bodies where each thread has one roller
-        assert all(shape.slots - shape.room == (32 if each == 1 and 32 < shape.room <= 512 else 0) for shape in shapes)
+        assert all(shape.crewed == (each == 1 and 32 < shape.room < 512) for shape in shapes)
     # longer chains have one shape however many they are: their order is that of threads
-    assert all(block_shape(int(r), 1) == block_shape(int(r), 100) for r in most if r > 512)
-    assert [block_shape(room, 100) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(128, 5)]
+    assert all(block_shape(int(r), 1) == block_shape(int(r), MANY) for r in most if r > 512)
+    assert [block_shape(room, MANY) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(128, 5)]
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -134,7 +133,7 @@ def test_blocks_have_room_for_the_chain_and_little_more():
 @pytest.mark.parametrize("room_", [128, 640, 768, 1024, 4096])
 def test_every_kernel_finds_its_rows(room_, most, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
-    few, many = block_shape(room_, 1, most), block_shape(32, 100, most)
+    few, many = block_shape(room_, 1, most), block_shape(32, MANY, most)
     bucket = Bucket(few, 3, 1, moves, False, False, False, False, 0, 0, False, np.arange(7), None)
     other = Bucket(many, 2, 0, False, False, False, False, False, 0, 0, False, np.arange(5), None)
     there = rows_apart(wp.float64, [other, bucket])
@@ -224,7 +223,7 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, te
     drive = two_sprockets() if teeth == 30 else two_sprockets(teeth=150, links=250, span=50.0)
     processors = wp.get_device("cuda:0").sm_count
     ends = []
-    for count in (1, MANY * processors, WARP_EACH * processors):
+    for count in (1, (CREWED + 1) * processors, MANY * processors):
         packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count).at_precision(precision)
         engine = GpuEngine(packed, "cuda:0")
         frames = engine.frame_buffer(0)
@@ -232,7 +231,7 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, te
             future.result()
         ends.append((engine.rollers()[: 6 * drive.chain.links], engine.sums()["chain"][0], engine.buckets[0].shape))
         engine.close()
-    assert len({shape for _, _, shape in ends}) == (2 if teeth == 30 else 3)  # different kernels
+    assert len({shape for _, _, shape in ends}) == 3  # different kernels
     for rollers, chain, _ in ends[1:]:
         np.testing.assert_array_equal(rollers, ends[0][0])
         assert chain == ends[0][1]

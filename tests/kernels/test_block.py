@@ -119,6 +119,7 @@ def kind_of(packed, shape):
         bending=bool(packed.joints["rubs"].any()),
         sliding=bool(packed.slides.any()),
         uneven=bool(packed.links["uneven"].any()),
+        crewed=shape.crewed,
         arms=int(packed.drives["arms"][0]),
         tensioners=int(packed.drives["tensioners"][0]),
         profiles=bool(packed.drives["pieces"].any()),

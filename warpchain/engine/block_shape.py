@@ -16,10 +16,10 @@ LONGEST_ON_A_WARP = 512
 """Links of the longest chain that one warp may have to itself."""
 
 MANY = 6
-"""Variants a multiprocessor from which a warp or two each is faster (docs/performance.md)."""
+"""Variants a multiprocessor from which a warp each is faster (docs/performance.md)."""
 
-WARP_EACH = 12
-"""Variants a multiprocessor from which a warp each is faster for chains of more than 128 links."""
+CREWED = 2
+"""Most variants a multiprocessor at which each may have a warp for its bodies alone."""
 
 
 @dataclass(frozen=True, order=True)
@@ -28,6 +28,8 @@ class BlockShape:
 
     threads: int
     per: int
+    crewed: bool = False
+    """Whether the last warp has no rollers, but moves the bodies."""
     shared_bytes: int = DECLARED
     """Most of shared memory that a block may have."""
 
@@ -38,8 +40,8 @@ class BlockShape:
 
     @property
     def room(self) -> int:
-        """Rollers that there is room for: of threads with one each, the last warp has none."""
-        return self.slots - 32 if self.per == 1 and self.threads > 32 else self.slots
+        """Rollers that there is room for."""
+        return self.slots - 32 * self.crewed
 
     def resident(self, precision: str, measuring: bool, wanted: int) -> int:
         """How many blocks the compiler is to make room for on a multiprocessor, `wanted` at most.
@@ -55,9 +57,10 @@ class BlockShape:
                 ("float32", True): (12, 12, 8),
             }[precision, measuring][(self.per > 4) + (self.per > 6)]
         elif self.slots > LONGEST_ON_A_WARP and self.per > 1:
-            most = min(512 // self.threads, 3 if self.per > 6 else 4)
+            most = 2 if self.per > 8 else 3 if precision == "float64" else 4
+            most = most * 128 // self.threads
         else:
-            most = (512 if precision == "float64" and self.threads <= 128 else 768) // self.threads
+            most = (512 if precision == "float64" and self.threads <= 160 else 768) // self.threads
         return max(1, min(most, max(wanted, 2)))
 
 
@@ -71,15 +74,15 @@ def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
 def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
     """The block for chains of up to `room` links, as from `room_for`, of which a multiprocessor gets `each` variants.
 
-    Few variants are fastest with a roller a thread, and a warp beside them for the bodies; of many, each is fastest on
-    a warp of its own, which then waits for no other. Moments on bodies are added up in the same order either way, so
-    a variant's results do not depend on how many there are beside it. Longer chains have up to eight rollers a thread
-    and `shared_bytes` of memory, however many they are.
+    Few variants are fastest with a roller a thread, and very few with a warp beside them for the bodies; of many, each
+    is fastest on a warp of its own, which then waits for no other. Moments on bodies are added up in the same order
+    either way, so a variant's results do not depend on how many there are beside it. Longer chains have up to 16
+    rollers a thread and `shared_bytes` of memory, however many they are.
     """
     if room > LONGEST_ON_A_WARP:
-        threads = min(max(128, 2 ** (room - 1).bit_length() // 8), 1024)
-        return BlockShape(threads, -(-room // threads), shared_bytes)
+        threads = 1024 if room > 4096 else max(128, 2 ** (room - 1).bit_length() // 16)
+        return BlockShape(threads, -(-room // threads), shared_bytes=shared_bytes)
     if each >= MANY:
-        threads = 64 if room > 128 and each < WARP_EACH else 32
-        return BlockShape(threads, -(-room // threads))
-    return BlockShape(room + 32 if room > 32 else room, 1)
+        return BlockShape(32, -(-room // 32))
+    crewed = each <= CREWED and 32 < room < 512
+    return BlockShape(room + 32 * crewed, 1, crewed)

@@ -141,7 +141,7 @@ class Bucket:
 def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
     """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
     if name == "relax":
-        return block_shape(bucket.shape.room, 100 * MANY, bucket.shape.shared_bytes)
+        return block_shape(bucket.shape.room, MANY, bucket.shape.shared_bytes)
     return bucket.shape
 
 
@@ -165,6 +165,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         tensioners=bucket.tensioners,
         profiles=bucket.profiles,
         curved=bucket.curved,
+        crewed=shape.crewed,
         shared_bytes=shape.shared_bytes,
     )
 
