@@ -45,7 +45,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
     SPROCKETS = forces.SPROCKETS
-    observe, of_each = block_observing(kind), wp.types.vector(per, Real)
+    observe = block_observing(kind)
     stage_roller = block_rk4(kind)
 
     @wp.func
@@ -159,11 +159,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
-        rates: of_each,
     ):
         """Everything back into the state."""
         if wp.static(measuring):
-            observe.flush(tallies, shared, mine, rates)
+            observe.flush(tallies, shared, mine)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
@@ -218,15 +217,14 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         if wp.static(measuring):
             observe.find_strands(shared, mine)
         held = partners.held_by(shared, i)
-        rates = of_each()
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine.variant, i, now.step)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
-                now, rates = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now, rates)
+                now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(now)
             tension, rate = pull(shared, lengths, mine.rollers, i)
-            rates = sampling.sample_links(state, shared, mine, now, lengths, tension, rate, rates)
+            sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
             if mine.sprocket >= 0 and now.stage == 0:
@@ -240,6 +238,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             advance_rollers(state, shared, mine, now)
             now = next_stage(now)
             barrier()
-        finish(ensemble, state, sums, tallies, shared, mine, now, rates)
+        finish(ensemble, state, sums, tallies, shared, mine, now)
 
     return advance_block

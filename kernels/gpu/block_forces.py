@@ -30,7 +30,7 @@ from ..sum_structs import Tallies
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import group, lanes, lowest_bit
+from .exchange import add_to, count_at, group, lanes, lowest_bit, raise_to
 
 
 @dataclass(frozen=True)
@@ -128,24 +128,19 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return Real(wp.float64(0.5) * mine.h)
 
     @wp.func
-    def count(counts: wp.array[wp.int32], at: int):
-        """One more at `at`."""
-        store_whole(counts, at, load_whole(counts, at) + 1)
-
-    @wp.func
     def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
-        """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
-        lost = load_part(tallies.dissipated, at)
-        store_part(tallies.dissipated, at, lost + wp.float64(now.weight * damped))
+        """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W].
+
+        No other thread adds to them; memory does, as it is told, and this thread does not wait for what stands there.
+        """
+        add_to(tallies.dissipated, at, wp.float64(now.weight * damped))
         if wp.static(sliding):
-            lost = load_part(tallies.friction, at)
-            store_part(tallies.friction, at, lost + wp.float64(now.weight * rubbed))
+            add_to(tallies.friction, at, wp.float64(now.weight * rubbed))
         if now.watched != 0:
-            store_part(tallies.impulse, at, load_part(tallies.impulse, at) + wp.float64(now.watch_weight * size))
-            if wp.float64(size) > load_part(tallies.force_max, at):
-                store_part(tallies.force_max, at, wp.float64(size))
+            add_to(tallies.impulse, at, wp.float64(now.watch_weight * size))
+            raise_to(tallies.force_max, at, wp.float64(size))
         if before <= Real(0.0):
-            count(tallies.impacts, at)
+            count_at(tallies.impacts, at)
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
@@ -216,7 +211,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 damped = dissipated(damper * normal, relative, a, lag(mine))
                 measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
                 if before == Real(UNTOUCHED):
-                    count(tallies.contacts, at)
+                    count_at(tallies.contacts, at)
             if (now.summed >> s) & 1 != 0:
                 arm = vec2(Real(p[0]), Real(p[1]))
                 add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force, now.watched)
@@ -281,7 +276,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):
             if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
-                count(tallies.missed, at)
+                count_at(tallies.missed, at)
             put(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
             force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
