@@ -514,7 +514,7 @@ def types(Real: type) -> SimpleNamespace:
 
         rows: wp.array[Real]  # of rollers, one after the other (`exchange.ROWS`)
         held: wp.array[wp.int32]  # partners that each roller is near, as bits: sprockets, then guide-bars
-        seen: wp.array[Real]  # extremes of tension, then a row of the work of joint friction (`block_observe`)
+        seen: wp.array[Real]  # extremes of tension, then rows of squared rates, of joint friction (`block_observe`)
         strand_of: wp.array[wp.uint8]  # of links: the strand that each is on, S on none, S + 1 where there is no link
         poses: wp.array[Pose]  # (S,)
         wheels: wp.array[wp.vec4f]  # rows of sprockets and of their teeth, at float32 (`block_wheels`)

@@ -48,7 +48,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
     SPROCKETS, acting_on, wrench_of = forces.SPROCKETS, forces.acting_on, forces.wrench_of
-    observe, step_of, of_each = block_observing(kind), row.step_of, wp.types.vector(per, Real)
+    observe, step_of = block_observing(kind), row.step_of
     stage_roller = block_rk4(kind)
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
     # what rollers may touch unless that depends on where the bodies are
@@ -213,11 +213,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
-        rates: of_each,
     ):
         """Everything back into the state."""
         if wp.static(measuring):
-            observe.flush(tallies, shared, mine, rates)
+            observe.flush(tallies, shared, mine)
             forces.close_sums(tallies, mine)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
@@ -274,7 +273,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         if wp.static(measuring):
             observe.find_strands(shared, mine)
         held = partners.held_by(shared, i)
-        rates = of_each()
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine, now.step)
         by_teeth = int(0)
@@ -285,7 +283,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
-                now, rates = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now, rates)
+                now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(now)
             if wp.static(not ahead):
                 tension, rate = pull(shared, lengths, mine.rollers, i)
@@ -297,7 +295,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 if wp.static(ahead):
                     advance_rollers(state, shared, mine, plain(now))
             else:
-                rates = sampling.sample_links(state, shared, mine, now, lengths, tension, rate, rates)
+                sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
                 forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
                 weigh(ensemble, shared, mine, now)
                 if wp.static(ahead):
@@ -316,6 +314,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             barrier()
-        finish(ensemble, state, sums, tallies, shared, mine, now, rates)
+        finish(ensemble, state, sums, tallies, shared, mine, now)
 
     return advance_block

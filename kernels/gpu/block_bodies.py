@@ -154,7 +154,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.mounts[s] = ensemble.mounts[b]
             shared.mount_sums[s] = sums.mount[at]
         if wp.static(kind.spinning):
-            shared.spin_sums[s] = spin_sums_of(sums.sprocket[at])
+            if wp.static(kind.measuring):
+                shared.spin_sums[s] = spin_sums_of(sums.sprocket[at])
         else:
             shared.sprocket_sums[s] = sums.sprocket[at]
         shared.strand_sums[s] = sums.strand[at]
@@ -174,7 +175,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         if wp.static(moving):
             sums.mount[at] = shared.mount_sums[s]
         if wp.static(kind.spinning):
-            sums.sprocket[at] = sprocket_sums_of(shared.spin_sums[s])
+            if wp.static(kind.measuring):
+                sums.sprocket[at] = sprocket_sums_of(shared.spin_sums[s])
         else:
             sums.sprocket[at] = shared.sprocket_sums[s]
         sums.strand[at] = shared.strand_sums[s]

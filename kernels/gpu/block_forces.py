@@ -33,7 +33,7 @@ from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_spin_sums import add_to_cell, close_cell, open_cell, raise_cell
 from .block_wheels import gears, load_line, seen_wheel, velocity_of
-from .exchange import group, lanes, lowest_bit, parts_of_a_body
+from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to
 
 
 @dataclass(frozen=True)
@@ -154,17 +154,15 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return Real(wp.float64(0.5) * mine.h)
 
     @wp.func
-    def count(counts: wp.array[wp.int32], at: int):
-        """One more at `at`."""
-        store_whole(counts, at, load_whole(counts, at) + 1)
+    def add(sums: wp.array[wp.float64], at: int, value: Real):
+        """Adds to a sum of contacts; no other thread does.
 
-    @wp.func
-    def add_to(sums: wp.array[wp.float64], at: int, value: Real):
-        """Adds to a sum of contacts."""
+        In float64 memory does, as it is told, and this thread does not wait for what stands there.
+        """
         if wp.static(kind.paired):
             add_to_cell(sums, at, value)
         else:
-            store_part(sums, at, load_part(sums, at) + value)
+            add_to(sums, at, value)
 
     @wp.func
     def open_sums(tallies: Tallies, mine: Mine):
@@ -193,17 +191,17 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
         """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
-        add_to(tallies.dissipated, at, now.weight * damped)
+        add(tallies.dissipated, at, now.weight * damped)
         if wp.static(sliding):
-            add_to(tallies.friction, at, now.weight * rubbed)
+            add(tallies.friction, at, now.weight * rubbed)
         if now.watched != 0:
-            add_to(tallies.impulse, at, now.watch_weight * size)
+            add(tallies.impulse, at, now.watch_weight * size)
             if wp.static(kind.paired):
                 raise_cell(tallies.force_max, at, size)
-            elif size > load_part(tallies.force_max, at):
-                store_part(tallies.force_max, at, size)
+            else:
+                raise_to(tallies.force_max, at, size)
         if before <= Real(0.0):
-            count(tallies.impacts, at)
+            count_at(tallies.impacts, at)
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
@@ -311,7 +309,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 damped = dissipated(damper * normal, relative, a, lag(mine))
                 measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
                 if before == Real(UNTOUCHED):
-                    count(tallies.contacts, at)
+                    count_at(tallies.contacts, at)
             if (now.summed >> s) & 1 != 0:
                 add_wrench(shared, s, j, reaction(arm, force), force, now.watched)
         else:
@@ -382,7 +380,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):
             if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
-                count(tallies.missed, at)
+                count_at(tallies.missed, at)
             put(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
             force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)

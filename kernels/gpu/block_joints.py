@@ -42,7 +42,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
-    FRICTION = wp.constant(threads // WARP * extremes(kind))
+    FRICTION = wp.constant(threads // WARP * extremes(kind) + slots)
 
     @wp.func
     def moment_between(rows: wp.array[Real], i: int, j: int, joint: kinds.Joint):

@@ -120,7 +120,10 @@ def now_struct(Real: type) -> type:
 
     @wp.struct
     class Now:
-        """Where the time loop is; all threads of a block agree."""
+        """Where the time loop is; all threads of a block agree.
+
+        Without gaps between the fields, around which the compiler would take whole numbers apart into bytes.
+        """
 
         step: wp.int32
         stage: wp.int32  # of the step, 0 to 3 with rk4
@@ -129,8 +132,8 @@ def now_struct(Real: type) -> type:
         measured: wp.int32  # 1 in the window, at a step's start
         window: wp.int32  # 1 in the window
         weight: Real  # time that this step stands for in the window's sums [s]
-        watched: wp.int32  # 1 where forces are looked at too (`sums.WATCH_EVERY`)
-        watch_weight: Real  # time that such a step stands for [s]
+        watch_weight: Real  # time that a watched step stands for [s]
+        watched: wp.int32  # 1 where forces are watched (`sums.WATCH_EVERY`)
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
         driven: wp.int32  # sprockets that their moment moves, as bits

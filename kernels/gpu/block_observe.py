@@ -1,6 +1,6 @@
 """What a block's threads take from an evaluated step: sums of the window, and the energy balance.
 
-Every step a thread adds up the squared rates of its own links in registers; every other step it holds their tensions
+Every step a thread adds up the squared rates of its own links; every other step it holds their tensions
 against the extremes of the strands that they are on, which hardly ever change. Looks add tensions to tallies of each
 link and strand. One thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
 """
@@ -74,7 +74,8 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     row = block_rows(kind)
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    FRICTION = wp.constant(threads // WARP * extremes(kind))
+    RATES = wp.constant(threads // WARP * extremes(kind))
+    FRICTION = wp.constant(threads // WARP * extremes(kind) + kind.slots)
     warp_max = row.sharing.warp_max
     follow = following(Real).follow
 
@@ -96,7 +97,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
 
     @wp.func
     def start_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
-        """The extremes of tension so far, and no friction yet; one thread of each warp sets those of its warp."""
+        """The extremes of tension so far, which one thread of each warp sets; no rates and no friction yet."""
         i = mine.thread
         none = int(wp.static(sprockets))
         if i % wp.static(WARP) == 0:
@@ -107,11 +108,10 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             chain = sums.chain[mine.variant]
             set_extremes(shared, extremes_at(i, none), chain.tension_min, chain.tension_max)
             set_extremes(shared, extremes_at(i, none + 1), wp.float64(-3.0e38), wp.float64(3.0e38))
-        if wp.static(kind.bending):
-            j = int(i)
-            while j < wp.static(kind.slots):
-                store_row(shared.seen, FRICTION + j, Real(0.0))
-                j = j + wp.static(threads)
+        j = int(i)
+        while j < wp.static((1 + kind.bending) * kind.slots):
+            store_row(shared.seen, RATES + j, Real(0.0))
+            j = j + wp.static(threads)
 
     @wp.func
     def extremes_of(shared: kinds.Shared, of: int):
@@ -191,14 +191,11 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             widen(shared, i, tension)
 
     @wp.func
-    def add_rates(rates: of_each, rate: of_each, flags: int):
-        """One step's squared rates of the thread's links; the window's ends count half."""
+    def add_rates(shared: kinds.Shared, i: int, rate: of_each, weight: Real):
+        """One step's squared rates of the thread's links, over the time `weight` that it stands for [s]."""
         for k in range(wp.static(per)):
-            rates[k] = rates[k] + rate[k] * rate[k]
-        if flags & ENDS != 0:
-            for k in range(wp.static(per)):
-                rates[k] = rates[k] - (Real(0.5) * rate[k]) * rate[k]
-        return rates
+            at = RATES + k * wp.static(threads) + i
+            store_row(shared.seen, at, load_row(shared.seen, at) + (weight * rate[k]) * rate[k])
 
     @wp.func
     def chain_of(shared: kinds.Shared, j: int):
@@ -209,18 +206,19 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             return shared.chain[0]
 
     @wp.func
-    def flush(tallies: Tallies, shared: kinds.Shared, mine: Mine, rates: of_each):
-        """Adds what the thread's links and joints have taken to their tallies; `rates` begin anew after that."""
-        for k in range(wp.static(per)):
-            j = k * wp.static(threads) + mine.thread
-            if j < mine.rollers:
-                at = mine.first + j
-                power = chain_of(shared, j).damping * rates[k]
-                tallies.roller[at].dissipated = tallies.roller[at].dissipated + mine.h * wp.float64(power)
-                if wp.static(kind.bending):
-                    work = wp.float64(load_row(shared.seen, FRICTION + j))
-                    tallies.roller[at].friction = tallies.roller[at].friction + work
-                    store_row(shared.seen, FRICTION + j, Real(0.0))
+    def flush(tallies: Tallies, shared: kinds.Shared, mine: Mine):
+        """Adds what the thread's links and joints have taken to their tallies."""
+        j = int(mine.thread)
+        while j < mine.rollers:
+            at = mine.first + j
+            power = chain_of(shared, j).damping * load_row(shared.seen, RATES + j)
+            tallies.roller[at].dissipated = tallies.roller[at].dissipated + wp.float64(power)
+            store_row(shared.seen, RATES + j, Real(0.0))
+            if wp.static(kind.bending):
+                work = wp.float64(load_row(shared.seen, FRICTION + j))
+                tallies.roller[at].friction = tallies.roller[at].friction + work
+                store_row(shared.seen, FRICTION + j, Real(0.0))
+            j = j + wp.static(threads)
 
     @wp.func
     def add_link(tallies: Tallies, drive: Drive, shared: kinds.Shared, j: int, tension: Real):

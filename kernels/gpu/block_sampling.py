@@ -59,7 +59,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
-        rates: of_each,
     ):
         """Notes what is due, brings the strands up to date, and adds what is looked at now and then to the sums."""
         if now.flags & START == 0:
@@ -68,7 +67,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             observe.update_strand(shared, mine.rollers, mine.sprocket)
         barrier()
         observe.find_strands(shared, mine)
-        observe.flush(tallies, shared, mine, rates)
+        observe.flush(tallies, shared, mine)
         statistics.look(ensemble, state, sums, tallies, shared, mine)
 
     @wp.func
@@ -107,7 +106,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
-        rates: of_each,
     ):
         """What is due at this step beside forces and motion; all threads together."""
         drive = ensemble.drives[mine.variant]
@@ -121,8 +119,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             if now.watch_weight == Real(0.0):
                 now.watch_weight = Real(watch_weight(drive))
             if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
-                look_at_chain(ensemble, state, sums, tallies, shared, mine, now, rates)
-                rates = of_each()
+                look_at_chain(ensemble, state, sums, tallies, shared, mine, now)
         if now.flags & CHECK != 0:
             now.diverged = any_thread(gone_from(drive, shared, mine))
             if mine.sprocket >= 0:
@@ -131,7 +128,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             barrier()
         if now.flags & LAST != 0 or now.diverged != 0:
             now.going = 0
-        return now, rates
+        return now
 
     @wp.func
     def sample_links(
@@ -142,12 +139,11 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         lengths: wp.array[Real],
         tension: of_each,
         rate: of_each,
-        rates: of_each,
     ):
-        """Adds the squared rates of the thread's links to `rates`; keeps what frames or ends want of links."""
+        """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
-            rates = observe.add_rates(rates, rate, now.flags)
+            observe.add_rates(shared, mine.thread, rate, now.weight)
             if now.watched != 0:
                 observe.watch(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:
@@ -159,7 +155,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
                 extra.rate = rate_j
                 state.extra[mine.first + j] = extra
                 j = j + wp.static(threads)
-        return rates
 
     @wp.func
     def sample_joints(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):

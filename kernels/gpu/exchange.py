@@ -125,6 +125,49 @@ def lowest_bit(mask: int) -> int:
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("red.global.add.f64 [%0], %1;" :: "l"(__cvta_generic_to_global(sums.data + at)), "d"(value));
+#else
+    sums.data[at] += value;
+#endif
+""")
+def add_to(sums: wp.array[wp.float64], at: int, value: wp.float64):
+    """Adds `value` to what stands at `at` in global memory, and does not wait for it.
+
+    Where no other thread adds to it, the sum is that of one addition after the other.
+    """
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("red.global.max.s64 [%0], %1;" ::
+        "l"(__cvta_generic_to_global(values.data + at)), "l"(__double_as_longlong(value)));
+#else
+    if (value > values.data[at]) values.data[at] = value;
+#endif
+""")
+def raise_to(values: wp.array[wp.float64], at: int, value: wp.float64):
+    """Raises what stands at `at` in global memory, not negative, to `value`, and does not wait for it.
+
+    As whole numbers, bits of positive numbers have their order.
+    """
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("red.global.add.u32 [%0], 1;" :: "l"(__cvta_generic_to_global(counts.data + at)));
+#else
+    counts.data[at] += 1;
+#endif
+""")
+def count_at(counts: wp.array[wp.int32], at: int):
+    """One more at `at` in global memory, without a wait."""
+    ...
+
+
 @wp.func_native(ANY_LANE)
 def any_lane(flag: int) -> int:
     """Whether `flag` is not zero in any thread of the warp."""
@@ -182,7 +225,7 @@ class Room:
     parts: int  # values
     rows: int  # values
     held: int
-    seen: int  # values: smallest and largest tensions, and the work of each roller's joint friction
+    seen: int  # values: extremes of tension, each link's squared rates, the work of each roller's joint friction
     strand_of: int  # bytes
     size: int  # of a value [bytes]
     shares_rows: bool  # and held
@@ -224,7 +267,7 @@ def room(kind: BlockKind) -> Room:
     size = wp.types.type_size_in_bytes(kind.Real)
     parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
-    seen = kind.threads // WARP * extremes(kind) + kind.bending * kind.slots if kind.measuring else 1
+    seen = kind.threads // WARP * extremes(kind) + (1 + kind.bending) * kind.slots if kind.measuring else 1
     strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
