@@ -26,7 +26,7 @@ class BlockKind:
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
-        curved: motions or loads may be tabulated or have harmonics, which matters at float32 only.
+        curved: motions or loads may be tabulated, which matters at float32 only.
     """
 
     Real: type
