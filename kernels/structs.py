@@ -248,10 +248,12 @@ class Pose:
 
 @wp.struct
 class Spin:
-    """`Motion` on blocks at float32, as far as it is neither tabulated nor has harmonics."""
+    """`Motion` on blocks at float32, as far as it is not tabulated."""
 
     prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
-    curved: wp.int32  # 1: tabulated or with harmonics
+    curved: wp.int32  # 1: tabulated
+    drive_harmonics: Harmonics
+    load_harmonics: Harmonics
     sign: wp.float32  # +1 "ccw", -1 "cw"
     inverse_inertia: wp.float32  # 1 / J [1/(kg m^2)]
     speed: Pair  # Omega [rad/s]
@@ -460,6 +462,7 @@ def types(Real: type) -> SimpleNamespace:
         curves: Curves
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
         split_seats: wp.array[wp.vec4f]  # the same for blocks at float32, else (1,): high parts of 12 bits, low parts
+        split_harmonics: wp.array[wp.vec4f]  # `curves.harmonics` for blocks at float32, and the sine of the phase
         tooth_sliding: wp.array[Sliding]  # (all sprockets,)
         guide_sliding: wp.array[Sliding]  # (all guide-bars,)
         joints: wp.array[Joint]  # (variants,)

@@ -117,7 +117,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     def led_to(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
         """Where sprocket s is led at a step, at float32."""
         spin = shared.spins[s]
-        led = led_at(counted(step, mine.step), spin)
+        led = led_at(counted(step, mine.step), spin, ensemble.split_harmonics)
         if wp.static(kind.curved):
             if spin.curved == 1:
                 b = ensemble.drives[mine.variant].first_body + s
@@ -220,7 +220,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def load_on(ensemble: kinds.Ensemble, mine: Mine, step: int, wheel: Wheel, spin: Spin):
         """The load moment on the thread's sprocket [N m], in float32."""
-        load = spin_load(float(step) * mine.step.high, wheel.speed.high, spin)
+        load = spin_load(float(step) * mine.step.high, wheel, spin, ensemble.split_harmonics)
         if wp.static(kind.curved):
             if spin.curved == 1:
                 motion = ensemble.motions[ensemble.drives[mine.variant].first_body + mine.sprocket]

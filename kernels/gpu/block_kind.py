@@ -29,7 +29,7 @@ class BlockKind:
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
-        curved: motions or loads may be tabulated or have harmonics, which matters at float32 only.
+        curved: motions or loads may be tabulated, which matters at float32 only.
         crewed: the last warp has no rollers, but moves the bodies.
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """

@@ -8,12 +8,14 @@ moments and accelerations are float32. Between two looks at its angle a heading 
 whose next terms are below 1e-14 for steps of a hundredth of a radian.
 """
 
+import math
+
 import warp as wp
 
 from ..pairs import Pair, apart, exact_product, minus, pair_of, plus, rounded, settled, times, trimmed, whole
 from ..root import reciprocal
 from ..structs import BodyState, Led, Motion, Pose, Spin, Wheel
-from ..trigonometry import sine_cosine
+from ..trigonometry import HALF_PI, sine_cosine
 from .motion import ramp, resisted
 from .seat import grid_of, reach_of
 
@@ -23,8 +25,9 @@ def spin_of(motion: Motion):
     """A body's motion and load for blocks at float32."""
     spin = Spin()
     spin.prescribed = motion.prescribed
-    tables = motion.drive_table.cells + motion.load_table.cells
-    spin.curved = wp.where(tables + motion.drive_harmonics.count + motion.load_harmonics.count > 0, 1, 0)
+    spin.curved = wp.where(motion.drive_table.cells + motion.load_table.cells > 0, 1, 0)
+    spin.drive_harmonics = motion.drive_harmonics
+    spin.load_harmonics = motion.load_harmonics
     spin.sign = wp.float32(motion.sign)
     spin.inverse_inertia = wp.float32(motion.inverse_inertia)
     spin.speed = pair_of(motion.speed)
@@ -38,23 +41,61 @@ def spin_of(motion: Motion):
 
 
 @wp.func
-def led_at(time: Pair, spin: Spin):
-    """Where a prescribed motion without harmonics and tables leads, as `motion.prescribed_at`."""
+def led_at(time: Pair, spin: Spin, harmonics: wp.array[wp.vec4f]):
+    """Where a prescribed motion without a table leads, as `motion.prescribed_at`."""
     phi = plus(time, minus(times(spin.ramp_time, 0.5)))
     if time.high < spin.ramp_time.high:
         u = times(time, spin.ramp_rate)
         cube = times(times(u, u), u)
         phi = times(spin.ramp_time, times(cube, plus(times(u, -0.5), 1.0)))
     led = Led()
-    led.angle = plus(spin.start_angle, times(times(spin.speed, phi), spin.sign))
-    led.speed = spin.sign * rounded(spin.speed) * ramp(rounded(time), spin.ramp_time.high)
+    course = times(spin.speed, phi)
+    angle = course
+    factor = float(1.0)
+    rows = spin.drive_harmonics
+    for j in range(rows.first, rows.first + rows.count):
+        row = harmonics[j]
+        sine, cosine = sine_cosine(plus(times(course, row[0]), row[2]))
+        angle = plus(angle, times(plus(sine, -row[3]), row[1] / row[0]))
+        factor = factor + row[1] * cosine.high
+    led.angle = plus(spin.start_angle, times(angle, spin.sign))
+    led.speed = spin.sign * rounded(spin.speed) * ramp(rounded(time), spin.ramp_time.high) * factor
     return led
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __cosf(angle);
+#else
+    return wp::cos(angle);
+#endif
+""")
+def quick_cosine(angle: wp.float32) -> wp.float32:
+    """cos(angle) to 5e-7, for angles of at most half a turn."""
+    ...
+
+
 @wp.func
-def spin_load(time: wp.float32, speed: wp.float32, spin: Spin):
-    """Load moment [N m] without harmonics and tables, as `motion.load_moment`."""
-    moment = resisted(spin.load[0], speed, spin.sign, spin.load) * ramp(time, spin.load_ramp_time)
+def cosine_of(angle: Pair):
+    """cos(angle) to 5e-7, whole turns taken off before it is rounded."""
+    turns = wp.rint(angle.high * wp.static(0.5 / math.pi))
+    turn = Pair()
+    turn.high = wp.static(4.0 * HALF_PI[0])
+    turn.low = wp.static(4.0 * HALF_PI[1])
+    return quick_cosine(rounded(plus(angle, minus(times(turn, turns)))))
+
+
+@wp.func
+def spin_load(time: wp.float32, wheel: Wheel, spin: Spin, harmonics: wp.array[wp.vec4f]):
+    """Load moment [N m] without a table, as `motion.load_moment`."""
+    torque = spin.load[0]
+    rows = spin.load_harmonics
+    if rows.count > 0:
+        forward = times(plus(wheel.angle, minus(spin.start_angle)), spin.sign)
+        for j in range(rows.first, rows.first + rows.count):
+            row = harmonics[j]
+            torque = torque + row[1] * cosine_of(plus(times(forward, row[0]), row[2]))
+    moment = resisted(torque, wheel.speed.high, spin.sign, spin.load) * ramp(time, spin.load_ramp_time)
     return wp.where(spin.prescribed == 1, 0.0, moment)
 
 

@@ -12,10 +12,10 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.pairs import apart, counted, cross, pair_of, plus, times, trimmed, whole
 from warpchain.kernels.physics.contact import in_teeth, on_guide, tracked_seat
-from warpchain.kernels.physics.motion import prescribed_at
+from warpchain.kernels.physics.motion import load_moment, prescribed_at
 from warpchain.kernels.physics.seat import away, in_teeth_gap, line_of, on_line, tracked_gap
-from warpchain.kernels.physics.spin import led_at, spin_of, spun, wheel_at
-from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Spin, types
+from warpchain.kernels.physics.spin import led_at, spin_load, spin_of, spun, wheel_at
+from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Spin, Wheel, types
 from warpchain.kernels.trigonometry import sine_cosine
 from warpchain.results.channels import FRAME
 
@@ -196,12 +196,23 @@ def test_guide_bars_in_pairs_are_those_of_float64():
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def led(motion: Motion, curves: Curves, h: wp.float64, every: int, out: wp.array2d[wp.float64]):
+def led(
+    motion: Motion, curves: Curves, rows: wp.array[wp.vec4f], h: wp.float64, every: int, out: wp.array2d[wp.float64]
+):
     i = wp.tid()
     angle, speed = prescribed_at(wp.float64(i * every) * h, motion, curves)
-    to = led_at(counted(i * every, pair_of(h)), spin_of(motion))
+    spin = spin_of(motion)
+    to = led_at(counted(i * every, pair_of(h)), spin, rows)
     out[i, 0] = whole(to.angle) - angle
     out[i, 1] = wp.float64(to.speed) - speed
+    wheel = Wheel()
+    wheel.angle = pair_of(angle)
+    wheel.speed = pair_of(speed)
+    motion.prescribed = 0
+    spin.prescribed = 0
+    time = wp.float64(i * every) * h
+    load = load_moment(time, angle, speed, motion, curves)
+    out[i, 2] = wp.float64(spin_load(wp.float32(time), wheel, spin, rows)) - load
 
 
 def motion_of(**values):
@@ -214,10 +225,17 @@ def motion_of(**values):
 
 @pytest.mark.parametrize("ramp", [0.0, 0.3])
 def test_prescribed_angles_in_pairs(ramp):
-    motion = motion_of(prescribed=1, ramp_time=ramp)
-    found = np.abs(launched(led, 20_000, motion, Curves(), 1.7e-6, 100, width=2))  # 3.4 s, 178 rad
-    assert found[:, 0].max() <= 16 * EPS**2 * 178
+    harmonics = np.array([[6.0, 0.002, 0.4], [0.5, 0.03, -1.0], [3.0, 2500.0, 0.7], [20.0, 400.0, 0.1]])
+    motion = motion_of(prescribed=1, ramp_time=ramp, load=wp.vec3d(9000.0, 50.0, 0.1), load_ramp_time=ramp)
+    motion.drive_harmonics.count, motion.load_harmonics.first, motion.load_harmonics.count = 2, 2, 2
+    curves = Curves()
+    curves.harmonics, curves.tables = given(harmonics, wp.vec3d), given(np.zeros(1))
+    rows = given(np.column_stack([harmonics, np.sin(harmonics[:, 2])]), wp.vec4f)
+    found = np.abs(launched(led, 20_000, motion, curves, rows, 1.7e-6, 100, width=3))  # 3.4 s, 178 rad
+    # amplitude, phase and the sine of the phase are float32: a / h of each times their rounding
+    assert found[:, 0].max() <= 16 * EPS**2 * 178 + 3 * EPS * (0.002 / 6 + 0.03 / 0.5)
     assert found[:, 1].max() <= 8 * EPS * 52.36
+    assert found[:, 2].max() <= 8 * EPS * 14_800  # all parts of the moment at once
 
 
 @wp.kernel(enable_backward=False, module="unique")

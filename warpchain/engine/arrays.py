@@ -41,6 +41,7 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("tensioners", packed.tensioners, structs.Tensioner),
         ("seats", packed.seats, wp.vec2d),
         ("split_seats", split_seats(packed.seats) if packed.precision == "float32" else np.zeros((1, 4)), wp.vec4f),
+        ("split_harmonics", np.column_stack([packed.harmonics, np.sin(packed.harmonics[:, 2])]), wp.vec4f),
         ("tooth_sliding", packed.tooth_sliding, kinds.Sliding),
         ("guide_sliding", packed.guide_sliding, kinds.Sliding),
         ("joints", packed.joints, kinds.Joint),

@@ -171,10 +171,9 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
 
 
 def curved(packed: Packed) -> NDArray[np.bool_]:
-    """Which variants have tables or harmonics of motion or load, (variants,); all at float64, where no kernel asks."""
+    """Which variants have tables of motion or load, (variants,); all at float64, where no kernel asks."""
     motions = packed.motions
     counts = motions["drive_table"]["cells"] + motions["load_table"]["cells"]
-    counts = counts + motions["drive_harmonics"]["count"] + motions["load_harmonics"]["count"]
     return (np.add.reduceat(counts, packed.drives["first_body"]) > 0) | (packed.precision == "float64")
 
 
