@@ -55,7 +55,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     ahead = threads > 32
     early = ahead and not (moving or kind.profiles)
     # contacts without what frames want stand in the code a second time, where a thread's registers bear that
-    lean = not measuring and (ahead or (Real == wp.float32 and per <= 6))
+    lean = not measuring and (ahead or per <= (6 if Real == wp.float32 else 4))
 
     @wp.func
     def driven(shared: kinds.Shared):
