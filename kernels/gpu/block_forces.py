@@ -389,9 +389,25 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def force_on_hub(shared: kinds.Shared, i: int):
         """The chain's force on the body that thread i moves [N], where it is wanted; all threads as for `wrench_on`."""
-        x = total_on(shared, wp.static(bodies), i)
-        y = total_on(shared, wp.static(2 * bodies), i)
-        return wp.vec2d(x, y)
+        force = wp.vec2d()
+        warps = wp.static(threads) // lanes()
+        groups = lanes() // group()
+        turn = int(0)
+        first = i // lanes()
+        while first < wp.static(bodies):
+            s = first + warps * (i % lanes() // group())
+            x = wp.float64(0.0)
+            y = wp.float64(0.0)
+            if s < wp.static(bodies):
+                x = part(shared, wp.static(bodies) + s, i)
+                y = part(shared, wp.static(2 * bodies) + s, i)
+            x = group_sum(x)
+            y = group_sum(y)
+            if i % group() == turn:
+                force = wp.vec2d(x, y)
+            turn = turn + 1
+            first = first + warps * groups
+        return force
 
     @wp.func
     def wrench_on(shared: kinds.Shared, i: int):
