@@ -507,7 +507,24 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def force_on_hub(shared: kinds.Shared, i: int):
         """The chain's force on the body that thread i moves [N], where it is wanted; all threads as for `acting_on`."""
-        return vec2(total_on(shared, wp.static(bodies), i), total_on(shared, wp.static(2 * bodies), i))
+        force = vec2()
+        groups = lanes() // group()
+        turn = int(0)
+        first = first_of(i)
+        while first < wp.static(bodies):
+            s = first + crew() * (i % lanes() // group())
+            x = Real(0.0)
+            y = Real(0.0)
+            if s < wp.static(bodies):
+                x = part(shared, wp.static(bodies) + s, i)
+                y = part(shared, wp.static(2 * bodies) + s, i)
+            x = group_sum(x)
+            y = group_sum(y)
+            if i % group() == turn:
+                force = vec2(x, y)
+            turn = turn + 1
+            first = first + crew() * groups
+        return force
 
     @wp.func
     def acting_on(shared: kinds.Shared, i: int):

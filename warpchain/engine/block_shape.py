@@ -52,7 +52,7 @@ class BlockShape:
         if self.threads == 32:
             most = {
                 ("float64", False): (12, 12, 8),
-                ("float64", True): (12, 8, 8),
+                ("float64", True): (12, 12, 8),
                 ("float32", False): (20, 16, 12),
                 ("float32", True): (12, 12, 8),
             }[precision, measuring][(self.per > 4) + (self.per > 6)]
