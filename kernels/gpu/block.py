@@ -205,6 +205,26 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         return now
 
     @wp.func
+    def begin(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        step: int,
+    ):
+        """What is shared of bodies and sums, from the state."""
+        if mine.sprocket >= 0:
+            bodies.start_body(ensemble, state, sums, shared, mine, step)
+        if wp.static(measuring):
+            observe.start_extremes(ensemble, sums, shared, mine)
+            forces.open_sums(tallies, mine)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                arms.start_arm(ensemble, state, shared, mine)
+
+    @wp.func
     def finish(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -260,14 +280,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.diverged = state.progress[mine.variant].diverged
         now.going = 1
         now.since = since
-        if mine.sprocket >= 0:
-            bodies.start_body(ensemble, state, sums, shared, mine, now.step)
-        if wp.static(measuring):
-            observe.start_extremes(ensemble, sums, shared, mine)
-            forces.open_sums(tallies, mine)
-        if wp.static(kind.arms > 0):
-            if mine.arm >= 0:
-                arms.start_arm(ensemble, state, shared, mine)
+        begin(ensemble, state, sums, tallies, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)
         if wp.static(measuring):
