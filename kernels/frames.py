@@ -60,7 +60,7 @@ def frame_writers(Real: type, frame: Any) -> FrameWriters:
             frames[mine + wp.static(place("joint_friction_power")) * n] = seen.friction_power
 
     @wp.func
-    def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: BodyState, moment: wp.float64):
+    def write_sprocket(frames: wp.array[Real], at: int, n: int, s: int, body: Any, moment: Any):
         """Sprocket s at the frame's instant and the contacts' moment on it [N m], in a frame of n rollers at `at`."""
         mine = at + width(n, s, 0, 0)
         frames[mine + wp.static(place("sprocket_angle"))] = Real(body.angle)

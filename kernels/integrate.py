@@ -7,19 +7,21 @@ rk4 is the classical scheme of four stages k: slopes at the step's start, twice 
 weighted 1/6, 1/3, 1/3, 1/6. Contacts keep their memory from step starts (stage 0) only.
 """
 
+from typing import Any
+
 import warp as wp
 
 
 @wp.func
-def leapfrog_kick(step: int, h: wp.float64):
+def leapfrog_kick(step: int, h: Any):
     """Time over which the velocities of `step` are accelerated [s]."""
-    return wp.where(step == 0, wp.float64(0.5) * h, h)
+    return wp.where(step == 0, type(h)(0.5) * h, h)
 
 
 @wp.func
-def leapfrog_lag(step: int, h: wp.float64):
+def leapfrog_lag(step: int, h: Any):
     """How far behind the positions the velocities of `step` are [s]."""
-    return wp.where(step == 0, wp.float64(0.0), wp.float64(0.5) * h)
+    return wp.where(step == 0, type(h)(0.0), type(h)(0.5) * h)
 
 
 @wp.func

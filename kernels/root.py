@@ -74,7 +74,70 @@ def reciprocal(value: wp.float64) -> wp.float64:
     ...
 
 
-@wp.func_native("return 1.0f / value;")
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    float y;
+    asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(y) : "f"(value));
+    return y;
+#else
+    return 1.0f / value;
+#endif
+""")
 def reciprocal(value: wp.float32) -> wp.float32:
     """1 / value, which is of ordinary size, to round-off."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    double y;
+    asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(by));
+    const double e = fma(-by, y, 1.0);
+    return value * fma(y * e, fma(e, e, 1.0 + e), y);
+#else
+    return value / by;
+#endif
+""")
+def quotient(value: wp.float64, by: wp.float64) -> wp.float64:
+    """`value` / `by`, which is of ordinary size; on CUDA to round-off."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __fdividef(value, by);
+#else
+    return value / by;
+#endif
+""")
+def quotient(value: wp.float32, by: wp.float32) -> wp.float32:
+    """`value` / `by`, which is of ordinary size, to two units of the last place."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __fma_rn(a, b, __dmul_rn(c, d));
+#else
+    const double first = a * b;
+    const double second = c * d;
+    return first + second;
+#endif
+""")
+def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.float64:
+    """a b + c d; on CUDA rounded alike wherever it stands, which the compiler would choose each time."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __fmaf_rn(a, b, __fmul_rn(c, d));
+#else
+    const float first = a * b;
+    const float second = c * d;
+    return first + second;
+#endif
+""")
+def products(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
+    """a b + c d, as at float64."""
     ...

@@ -1,7 +1,8 @@
 """The data that kernels read and write, as Warp structs, for each precision from one source.
 
 `types(Real)` gives the structs whose quantities are `Real` (wp.float64 or wp.float32). Everything is in SI units.
-Quantities that belong to a sprocket's motion, and sums over time, are float64 at both precisions.
+Quantities that belong to a body's motion, and sums over time, are float64 at both precisions; on blocks at float32 what
+turns a sprocket and what contacts see of it is in float32 and pairs of float32 (`Spin`, `Wheel`, `Line`).
 """
 
 from functools import cache
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from .pairs import Pair
 from .sum_structs import MountSums, SprocketSums, StrandSums, TensionerFlows, Totals
 
 GROUND = wp.constant(-1)
@@ -245,6 +247,78 @@ class Pose:
 
 
 @wp.struct
+class Spin:
+    """`Motion` on blocks at float32, as far as it is not tabulated."""
+
+    prescribed: wp.int32  # 1: angle prescribed, 0: free to turn
+    curved: wp.int32  # 1: tabulated
+    drive_harmonics: Harmonics
+    load_harmonics: Harmonics
+    sign: wp.float32  # +1 "ccw", -1 "cw"
+    inverse_inertia: wp.float32  # 1 / J [1/(kg m^2)]
+    speed: Pair  # Omega [rad/s]
+    ramp_time: Pair  # [s]
+    ramp_rate: Pair  # 1 / ramp_time [1/s]
+    start_angle: Pair  # theta_0 [rad]
+    load: wp.vec3f  # torque [N m], viscous [N m s], quadratic [N m s^2]
+    load_ramp_time: wp.float32  # [s]
+
+
+@wp.struct
+class Wheel:
+    """A sprocket on blocks at float32, as `Pose` and for `physics.seat`; thread s writes it, all read it."""
+
+    reach_cosine: Pair  # R cos theta, the high part on a grid of 12 bits [m]
+    reach_sine: Pair
+    center: wp.vec2f  # high parts [m]
+    center_low: wp.vec2f
+    cosine: Pair  # of the angle
+    sine: Pair
+    speed: Pair  # angular velocity, with leapfrog half a step behind [rad/s]
+    velocity: wp.vec2f  # of the center [m/s]
+    radius: Pair  # R [m]
+    grid: wp.float32  # for `physics.seat.gridded` [m]
+    angle: Pair  # [rad]
+    exact_speed: wp.float32  # prescribed: angular velocity at the step's instant [rad/s]
+    load: wp.float32  # free: load moment [N m]
+
+
+@wp.struct
+class SpinSums:
+    """`SprocketSums` of a sprocket that is moved in pairs of float32."""
+
+    speed_min: wp.float32  # [rad/s]
+    speed_max: wp.float32
+    speed: Pair  # [rad]
+    speed_square: Pair
+    moment: Pair  # [N m s]
+    contact_work: Pair  # [J]
+    load_work: Pair  # [J]
+    force_x: Pair  # [N s]
+    force_y: Pair
+    force_max: wp.float32  # [N]
+
+
+@wp.struct
+class Led:
+    """Where prescribed motion leads a sprocket, on blocks at float32."""
+
+    angle: Pair  # [rad]
+    speed: wp.float32  # [rad/s]
+
+
+@wp.struct
+class Line:
+    """Where a straight guide-bar lies, on blocks at float32: high and low parts."""
+
+    start: wp.vec2f  # a [m]
+    start_low: wp.vec2f
+    direction: wp.vec2f  # t
+    direction_low: wp.vec2f
+    slack: wp.float32  # what float32 alone may be off by along the bar and a little beyond [m]
+
+
+@wp.struct
 class Strand:
     """The nominal straight line of a strand, and which part of the chain lies on it (updated every few steps)."""
 
@@ -387,6 +461,8 @@ def types(Real: type) -> SimpleNamespace:
         tensioners: wp.array[Tensioner]  # (all tensioners,)
         curves: Curves
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
+        split_seats: wp.array[wp.vec4f]  # the same for blocks at float32, else (1,): high parts of 12 bits, low parts
+        split_harmonics: wp.array[wp.vec4f]  # `curves.harmonics` for blocks at float32, and the sine of the phase
         tooth_sliding: wp.array[Sliding]  # (all sprockets,)
         guide_sliding: wp.array[Sliding]  # (all guide-bars,)
         joints: wp.array[Joint]  # (variants,)
@@ -423,7 +499,7 @@ def types(Real: type) -> SimpleNamespace:
         stages: wp.array[Real]  # (10 * all rollers,) for rk4 on blocks, else (1,): see `block_rk4`
         rows: wp.array[Real]  # for blocks too large to share theirs; else (1,)
         held: wp.array[wp.int32]  # the same
-        parts: wp.array[wp.float64]  # the same
+        parts: wp.array[Real]  # the same
         progress: wp.array[Progress]  # (variants,)
 
     @wp.struct
@@ -443,8 +519,15 @@ def types(Real: type) -> SimpleNamespace:
 
         rows: wp.array[Real]  # of rollers, one after the other (`exchange.ROWS`)
         held: wp.array[wp.int32]  # partners that each roller is near, as bits: sprockets, then guide-bars
-        seen: wp.array[Real]  # of links, one row after the other (`exchange.SEEN`)
+        seen: wp.array[Real]  # extremes of tension, then rows of squared rates, of joint friction (`block_observe`)
+        strand_of: wp.array[wp.uint8]  # of links: the strand that each is on, S on none, S + 1 where there is no link
         poses: wp.array[Pose]  # (S,)
+        wheels: wp.array[wp.vec4f]  # rows of sprockets and of their teeth, at float32 (`block_wheels`)
+        gears: wp.array[wp.vec4f]
+        spins: wp.array[Spin]  # (S,), the same
+        led: wp.array[Led]  # (S, steps), the same
+        lines: wp.array[wp.vec4f]  # rows of straight guide-bars, the same
+        box: wp.array[wp.vec4f]  # (1,), the same: low and high corner beyond which a roller has left the drive [m]
         teeth: wp.array[Sprocket]  # (S,)
         bands: wp.array[Band]  # (S,)
         bars: wp.array[Guide]  # (G,), at least one
@@ -452,11 +535,12 @@ def types(Real: type) -> SimpleNamespace:
         chain: wp.array[Chain]  # (1,)
         joint: wp.array[Joint]  # (1,)
         links: wp.array[Links]  # (1,)
-        parts: wp.array[wp.float64]  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
+        parts: wp.array[Real]  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
         motions: wp.array[Motion]  # (S,)
         course: wp.array[wp.float64]  # (S, steps, 2): angle, speed of prescribed sprockets (`exchange.COURSE`)
         mounts: wp.array[Mount]  # (S,)
         sprocket_sums: wp.array[SprocketSums]  # (S,)
+        spin_sums: wp.array[SpinSums]  # (S,), instead of these at float32
         strands: wp.array[Strand]  # (S,)
         strand_sums: wp.array[StrandSums]  # (S,)
         mount_sums: wp.array[MountSums]  # (S,)

@@ -25,7 +25,7 @@ class Totals:
 
 @wp.struct
 class ContactSums:
-    """Sums over the window of one sprocket's or guide-bar's contacts."""
+    """Sums over the window of one sprocket's or guide-bar's contacts; forces: of watched steps (`sums.WATCH_EVERY`)."""
 
     force_max: wp.float64  # [N]
     impacts: wp.int32  # contacts that began
@@ -47,7 +47,7 @@ class SprocketSums:
     moment: wp.float64  # [N m s]
     contact_work: wp.float64  # done by the chain on the sprocket [J]
     load_work: wp.float64  # done by the load moment [J]
-    force: wp.vec2d  # of the chain on it [N s]
+    force: wp.vec2d  # of the chain on it, at watched steps [N s]
     force_max: wp.float64  # its largest magnitude [N]
 
 
@@ -105,10 +105,10 @@ class TensionerSums:
 
 @wp.struct
 class StrandSums:
-    """Sums over the window of one strand: its links' tension and its mid-strand transverse displacement."""
+    """Sums over the looks in the window at one strand: its links' tension, mid-strand transverse displacement."""
 
     links: wp.int64  # tension samples
-    tension_min: wp.float64  # [N]
+    tension_min: wp.float64  # of watched steps [N]
     tension_max: wp.float64
     tension: wp.float64
     tension_square: wp.float64
@@ -123,11 +123,11 @@ class StrandSums:
 class ChainSums:
     """Sums over the window of the whole chain, and the energy balance's two ends."""
 
-    tension_min: wp.float64  # [N]
+    tension_min: wp.float64  # of watched steps [N]
     tension_max: wp.float64
-    tension: wp.float64  # sum over links and steps
+    tension: wp.float64  # sum over links and looks
     tension_square: wp.float64
-    samples: wp.int64  # steps in the window
+    samples: wp.int64  # looks in the window
     dissipated: wp.float64  # in the links [J]
     friction: wp.float64  # dissipated in the joints [J]
     energy_start: wp.float64  # mechanical energy at the window's start [J]
@@ -169,9 +169,7 @@ class LinkTally:
     """What one link added up while it was on one strand, or on none."""
 
     samples: wp.int64
-    tension_min: wp.float64  # [N]
-    tension_max: wp.float64
-    tension: wp.float64
+    tension: wp.float64  # [N]
     tension_square: wp.float64
 
 
@@ -190,10 +188,19 @@ class RollerTally:
 
 @wp.struct
 class Tallies:
-    """Sums that the block kernels keep roller by roller, so that no thread waits for another."""
+    """Sums that the block kernels keep roller by roller, so that no thread waits for another.
+
+    Those of contacts (`ContactSums`) lie in rows of their own, neighbors' beside each other.
+    """
 
     link: wp.array[LinkTally]  # (sum of (S + 1) N,)
-    contact: wp.array[ContactSums]  # (contact memories,)
+    impacts: wp.array[wp.int32]  # (contact memories,)
+    contacts: wp.array[wp.int32]
+    missed: wp.array[wp.int32]
+    dissipated: wp.array[wp.float64]
+    friction: wp.array[wp.float64]
+    impulse: wp.array[wp.float64]
+    force_max: wp.array[wp.float64]
     roller: wp.array[RollerTally]  # (all rollers,)
     body: wp.array[RollerTally]  # (all bodies,): energy only, of tensioners too
 

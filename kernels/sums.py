@@ -11,22 +11,38 @@ from typing import Any
 import warp as wp
 
 from .root import reciprocal
-from .structs import BodyState, Mount, Push, Strand
+from .structs import BodyState, Drive, Mount, Push, Strand
 from .sum_structs import (
     ArmSums,
     ChainSums,
     ContactSums,
-    LinkTally,
     MountSums,
     RollerTally,
     SprocketSums,
     StrandSums,
     TensionerFlows,
     TensionerSums,
+    Totals,
 )
 
-STRAND_EVERY = wp.constant(16)
-"""Steps between two updates of which links lie on a strand; the chain moves a small part of a pitch in between."""
+STRAND_EVERY = wp.constant(32)
+"""Steps between two looks at the chain: which links lie on a strand, their tensions, where mid-strand is.
+
+The chain moves a small part of a pitch in between. The window's first step has a look too.
+"""
+
+WATCH_EVERY = wp.constant(2)
+"""Steps between two at which forces are held against the largest so far, and those on partners and hubs added up.
+
+The fastest oscillation takes 31 automatic steps (`assembly.timestep`): of a peak at most 2 % of its part is missed.
+"""
+
+
+@wp.func
+def watch_weight(drive: Drive):
+    """The time that each watched step stands for in the window's sums [s]: of the window's ends, a whole one too."""
+    watched = drive.window_end // WATCH_EVERY - (drive.window_start + WATCH_EVERY - 1) // WATCH_EVERY + 1
+    return wp.float64(drive.window_end - drive.window_start) * drive.step / wp.float64(wp.max(watched, 1))
 
 
 @wp.func
@@ -42,20 +58,9 @@ def after(i: int, n: int):
 
 
 @wp.func
-def unseen():
-    """A tally of tension that has seen none."""
-    tally = LinkTally()
-    tally.tension_min = wp.float64(1.0e308)
-    tally.tension_max = wp.float64(-1.0e308)
-    return tally
-
-
-@wp.func
 def add_tension(sums: Any, tension: Any):
-    """One link's tension [N] at one step; `sums` is a struct with fields like `LinkTally`'s, which count elsewhere."""
+    """One link's tension [N] at one look; `sums` is a struct with fields like `LinkTally`'s, which count elsewhere."""
     value = wp.float64(tension)
-    sums.tension_min = wp.min(sums.tension_min, value)
-    sums.tension_max = wp.max(sums.tension_max, value)
     sums.tension = sums.tension + value
     sums.tension_square = sums.tension_square + value * value
     return sums
@@ -64,10 +69,16 @@ def add_tension(sums: Any, tension: Any):
 @wp.func
 def merge_tension(sums: Any, other: Any):
     """The tension that another such struct has seen."""
-    sums.tension_min = wp.min(sums.tension_min, other.tension_min)
-    sums.tension_max = wp.max(sums.tension_max, other.tension_max)
     sums.tension = sums.tension + other.tension
     sums.tension_square = sums.tension_square + other.tension_square
+    return sums
+
+
+@wp.func
+def merge_extremes(sums: Any, lowest: wp.float64, highest: wp.float64):
+    """The smallest and the largest tension that others have seen [N]."""
+    sums.tension_min = wp.min(sums.tension_min, lowest)
+    sums.tension_max = wp.max(sums.tension_max, highest)
     return sums
 
 
@@ -92,35 +103,32 @@ def merge_roller(sums: ChainSums, tally: RollerTally):
 
 
 @wp.func
-def add_contact(
-    sums: wp.array[ContactSums], at: int, force: Any, force_max: Any, power: Any, impacts: int, weight: Any
-):
-    """Adds contacts of one step to the sums at `at`: sum and largest of forces [N], power [W], how many began.
-
-    `weight` is the time that the step stands for [s]. What does not change is neither read nor written: the block
-    kernel has these sums in global memory.
-    """
-    sums[at].impulse = sums[at].impulse + wp.float64(weight * force)
-    sums[at].dissipated = sums[at].dissipated + wp.float64(weight * power)
-    if wp.float64(force_max) > sums[at].force_max:
-        sums[at].force_max = wp.float64(force_max)
-    if impacts != 0:
-        sums[at].impacts = sums[at].impacts + impacts
+def add_contact(sums: ContactSums, totals: Totals, weight: wp.float64):
+    """What dampers and friction of a partner's contacts take in one step, which stands for `weight` [s]."""
+    sums.dissipated = sums.dissipated + weight * totals.dissipated
+    sums.friction = sums.friction + weight * totals.friction
+    return sums
 
 
 @wp.func
-def add_touches(sums: wp.array[ContactSums], at: int, contacts: int, missed: int):
-    """Adds rollers that touched for the first time in their pass, and those that came in not through the face."""
+def add_contact_force(sums: ContactSums, totals: Totals, weight: wp.float64):
+    """The forces of a partner's contacts at a watched step, which stands for `weight` [s]."""
+    sums.impulse = sums.impulse + weight * totals.force
+    sums.force_max = wp.max(sums.force_max, totals.force_max)
+    return sums
+
+
+@wp.func
+def add_touches(sums: wp.array[ContactSums], at: int, impacts: int, contacts: int, missed: int):
+    """Adds to the counts at `at` contacts that began, rollers that touched for the first time in their pass, and those
+    that came in not through the face; rarely any.
+    """
+    if impacts != 0:
+        sums[at].impacts = sums[at].impacts + impacts
     if contacts != 0:
         sums[at].contacts = sums[at].contacts + contacts
     if missed != 0:
         sums[at].missed = sums[at].missed + missed
-
-
-@wp.func
-def add_friction(sums: wp.array[ContactSums], at: int, power: Any, weight: Any):
-    """Adds the power of friction in contacts of one step [W] to the sums at `at`; `weight` as in `add_contact`."""
-    sums[at].friction = sums[at].friction + wp.float64(weight * power)
 
 
 @wp.func
@@ -139,8 +147,10 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 @wp.func
 def add_sprocket(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load: wp.float64, weight: wp.float64):
     """One sprocket's speed, contact moment and load moment at one step."""
-    sums.speed_min = wp.min(sums.speed_min, speed)
-    sums.speed_max = wp.max(sums.speed_max, speed)
+    if speed < sums.speed_min:
+        sums.speed_min = speed
+    if speed > sums.speed_max:
+        sums.speed_max = speed
     sums.speed = sums.speed + weight * speed
     sums.speed_square = sums.speed_square + weight * speed * speed
     sums.moment = sums.moment + weight * moment
@@ -151,9 +161,11 @@ def add_sprocket(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load
 
 @wp.func
 def add_hub_force(sums: SprocketSums, force: wp.vec2d, weight: wp.float64):
-    """The chain's force on one sprocket at one step."""
+    """The chain's force on one sprocket at a watched step, which stands for `weight` [s]."""
     sums.force = sums.force + weight * force
-    sums.force_max = wp.max(sums.force_max, wp.length(force))
+    square = wp.dot(force, force)
+    if square > sums.force_max * sums.force_max or sums.force_max < wp.float64(0.0):
+        sums.force_max = wp.sqrt(square)
     return sums
 
 

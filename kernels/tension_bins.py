@@ -16,9 +16,15 @@ STEP = 0.04
 
 
 @wp.func
-def bin_of(tension: Any, scale: wp.float64):
-    """Bin of a tension [N] for a scale [N]; an outermost one of what is not finite."""
-    ratio = wp.float32(wp.float64(tension) / wp.max(scale, wp.float64(1.0e-9)))
+def bins_per_force(scale: wp.float64):
+    """1 / s of a scale [N], as `bin_of` wants it."""
+    return wp.float32(wp.float64(1.0) / wp.max(scale, wp.float64(1.0e-9)))
+
+
+@wp.func
+def bin_of(tension: Any, per_force: wp.float32):
+    """Bin of a tension [N] for 1 / s [1/N]; an outermost one of what is not finite."""
+    ratio = wp.float32(tension) * per_force
     size = wp.abs(ratio)
     size = wp.log(size + wp.sqrt(size * size + wp.float32(1.0))) * wp.static(wp.float32(1.0 / STEP))
     place = wp.int32(wp.floor(wp.where(ratio < wp.float32(0.0), -size, size)))
@@ -26,6 +32,6 @@ def bin_of(tension: Any, scale: wp.float64):
 
 
 @wp.func
-def count_tension(counts: wp.array[wp.int32], first: int, tension: Any, scale: wp.float64):
-    """Adds a tension [N] to the histogram that begins at `first`."""
-    wp.atomic_add(counts, first + bin_of(tension, scale), 1)
+def count_tension(counts: wp.array[wp.int32], first: int, tension: Any, per_force: wp.float32):
+    """Adds a tension [N] to the histogram that begins at `first`; `per_force` as in `bin_of`."""
+    wp.atomic_add(counts, first + bin_of(tension, per_force), 1)

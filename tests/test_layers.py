@@ -28,7 +28,8 @@ LEVELS = (
 """The package's folders and single modules from the lowest up; "" is the root, with the names that users see."""
 
 KERNEL_LEVELS = (
-    ("root", "trigonometry", "sum_structs"),
+    ("root", "pairs", "sum_structs"),
+    ("trigonometry",),
     ("structs", "rows"),
     ("integrate",),
     ("physics",),

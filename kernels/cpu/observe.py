@@ -17,11 +17,12 @@ from ..structs import Drive, types
 from ..sum_structs import Sums
 from ..sums import (
     STRAND_EVERY,
+    WATCH_EVERY,
     add_arm,
     add_contact,
+    add_contact_force,
     add_displacement,
     add_energy,
-    add_friction,
     add_hub_force,
     add_mount,
     add_sprocket,
@@ -29,6 +30,7 @@ from ..sums import (
     add_touches,
     flowed_since,
     following,
+    watch_weight,
 )
 from .joints import joint_passes
 from .rollers import passes, rows
@@ -79,7 +81,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     vec2 = kinds.vec2
     tally = tallies(Real, capacity)
     friction_power, joint_power = joint_passes(Real, capacity).friction_power, joint_passes(Real, capacity).joint_power
-    look = statistics(Real, capacity).look
+    look, note = statistics(Real, capacity).look, statistics(Real, capacity).note
     follow = following(Real).follow
     load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
@@ -138,8 +140,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             whole = wrench_on(ensemble, state, drive, b)
             held, power = held_by(at.time, body, whole, load_part, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
-        mine = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
-        sums.sprocket[i] = add_hub_force(mine, wrench.force, at.weight)
+        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
 
     @wp.func
     def add_arm_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, a: int, at: Instant):
@@ -178,17 +179,40 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         tally.clear(w, n)
 
     @wp.func
-    def measure_strands(state: kinds.State, sums: Sums, drive: Drive, w: wp.array[Real], at: Instant):
-        """Adds the strands of an evaluated step to the sums of the window."""
+    def look_at_chain(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        variant: int,
+        drive: Drive,
+        w: wp.array[Real],
+        step: int,
+    ):
+        """Brings the strands up to date, and adds tensions and mid-strand displacements of step `step` to the sums."""
         n = drive.rollers
-        for s in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
-            strand = state.strands[s]
-            if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
-                strand = follow(w, X, Y, n, strand)
-                state.strands[s] = strand
-            mine = add_displacement(sums.strand[s], tally.mid_displacement(w, n, strand))
-            mine.links = mine.links + wp.int64(strand.links)
-            sums.strand[s] = mine
+        if step > drive.window_start:
+            merge(ensemble, state, sums, variant, w)
+            note(sums, variant, drive, step)
+        for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+            state.strands[i] = follow(w, X, Y, n, state.strands[i])
+        look(ensemble, state, sums, variant, drive, w)
+        sums.chain[variant] = tally.add_links(w, n, sums.chain[variant])
+        for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
+            strand = state.strands[i]
+            strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
+            sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
+
+    @wp.func
+    def watch(state: kinds.State, sums: Sums, drive: Drive, w: wp.array[Real]):
+        """Holds tensions against their extremes so far, and adds up forces on sprockets and guide-bars."""
+        tally.widen(w, drive.rollers)
+        weight = watch_weight(drive)
+        for s in range(drive.sprockets):
+            i = drive.first_sprocket + s
+            sums.sprocket[i] = add_hub_force(sums.sprocket[i], state.wrenches[drive.first_body + s].force, weight)
+        first = drive.first_sprocket + drive.first_guide
+        for i in range(first, first + drive.sprockets + drive.guides):
+            sums.contact[i] = add_contact_force(sums.contact[i], state.totals[i], weight)
 
     @wp.func
     def measure_contacts(state: kinds.State, sums: Sums, drive: Drive, at: Instant):
@@ -196,11 +220,9 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         first = drive.first_sprocket + drive.first_guide
         for i in range(first, first + drive.sprockets + drive.guides):
             of = state.totals[i]
-            add_contact(sums.contact, i, of.force, of.force_max, of.dissipated, of.impacts, at.weight)
+            sums.contact[i] = add_contact(sums.contact[i], of, at.weight)
             missed = wp.where(at.step == drive.window_start, of.missing, of.missed)
-            add_touches(sums.contact, i, of.contacts, missed)
-            if of.friction != wp.float64(0.0):
-                add_friction(sums.contact, i, of.friction, at.weight)
+            add_touches(sums.contact, i, of.impacts, of.contacts, missed)
 
     @wp.func
     def measure(
@@ -215,11 +237,11 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     ):
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
-        if at.step % STRAND_EVERY == 0 and at.step > drive.window_start:
-            merge(ensemble, state, sums, variant, w)
-            look(ensemble, state, sums, variant, drive, w, at.step)
-        tally.tally(w, n, Real(at.weight / drive.step))
-        sums.chain[variant].samples = sums.chain[variant].samples + wp.int64(1)
+        if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
+            look_at_chain(ensemble, state, sums, variant, drive, w, at.step)
+        if at.step % WATCH_EVERY == 0:
+            watch(state, sums, drive, w)
+        tally.add_rates(w, n, Real(at.weight / drive.step))
         if ensemble.joints[variant].rubs != 0:
             lost = at.weight * friction_power(w, n, chain, Real(at.lag))
             sums.chain[variant].friction = sums.chain[variant].friction + lost
@@ -233,7 +255,6 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             add_arm_body(ensemble, state, sums, drive, a, at)
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             add_push(ensemble, state, sums, drive, t, at)
-        measure_strands(state, sums, drive, w, at)
 
     @wp.func
     def seen(w: wp.array[Real], i: int):

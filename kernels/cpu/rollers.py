@@ -80,8 +80,6 @@ class Rows:
     rubbed: int  # power of friction [W]
     least: int  # of links since their tallies were merged: least and greatest tension [N]
     greatest: int
-    tensions: int  # sum of tensions and of their squares
-    squares: int
     rates: int  # weighted sum of squares of rates of elongation
     strand: int  # that the link is on
 

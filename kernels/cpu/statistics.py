@@ -11,7 +11,7 @@ from ..slip import follow_slip, mid_wrap
 from ..structs import Drive, types
 from ..sum_structs import ChainNote, StrandNote, Sums
 from ..sums import after
-from ..tension_bins import BINS, count_tension
+from ..tension_bins import BINS, bins_per_force, count_tension
 from .rollers import rows
 
 
@@ -20,6 +20,7 @@ class Statistics:
     """What takes one variant's statistics."""
 
     look: wp.Function
+    note: wp.Function
 
 
 @cache
@@ -31,7 +32,7 @@ def statistics(Real: type, capacity: int) -> Statistics:
 
     @wp.func
     def note(sums: Sums, variant: int, drive: Drive, step: int):
-        """Notes the sums at the ends of batches."""
+        """Notes the sums at the ends of batches, before step `step` is added."""
         first, end = notes_due(drive, step)
         for k in range(first, end):
             of_chain = ChainNote()
@@ -69,15 +70,15 @@ def statistics(Real: type, capacity: int) -> Statistics:
         variant: int,
         drive: Drive,
         w: wp.array[Real],
-        step: int,
     ):
-        """Counts tensions, follows slips and notes sums before step `step` is added; strands are as they were."""
+        """Counts tensions and follows slips."""
         n = drive.rollers
         first = drive.first_sprocket
         place_links(state, drive, w)
+        per_force = bins_per_force(drive.tension_scale)
         for j in range(n):
             at = (first + variant + int(load_row(w, STRAND + j))) * BINS
-            count_tension(sums.tension_counts, at, load_row(w, TENSION + j), drive.tension_scale)
+            count_tension(sums.tension_counts, at, load_row(w, TENSION + j), per_force)
         for s in range(drive.sprockets):
             before = state.strands[first + wp.where(s > 0, s, drive.sprockets) - 1]
             roller = mid_wrap(before, state.strands[first + s], n)
@@ -85,6 +86,5 @@ def statistics(Real: type, capacity: int) -> Statistics:
             sign = ensemble.motions[drive.first_body + s].sign
             teeth = ensemble.sprockets[first + s].teeth
             sums.slip[first + s] = follow_slip(sums.slip[first + s], roller, seat, teeth, sign, n)
-        note(sums, variant, drive, step)
 
-    return Statistics(look=look)
+    return Statistics(look=look, note=note)

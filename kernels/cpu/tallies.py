@@ -1,11 +1,12 @@
 """What the rollers of one variant add up to: tensions by link, mid-strand displacement, energy.
 
-Every link has a tally of its own, a value in each of five rows, so that a step adds to all in one loop that vectorizes;
+Every link has a tally of its own, a value in each of three rows, so that a step adds to all in a loop that vectorizes;
 every `STRAND_EVERY` steps, before strands change their links, tallies are merged into the sums of chain and strands.
 """
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -14,7 +15,7 @@ from ..physics.roller import roller_energy
 from ..rows import accessors, whole
 from ..structs import Strand, types
 from ..sum_structs import ChainSums, LinkTally, StrandSums
-from ..sums import after, displacement, merge_tension
+from ..sums import add_tension, after, displacement, merge_extremes, merge_tension
 from .rollers import passes, rows
 
 
@@ -23,7 +24,10 @@ class RollerSums:
     """The sums over the rollers of one variant."""
 
     clear: wp.Function
-    tally: wp.Function
+    add_rates: wp.Function
+    widen: wp.Function
+    add_links: wp.Function
+    add_strand_links: wp.Function
     merge_links: wp.Function
     mid_displacement: wp.Function
     merge_strand_links: wp.Function
@@ -37,7 +41,7 @@ def tallies(Real: type, capacity: int) -> RollerSums:
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     at = rows(capacity)
     X, Y, VX, VY, TENSION, RATE = at.x, at.y, at.vx, at.vy, at.tension, at.rate
-    LEAST, GREATEST, TENSIONS, SQUARES, RATES = at.least, at.greatest, at.tensions, at.squares, at.rates
+    LEAST, GREATEST, RATES = at.least, at.greatest, at.rates
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
 
     @wp.func
@@ -47,34 +51,54 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         while i < whole(n):
             store_row(w, LEAST + i, Real(wp.inf))
             store_row(w, GREATEST + i, Real(-wp.inf))
-            store_row(w, TENSIONS + i, Real(0.0))
-            store_row(w, SQUARES + i, Real(0.0))
             store_row(w, RATES + i, Real(0.0))
             i = i + 1
 
     @wp.func
-    def tally(w: wp.array[Real], n: int, share: Real):
-        """Adds a step to every link's tally; `share` is the part of a step that it stands for in time integrals."""
+    def add_rates(w: wp.array[Real], n: int, share: Real):
+        """Adds a step's squared rates to the links' tallies; `share` is the part of a step that it stands for."""
         i = int(0)
         while i < whole(n):
-            tension = load_row(w, TENSION + i)
             rate = load_row(w, RATE + i)
-            store_row(w, LEAST + i, wp.min(load_row(w, LEAST + i), tension))
-            store_row(w, GREATEST + i, wp.max(load_row(w, GREATEST + i), tension))
-            store_row(w, TENSIONS + i, load_row(w, TENSIONS + i) + tension)
-            store_row(w, SQUARES + i, load_row(w, SQUARES + i) + tension * tension)
             store_row(w, RATES + i, load_row(w, RATES + i) + share * (rate * rate))
             i = i + 1
 
     @wp.func
-    def tally_of(w: wp.array[Real], i: int):
-        """What link i's tally has seen of tension."""
+    def widen(w: wp.array[Real], n: int):
+        """Holds a watched step's tensions against the links' extremes."""
+        i = int(0)
+        while i < whole(n):
+            tension = load_row(w, TENSION + i)
+            store_row(w, LEAST + i, wp.min(load_row(w, LEAST + i), tension))
+            store_row(w, GREATEST + i, wp.max(load_row(w, GREATEST + i), tension))
+            i = i + 1
+
+    @wp.func
+    def add_links(w: wp.array[Real], n: int, sums: ChainSums):
+        """A look at every link's tension."""
         seen = LinkTally()
-        seen.tension_min = wp.float64(load_row(w, LEAST + i))
-        seen.tension_max = wp.float64(load_row(w, GREATEST + i))
-        seen.tension = wp.float64(load_row(w, TENSIONS + i))
-        seen.tension_square = wp.float64(load_row(w, SQUARES + i))
-        return seen
+        for i in range(n):
+            seen = add_tension(seen, load_row(w, TENSION + i))
+        sums = merge_tension(sums, seen)
+        sums.samples = sums.samples + wp.int64(1)
+        return sums
+
+    @wp.func
+    def add_strand_links(w: wp.array[Real], n: int, strand: Strand, sums: StrandSums):
+        """A look at the tension of the links between the strand's two tangent points."""
+        seen = LinkTally()
+        link = strand.first_link
+        for _ in range(strand.links):
+            seen = add_tension(seen, load_row(w, TENSION + link))
+            link = after(link, n)
+        sums = merge_tension(sums, seen)
+        sums.links = sums.links + wp.int64(strand.links)
+        return sums
+
+    @wp.func
+    def merge_extremes_of(w: wp.array[Real], i: int, sums: Any):
+        """`sums` with the extremes of link i's tally."""
+        return merge_extremes(sums, wp.float64(load_row(w, LEAST + i)), wp.float64(load_row(w, GREATEST + i)))
 
     @wp.func
     def merge_links(
@@ -82,7 +106,7 @@ def tallies(Real: type, capacity: int) -> RollerSums:
     ):
         """`sums` with the tallies of all links; `step` is a step's length [s]."""
         for i in range(n):
-            sums = merge_tension(sums, tally_of(w, i))
+            sums = merge_extremes_of(w, i, sums)
             mine = chain
             if links.uneven != 0:
                 mine = link_chain(i, chain, links)
@@ -107,7 +131,7 @@ def tallies(Real: type, capacity: int) -> RollerSums:
         """`sums` with the tallies of the links between the strand's two tangent points."""
         link = strand.first_link
         for _ in range(strand.links):
-            sums = merge_tension(sums, tally_of(w, link))
+            sums = merge_extremes_of(w, link, sums)
             link = after(link, n)
         return sums
 
@@ -133,7 +157,10 @@ def tallies(Real: type, capacity: int) -> RollerSums:
 
     return RollerSums(
         clear=clear,
-        tally=tally,
+        add_rates=add_rates,
+        widen=widen,
+        add_links=add_links,
+        add_strand_links=add_strand_links,
         merge_links=merge_links,
         mid_displacement=mid_displacement,
         merge_strand_links=merge_strand_links,

@@ -13,10 +13,10 @@ import warp as wp
 from ..modules import own_module
 from ..structs import types
 from ..sum_structs import Sums, Tallies
-from ..sums import add_hub_force
+from ..sums import WATCH_EVERY, add_hub_force
 from .block_arms import block_arms
 from .block_bodies import block_bodies
-from .block_events import END
+from .block_events import END, EXTRA
 from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
@@ -25,6 +25,8 @@ from .block_partners import block_partners
 from .block_rk4 import block_rk4
 from .block_rows import block_rows
 from .block_sampling import block_sampling
+from .block_spin_sums import add_spin_hub
+from .block_wheels import seen_wheel
 
 
 @cache
@@ -38,6 +40,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
+    vec2 = kinds.vec2
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
     sampling, partners = block_sampling(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
@@ -45,9 +48,15 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     pull = joints.pull if kind.bending else row.pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
-    SPROCKETS, wrench_on = forces.SPROCKETS, forces.wrench_on
-    observe_sprocket = block_observing(kind).observe_sprocket
+    SPROCKETS, acting_on, wrench_of = forces.SPROCKETS, forces.acting_on, forces.wrench_of
+    observe, step_of = block_observing(kind), row.step_of
     stage_roller = block_rk4(kind)
+    # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
+    # what rollers may touch unless that depends on where the bodies are
+    ahead = threads > 32
+    early = ahead and not (moving or kind.profiles)
+    # contacts without what frames want stand in the code a second time, where a thread's registers bear that
+    lean = not measuring and (ahead or per <= (6 if Real == wp.float32 else 4))
 
     @wp.func
     def driven(shared: kinds.Shared):
@@ -56,6 +65,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         for s in range(wp.static(sprockets)):
             if wp.static(moving):
                 mask = mask | (1 << s)
+            elif wp.static(kind.spinning):
+                mask = mask | wp.where(shared.spins[s].prescribed == 0, (1 << s), 0)
             elif shared.motions[s].prescribed == 0:
                 mask = mask | (1 << s)
         return mask
@@ -64,12 +75,37 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def wanted(now: Now):
         """What is wanted of this evaluation: metrics at a step's start, and whose moments."""
         now.measured = 0
+        now.watched = 0
         if wp.static(measuring) and now.stage == 0:
             now.measured = now.window
+            if now.step % WATCH_EVERY == 0:
+                now.watched = now.window
         now.summed = now.driven
         if now.measured != 0 or now.flags != 0:
             now.summed = SPROCKETS
         return now
+
+    @wp.func
+    def plain(now: Now):
+        """A step at which nothing is wanted but forces and motion: so the compiler leaves out what else there is."""
+        now.flags = 0
+        now.going = 1
+        return now
+
+    @wp.func
+    def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: wp.types.vector(3, Real)):
+        """Adds the chain's force on the thread's sprocket to its sums; all threads together."""
+        hub = vec2(acting[1], acting[2])
+        if wp.static(not moving):
+            hub = forces.force_on_hub(shared, mine.thread)
+        if wp.static(kind.spinning):
+            if mine.sprocket >= 0:
+                spun = shared.spin_sums[mine.sprocket]
+                shared.spin_sums[mine.sprocket] = add_spin_hub(spun, hub, now.watch_weight)
+        elif mine.sprocket >= 0:
+            sums = shared.sprocket_sums[mine.sprocket]
+            force = wp.vec2d(wp.float64(hub[0]), wp.float64(hub[1]))
+            shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, force, wp.float64(now.watch_weight))
 
     @wp.func
     def advance_bodies(
@@ -86,28 +122,36 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         All threads together work out what the chain does to it.
         """
-        wrench = wrench_on(shared, mine.thread)
+        acting = acting_on(shared, mine.thread)
+        if wp.static(measuring) and now.watched != 0:
+            add_hub(shared, mine, now, acting)
         if mine.sprocket >= 0:
-            before = shared.poses[mine.sprocket]
-            hub = wp.vec2d(wrench.force[0], wrench.force[1])  # the chain's alone, without tensioners
-            if wp.static(kind.tensioners > 0):
-                wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
-            body = bodies.advance(ensemble, state, shared, mine, now, wrench)
-            if wp.static(measuring) and now.measured != 0:
-                observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
-                mine_sums = shared.sprocket_sums[mine.sprocket]
-                shared.sprocket_sums[mine.sprocket] = add_hub_force(mine_sums, hub, wp.float64(now.weight))
+            if wp.static(kind.spinning):
+                wheel = seen_wheel(shared.wheels, mine.sprocket)
+                seen = bodies.spin(ensemble, shared, mine, now, acting[0])
+                if wp.static(measuring) and now.measured != 0:
+                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting[0], wheel)
+                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
+            else:
+                before = shared.poses[mine.sprocket]
+                wrench = wrench_of(acting)
                 if wp.static(kind.tensioners > 0):
-                    arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
-            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench)
-            if wp.static(kind.tensioners > 0):
-                sampling.write_push_frames(ensemble, state, frames, mine, now, mine.sprocket)
-                arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
+                    wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
+                body = bodies.advance(ensemble, state, shared, mine, now, wrench)
+                if wp.static(measuring) and now.measured != 0:
+                    observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
+                    if wp.static(kind.tensioners > 0):
+                        arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
+                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
+                if wp.static(kind.tensioners > 0):
+                    sampling.write_push_frames(ensemble, state, frames, mine, now, mine.sprocket)
+                    arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
-                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, wrench)
+                on_arm = wrench_of(acting)
+                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, on_arm)
                 b = wp.static(sprockets) + mine.arm
-                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, wrench)
+                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, on_arm)
                 sampling.write_push_frames(ensemble, state, frames, mine, now, b)
 
     @wp.func
@@ -119,12 +163,34 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 stage_roller(state, shared, mine, now, j)
                 j = j + wp.static(threads)
         elif now.going != 0:
-            h = Real(mine.h)
+            h = step_of(mine)
             for k in range(wp.static(per)):
                 j = k * wp.static(threads) + mine.thread
                 v = velocity(shared.rows, j) + h * acceleration(shared, j)
                 set_velocity(shared, j, v)
                 move(shared, j, h * v[0], h * v[1])
+
+    @wp.func
+    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
+        """Works out the load on the thread's sprocket."""
+        if mine.sprocket >= 0 and now.stage == 0:
+            bodies.weigh(ensemble, shared, mine, now.step)
+
+    @wp.func
+    def sample_rollers(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+    ):
+        """What is wanted of the thread's rollers, whose forces are complete."""
+        if now.flags & EXTRA != 0 or (now.step == 0 and now.flags != 0):
+            sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+        if wp.static(kind.bending and measuring) and now.measured != 0:
+            joints.add_friction(shared, mine, now)
 
     @wp.func
     def next_stage(now: Now):
@@ -140,6 +206,26 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         return now
 
     @wp.func
+    def begin(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        step: int,
+    ):
+        """What is shared of bodies and sums, from the state."""
+        if mine.sprocket >= 0:
+            bodies.start_body(ensemble, state, sums, shared, mine, step)
+        if wp.static(measuring):
+            observe.start_extremes(ensemble, sums, shared, mine)
+            forces.open_sums(tallies, mine)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                arms.start_arm(ensemble, state, shared, mine)
+
+    @wp.func
     def finish(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -150,11 +236,14 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now: Now,
     ):
         """Everything back into the state."""
-        if wp.static(measuring) and now.samples > 0:
-            sampling.flush_links(ensemble, tallies, shared, mine, now.samples)
+        if wp.static(measuring):
+            observe.flush(tallies, shared, mine)
+            forces.close_sums(tallies, mine)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
+        if wp.static(measuring):
+            observe.end_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.end_arm(ensemble, state, shared, mine)
@@ -197,34 +286,52 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.diverged = state.progress[mine.variant].diverged
         now.going = 1
         now.since = since
-        if mine.sprocket >= 0:
-            bodies.start_body(ensemble, state, sums, shared, mine, now.step)
-        if wp.static(kind.arms > 0):
-            if mine.arm >= 0:
-                arms.start_arm(ensemble, state, shared, mine)
+        begin(ensemble, state, sums, tallies, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)
+        if wp.static(measuring):
+            observe.find_strands(shared, mine)
         held = partners.held_by(shared, i)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
-        bodies.plan(ensemble, shared, mine.variant, i, now.step)
+        bodies.plan(ensemble, shared, mine, now.step)
+        by_teeth = int(0)
+        by_bar = int(0)
+        if wp.static(ahead):
+            tension, rate = pull(shared, lengths, mine.rollers, i)
+        if wp.static(early):
+            held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(now)
-            tension, rate = pull(shared, lengths, mine.rollers, i)
-            now.samples = sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-            held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-            forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
-            if mine.sprocket >= 0 and now.stage == 0:
-                bodies.weigh(ensemble, shared, mine.sprocket, wp.float64(now.step) * mine.h)
+            if wp.static(not ahead):
+                tension, rate = pull(shared, lengths, mine.rollers, i)
+            if wp.static(not early):
+                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+            if wp.static(lean) and now.flags == 0:
+                forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
+                weigh(ensemble, shared, mine, now)
+                if wp.static(ahead):
+                    advance_rollers(state, shared, mine, plain(now))
+            else:
+                sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+                forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
+                weigh(ensemble, shared, mine, now)
+                if wp.static(ahead):
+                    barrier()  # others may still be at rollers beside theirs
+                    sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                    advance_rollers(state, shared, mine, now)
             barrier()
-            if now.flags != 0:
-                sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-            if wp.static(kind.bending and measuring) and now.measured != 0:
-                joints.add_friction(shared, mine, now)
+            if wp.static(not ahead):
+                sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
             advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
-            advance_rollers(state, shared, mine, now)
+            if wp.static(not ahead):
+                advance_rollers(state, shared, mine, now)
             now = next_stage(now)
+            if wp.static(ahead):
+                tension, rate = pull(shared, lengths, mine.rollers, i)
+            if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)
 

@@ -6,13 +6,17 @@ from functools import cache
 import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
+from ..pairs import counted, pair_of, rounded, whole
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
-from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
+from ..physics.spin import faced, led_at, spin_load, spin_of, spun, wheel_at, wheel_of, wheel_with, with_spin
+from ..structs import BodyState, Drive, Mount, Pose, Spin, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, now_struct
+from .block_spin_sums import spin_sums_of, sprocket_sums_of
+from .block_wheels import load_wheel, store_turn, store_wheel
 from .exchange import COURSE, lanes
 
 
@@ -26,7 +30,18 @@ class BodyFunctions:
     end_body: wp.Function
     plan: wp.Function
     weigh: wp.Function
+    spin: wp.Function
     advance: wp.Function
+
+
+@wp.struct
+class Seen:
+    """A sprocket at one instant, in float32."""
+
+    angle: wp.float32  # [rad]
+    speed: wp.float32  # [rad/s]
+    center: wp.vec2f  # [m]
+    load: wp.float32  # moment [N m], at the speed that was known then
 
 
 @wp.func
@@ -71,17 +86,46 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def body_gone(drive: Drive, shared: kinds.Shared, s: int):
         """1 where body s does not turn soundly, or its center has left the drive's box."""
-        gone = int(not turns_soundly(shared.poses[s].angle, shared.poses[s].speed))
+        gone = int(0)
+        if wp.static(kind.spinning) and s < wp.static(sprockets):
+            wheel = load_wheel(shared.wheels, s)
+            gone = int(not (wp.abs(wheel.angle.low + wheel.speed.high) < 1.0e38))
+        elif wp.static(kind.poses):
+            gone = int(not turns_soundly(shared.poses[s].angle, shared.poses[s].speed))
         if wp.static(moving):
             gone = wp.max(gone, int(not in_box(drive, shared.poses[s].center)))
         return gone
 
     @wp.func
+    def follow_pose(shared: kinds.Shared, s: int):
+        """Makes what contacts see of sprocket s at float32 go with its pose."""
+        store_wheel(shared.wheels, s, wheel_with(load_wheel(shared.wheels, s), shared.poses[s]))
+
+    @wp.func
     def set_heading(shared: kinds.Shared, s: int):
         """Cosine and sine of body s from its angle."""
+        if wp.static(kind.spinning):
+            store_turn(shared.wheels, s, faced(load_wheel(shared.wheels, s)))
+            return
         sine, cosine = sine_cosine(shared.poses[s].angle)
         shared.poses[s].cosine = cosine
         shared.poses[s].sine = sine
+        if wp.static(kind.paired):
+            follow_pose(shared, s)
+
+    @wp.func
+    def led_to(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
+        """Where sprocket s is led at a step, at float32."""
+        spin = shared.spins[s]
+        led = led_at(counted(step, mine.step), spin, ensemble.split_harmonics)
+        if wp.static(kind.curved):
+            if spin.curved == 1:
+                b = ensemble.drives[mine.variant].first_body + s
+                time = wp.float64(step) * mine.h
+                angle, speed = prescribed_at(time, ensemble.motions[b], ensemble.curves)
+                led.angle = pair_of(angle)
+                led.speed = wp.float32(speed)
+        return led
 
     @wp.func
     def start_body(
@@ -91,17 +135,29 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         drive = ensemble.drives[mine.variant]
         s = mine.sprocket
         b = drive.first_body + s
-        pose = pose_of(state.bodies[b])
-        angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[b], ensemble.curves)
-        pose.exact_speed = exact
-        shared.poses[s] = pose
-        share_geometry(ensemble, shared, drive, mine.variant, s)
-        shared.motions[s] = ensemble.motions[b]
         at = drive.first_sprocket + s
+        share_geometry(ensemble, shared, drive, mine.variant, s, state.bodies[b].center)
+        if wp.static(kind.spinning):
+            shared.spins[s] = spin_of(ensemble.motions[b])
+            wheel = wheel_at(state.bodies[b], ensemble.sprockets[at].exact_radius)
+            wheel.exact_speed = led_to(ensemble, shared, mine, s, step).speed
+            store_wheel(shared.wheels, s, wheel)
+        else:
+            pose = pose_of(state.bodies[b])
+            angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[b], ensemble.curves)
+            pose.exact_speed = exact
+            shared.poses[s] = pose
+            shared.motions[s] = ensemble.motions[b]
+            if wp.static(kind.paired):
+                store_wheel(shared.wheels, s, wheel_of(pose, ensemble.sprockets[at].exact_radius))
         if wp.static(moving):
             shared.mounts[s] = ensemble.mounts[b]
             shared.mount_sums[s] = sums.mount[at]
-        shared.sprocket_sums[s] = sums.sprocket[at]
+        if wp.static(kind.spinning):
+            if wp.static(kind.measuring):
+                shared.spin_sums[s] = spin_sums_of(sums.sprocket[at])
+        else:
+            shared.sprocket_sums[s] = sums.sprocket[at]
         shared.strand_sums[s] = sums.strand[at]
         shared.strands[s] = state.strands[at]
 
@@ -111,17 +167,42 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         drive = ensemble.drives[mine.variant]
         s = mine.sprocket
         at = drive.first_sprocket + s
-        state.bodies[drive.first_body + s] = state_of(shared.poses[s])
+        if wp.static(kind.spinning):
+            b = drive.first_body + s
+            state.bodies[b] = with_spin(state.bodies[b], load_wheel(shared.wheels, s))
+        else:
+            state.bodies[drive.first_body + s] = state_of(shared.poses[s])
         if wp.static(moving):
             sums.mount[at] = shared.mount_sums[s]
-        sums.sprocket[at] = shared.sprocket_sums[s]
+        if wp.static(kind.spinning):
+            if wp.static(kind.measuring):
+                sums.sprocket[at] = sprocket_sums_of(shared.spin_sums[s])
+        else:
+            sums.sprocket[at] = shared.sprocket_sums[s]
         sums.strand[at] = shared.strand_sums[s]
         state.strands[at] = shared.strands[s]
 
     @wp.func
-    def plan(ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, i: int, step: int):
+    def plan_spins(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
+        """As `plan`, in pairs of float32."""
+        i = mine.thread
+        s = i // lanes()
+        while s < wp.static(sprockets):
+            if shared.spins[s].prescribed == 1:
+                ahead = 1 + i % lanes()
+                while ahead <= wp.static(COURSE):
+                    shared.led[course_of(s, step + ahead) // 2] = led_to(ensemble, shared, mine, s, step + ahead)
+                    ahead = ahead + lanes()
+            s = s + wp.static(threads) // lanes()
+
+    @wp.func
+    def plan(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
         """Prescribed angles and speeds of the next `COURSE` steps: each warp its own bodies', a step a thread."""
-        drive = ensemble.drives[variant]
+        if wp.static(kind.spinning):
+            plan_spins(ensemble, shared, mine, step)
+            return
+        i = mine.thread
+        drive = ensemble.drives[mine.variant]
         s = i // lanes()
         while s < wp.static(sprockets):
             motion = shared.motions[s]
@@ -137,10 +218,25 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             s = s + wp.static(threads) // lanes()
 
     @wp.func
-    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, s: int, time: wp.float64):
-        """Works out the load on body s, while other threads are at their contacts."""
-        pose = shared.poses[s]
-        shared.poses[s].load = load_moment(time, pose.angle, pose.speed, shared.motions[s], ensemble.curves)
+    def load_on(ensemble: kinds.Ensemble, mine: Mine, step: int, wheel: Wheel, spin: Spin):
+        """The load moment on the thread's sprocket [N m], in float32."""
+        load = spin_load(float(step) * mine.step.high, wheel, spin, ensemble.split_harmonics)
+        if wp.static(kind.curved):
+            if spin.curved == 1:
+                motion = ensemble.motions[ensemble.drives[mine.variant].first_body + mine.sprocket]
+                time = wp.float64(step) * mine.h
+                speed = wp.float64(wheel.speed.high)
+                load = wp.float32(load_moment(time, whole(wheel.angle), speed, motion, ensemble.curves))
+        return load
+
+    @wp.func
+    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
+        """Works out the load on the thread's body, while other threads are at their contacts; `spin` does so itself."""
+        if wp.static(not kind.spinning):
+            s = mine.sprocket
+            time = wp.float64(step) * mine.h
+            pose = shared.poses[s]
+            shared.poses[s].load = load_moment(time, pose.angle, pose.speed, shared.motions[s], ensemble.curves)
 
     @wp.func
     def settle_at(shared: kinds.Shared, s: int, pose: Pose):
@@ -156,6 +252,32 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.poses[s].angle = pose.angle
             shared.poses[s].speed = pose.speed
             shared.poses[s].exact_speed = pose.exact_speed
+        if wp.static(kind.paired):
+            follow_pose(shared, s)
+
+    @wp.func
+    def spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, moment: wp.float32):
+        """Takes the thread's sprocket one step on if the run goes on; returns it with its rates at the step's instant.
+
+        In pairs of float32; `moment` is the chain's on it [N m].
+        """
+        s = mine.sprocket
+        h = mine.step.high
+        wheel = load_wheel(shared.wheels, s)
+        spin = shared.spins[s]
+        seen = Seen()
+        seen.angle = rounded(wheel.angle)
+        seen.speed = wheel.exact_speed
+        seen.center = wheel.center
+        if spin.prescribed == 0:
+            wheel.load = load_on(ensemble, mine, now.step, wheel, spin)
+            seen.load = wheel.load
+            rate = (moment + wheel.load) * spin.inverse_inertia
+            seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate
+        if now.going != 0:
+            ahead = shared.led[course_of(s, now.step + 1) // 2]  # which stands for nothing where the angle is free
+            store_turn(shared.wheels, s, spun(wheel, leapfrog_kick(now.step, h), h, moment, ahead, spin))
+        return seen
 
     @wp.func
     def leapfrog(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, wrench: Wrench):
@@ -237,5 +359,6 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         end_body=end_body,
         plan=plan,
         weigh=weigh,
+        spin=spin,
         advance=advance,
     )

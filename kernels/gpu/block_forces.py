@@ -24,14 +24,16 @@ from ..physics.contact import (
     turned,
 )
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
+from ..physics.seat import away, in_teeth_gap, near_line, on_line, tracked_gap
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
-from ..sums import add_contact, add_friction, add_touches
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import group, lanes, lowest_bit
+from .block_spin_sums import add_to_cell, close_cell, open_cell, raise_cell
+from .block_wheels import gears, load_line, seen_wheel, velocity_of
+from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to
 
 
 @dataclass(frozen=True)
@@ -42,8 +44,12 @@ class ForceFunctions:
     near: wp.Function
     leave: wp.Function
     contacts: wp.Function
+    open_sums: wp.Function
+    close_sums: wp.Function
     body_of: wp.Function
-    wrench_on: wp.Function
+    acting_on: wp.Function
+    force_on_hub: wp.Function
+    wrench_of: wp.Function
     share_geometry: wp.Function
 
 
@@ -53,15 +59,19 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
     moving, sliding, rk4, bodies, profiles = kind.moving, kind.sliding, kind.rk4, kind.bodies, kind.profiles
     kinds, Now = types(Real), now_struct(Real)
-    vec2 = kinds.vec2
+    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row = block_rows(kind)
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
     acceleration = row.acceleration
-    X, Y, group_sum = row.X, row.Y, row.sharing.group_sum
+    X, Y, X_LOW, Y_LOW, group_sum = row.X, row.Y, row.X_LOW, row.Y_LOW, row.sharing.group_sum
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     load_part, store_part = accessors(wp.float64).load_row, accessors(wp.float64).store_row
+    load_gear, store_gear = gears(kind).load_gear, gears(kind).store_gear
+    load_bar, store_bar = gears(kind).load_bar, gears(kind).store_bar
     SPROCKETS = wp.constant((1 << sprockets) - 1)
+    width = parts_of_a_body(kind)
+    of_rollers = width == kind.slots
 
     @wp.func
     def by_profile(bar: kinds.Guide):
@@ -70,6 +80,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return bar.pieces != 0
         else:
             return False
+
+    @wp.func
+    def bar_of(shared: kinds.Shared, g: int):
+        """Guide g."""
+        if wp.static(kind.paired and not profiles):
+            return load_bar(shared.lines, g)
+        else:
+            return shared.bars[g]
 
     @wp.func
     def near(shared: kinds.Shared, j: int, n: int):
@@ -86,10 +104,16 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if square > band.near_square and square < band.far_square:
                 mask = mask | (1 << s)
         for g in range(wp.static(guides)):
-            bar = shared.bars[g]
+            bar = bar_of(shared, g)
             if by_profile(bar):
                 pose = shared.poses[bar.body]
                 if near_profile(in_frame(place(rows, j, pose.center), pose), bar):
+                    mask = mask | (1 << (wp.static(sprockets) + g))
+            elif wp.static(kind.paired):
+                line = load_line(shared.lines, g)
+                along_x = (x - line.start[0]) + (load_row(rows, X_LOW + j) - line.start_low[0])
+                along_y = (y - line.start[1]) + (load_row(rows, Y_LOW + j) - line.start_low[1])
+                if near_line(along_x, along_y, line, bar):
                     mask = mask | (1 << (wp.static(sprockets) + g))
             else:
                 p = place(rows, j, bar.start)
@@ -124,15 +148,60 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """How far velocities are behind the forces [s]."""
         if wp.static(rk4):
             return Real(0.0)
+        elif wp.static(kind.paired):
+            return Real(0.5) * mine.step.high
         else:
             return Real(wp.float64(0.5) * mine.h)
 
     @wp.func
+    def add(sums: wp.array[wp.float64], at: int, value: Real):
+        """Adds to a sum of contacts; no other thread does.
+
+        In float64 memory does, as it is told, and this thread does not wait for what stands there.
+        """
+        if wp.static(kind.paired):
+            add_to_cell(sums, at, value)
+        else:
+            add_to(sums, at, value)
+
+    @wp.func
+    def open_sums(tallies: Tallies, mine: Mine):
+        """Makes the sums of contacts pairs of float32 in their places, all threads together."""
+        if wp.static(kind.paired):
+            j = int(mine.thread)
+            while j < wp.static(sprockets + guides) * mine.rollers:
+                open_cell(tallies.dissipated, mine.memory + j)
+                open_cell(tallies.friction, mine.memory + j)
+                open_cell(tallies.impulse, mine.memory + j)
+                open_cell(tallies.force_max, mine.memory + j)
+                j = j + wp.static(threads)
+
+    @wp.func
+    def close_sums(tallies: Tallies, mine: Mine):
+        """Makes them float64 again."""
+        if wp.static(kind.paired):
+            j = int(mine.thread)
+            while j < wp.static(sprockets + guides) * mine.rollers:
+                close_cell(tallies.dissipated, mine.memory + j)
+                close_cell(tallies.friction, mine.memory + j)
+                close_cell(tallies.impulse, mine.memory + j)
+                close_cell(tallies.force_max, mine.memory + j)
+                j = j + wp.static(threads)
+
+    @wp.func
     def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
         """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
-        add_contact(tallies.contact, at, size, size, damped, wp.where(before <= Real(0.0), 1, 0), now.weight)
+        add(tallies.dissipated, at, now.weight * damped)
         if wp.static(sliding):
-            add_friction(tallies.contact, at, rubbed, now.weight)
+            add(tallies.friction, at, now.weight * rubbed)
+        if now.watched != 0:
+            add(tallies.impulse, at, now.watch_weight * size)
+            if wp.static(kind.paired):
+                raise_cell(tallies.force_max, at, size)
+            else:
+                raise_to(tallies.force_max, at, size)
+        if before <= Real(0.0):
+            count_at(tallies.impacts, at)
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
@@ -141,15 +210,71 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store_row(state.impact_speed, at, kept)
 
     @wp.func
-    def add_wrench(shared: kinds.Shared, s: int, i: int, moment: wp.float64, force: vec2):
-        """Adds the moment [N m] and the opposite of a roller's force [N] to thread i's parts of those on body s."""
-        at = s * wp.static(threads) + i
-        store_part(shared.parts, at, load_part(shared.parts, at) + moment)
-        if wp.static(kind.pushes):
-            x = at + wp.static(bodies * threads)
-            store_part(shared.parts, x, load_part(shared.parts, x) - wp.float64(force[0]))
-            y = at + wp.static(2 * bodies * threads)
-            store_part(shared.parts, y, load_part(shared.parts, y) - wp.float64(force[1]))
+    def pushed(watched: int):
+        """Whether the force on sprockets is wanted beside the moment."""
+        if wp.static(moving):
+            return True
+        elif wp.static(kind.pushes):
+            return watched != 0
+        else:
+            return False
+
+    @wp.func
+    def add_wrench(shared: kinds.Shared, s: int, j: int, moment: Real, force: vec2, watched: int):
+        """Adds the moment [N m] and the opposite of roller j's force [N] to its parts, or its thread's, of body s."""
+        at = s * wp.static(width) + j
+        if wp.static(not of_rollers):
+            at = s * wp.static(width) + j % wp.static(threads)
+        store_row(shared.parts, at, load_row(shared.parts, at) + moment)
+        if pushed(watched):
+            x = at + wp.static(bodies * width)
+            store_row(shared.parts, x, load_row(shared.parts, x) - force[0])
+            y = at + wp.static(2 * bodies * width)
+            store_row(shared.parts, y, load_row(shared.parts, y) - force[1])
+
+    @wp.func
+    def away_from(rows: wp.array[Real], j: int, center: vec2, low: vec2):
+        """Roller j from a center, at float32."""
+        high = vec2(load_row(rows, X + j), load_row(rows, Y + j))
+        return away(high, vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
+
+    @wp.func
+    def teeth_of(shared: kinds.Shared, s: int):
+        """Teeth of sprocket s."""
+        if wp.static(kind.paired):
+            return load_gear(shared.gears, s)
+        else:
+            return shared.teeth[s]
+
+    @wp.func
+    def in_gap_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, at: int, j: int, s: int):
+        """Penetration [m], normal and relative velocity [m/s] of roller j in the teeth of sprocket s; its arm [m].
+
+        Its seat is kept at `at`.
+        """
+        teeth = teeth_of(shared, s)
+        kept = load_whole(state.seat, at)
+        v = velocity(shared.rows, j)
+        if wp.static(kind.paired):
+            wheel = seen_wheel(shared.wheels, s)
+            near_it = away_from(shared.rows, j, wheel.center, wheel.center_low)
+            gap = tracked_gap(near_it, kept, wheel, teeth, ensemble.split_seats)
+            if gap.number != kept:
+                store_whole(state.seat, at, gap.number)
+            if wp.static(moving):
+                v = v - velocity_of(shared.wheels, s)
+            penetration, normal, relative = in_teeth_gap(near_it.high, v, wheel.speed.high, gap, teeth)
+            return penetration, normal, relative, near_it.high
+        else:
+            pose = shared.poses[s]
+            p = place(shared.rows, j, pose.center)
+            seat = tracked_seat(p, kept, pose.cosine, pose.sine, teeth, ensemble.seats)
+            if seat.number != kept:
+                store_whole(state.seat, at, seat.number)
+            if wp.static(moving):
+                v = vec2(v[0] - Real(pose.velocity[0]), v[1] - Real(pose.velocity[1]))
+            penetration, normal, relative = in_teeth(p, v, Real(pose.speed), seat, teeth)
+            return penetration, normal, relative, vec2(Real(p[0]), Real(p[1]))
 
     @wp.func
     def at_sprocket(
@@ -163,21 +288,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         s: int,
     ):
         """Adds the force of the teeth of sprocket s to roller j's, and its reaction to the sprocket if it is summed."""
-        teeth = shared.teeth[s]
-        pose = shared.poses[s]
         at = mine.memory + j + s * mine.rollers
-        kept = load_whole(state.seat, at)
         before = load_row(state.impact_speed, at)
-        p = place(shared.rows, j, pose.center)
-        seat = tracked_seat(p, kept, pose.cosine, pose.sine, teeth, ensemble.seats)
-        if seat.number != kept:
-            store_whole(state.seat, at, seat.number)
-        v = velocity(shared.rows, j)
-        if wp.static(moving):
-            v = vec2(v[0] - Real(pose.velocity[0]), v[1] - Real(pose.velocity[1]))
-        penetration, normal, relative = in_teeth(p, v, Real(pose.speed), seat, teeth)
+        penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, s)
         if penetration > Real(0.0):
-            force, size, first, damper, energy = respond(penetration, normal, relative, before, teeth.law)
+            law = teeth_of(shared, s).law
+            force, size, first, damper, energy = respond(penetration, normal, relative, before, law)
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first + j
                 state.extra[extra].energy = state.extra[extra].energy + energy
@@ -193,10 +309,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 damped = dissipated(damper * normal, relative, a, lag(mine))
                 measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
                 if before == Real(UNTOUCHED):
-                    add_touches(tallies.contact, at, 1, 0)
+                    count_at(tallies.contacts, at)
             if (now.summed >> s) & 1 != 0:
-                arm = vec2(Real(p[0]), Real(p[1]))
-                add_wrench(shared, s, mine.thread, wp.float64(reaction(arm, force)), force)
+                add_wrench(shared, s, j, reaction(arm, force), force, now.watched)
         else:
             put(state, now, at, before, after_teeth(before))
 
@@ -220,6 +335,17 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return penetration, vec2(Real(facing[0]), Real(facing[1])), relative
 
     @wp.func
+    def on_straight(shared: kinds.Shared, j: int, g: int, bar: kinds.Guide):
+        """The same on guide g, a straight bar on the ground."""
+        v = velocity(shared.rows, j)
+        if wp.static(kind.paired):
+            line = load_line(shared.lines, g)
+            return on_line(away_from(shared.rows, j, line.start, line.start_low), v, line, bar)
+        else:
+            p = place(shared.rows, j, bar.start)
+            return on_guide(p, v, vec2(Real(0.0), Real(0.0)), bar)
+
+    @wp.func
     def on_bar(
         ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, g: int, bar: kinds.Guide
     ):
@@ -231,14 +357,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if bar.pieces != 0:
                 penetration, normal, relative = at_profile(ensemble, state, shared, mine, j, g, bar)
             else:
-                p = place(shared.rows, j, bar.start)
-                penetration, normal, relative = on_guide(p, velocity(shared.rows, j), vec2(), bar)
+                penetration, normal, relative = on_straight(shared, j, g, bar)
             return penetration, normal, relative
         else:
-            still = vec2(Real(0.0), Real(0.0))
-            p = place(shared.rows, j, bar.start)
-            penetration, normal, relative = on_guide(p, velocity(shared.rows, j), still, bar)
-            return penetration, normal, relative
+            return on_straight(shared, j, g, bar)
 
     @wp.func
     def at_guide(
@@ -252,13 +374,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         g: int,
     ):
         """Adds the force of guide g to roller j's, and its reaction to the body that carries it."""
-        bar = shared.bars[g]
+        bar = bar_of(shared, g)
         at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
         before = load_row(state.impact_speed, at)
         penetration, normal, relative = on_bar(ensemble, state, shared, mine, j, g, bar)
         if penetration > Real(0.0) and misses(penetration, before, bar):
             if now.measured != 0 and (before == Real(UNTOUCHED) or now.flags & START != 0):
-                add_touches(tallies.contact, at, 0, 1)
+                count_at(tallies.missed, at)
             put(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
             force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
@@ -275,7 +397,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if bar.body < wp.static(bodies):
                     arm = place(shared.rows, j, shared.poses[bar.body].center)
                     moment = reaction(vec2(Real(arm[0]), Real(arm[1])), force)
-                    add_wrench(shared, bar.body, mine.thread, wp.float64(moment), force)
+                    add_wrench(shared, bar.body, j, moment, force, now.watched)
             keep(state, now, at, before, first)
             if now.measured != 0:
                 a = acceleration(shared, j)
@@ -283,14 +405,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
         else:
             put(state, now, at, before, Real(UNTOUCHED))
-
-    @wp.func
-    def slot(mask: int):
-        """The first of a thread's rollers in `mask`, bits, which is not zero."""
-        if wp.static(per == 1):
-            return int(0)
-        else:
-            return lowest_bit(mask)
 
     @wp.func
     def contacts(
@@ -303,89 +417,146 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         by_teeth: int,
         by_bar: int,
     ):
-        """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, bits of their slots.
+        """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, as from `meet`.
 
         Each thread goes on to its next such roller at once, so that few wait.
         """
         rest = int(0)
         while by_teeth != 0:
-            j = slot(by_teeth) * wp.static(threads) + mine.thread
-            if rest == 0:
-                rest = shared.held[j] & SPROCKETS
-            s = lowest_bit(rest)
-            rest = rest & (rest - 1)
-            if rest == 0:
+            j = int(mine.thread)
+            if wp.static(per == 1):
+                s = lowest_bit(by_teeth)
                 by_teeth = by_teeth & (by_teeth - 1)
+            else:
+                j = lowest_bit(by_teeth) * wp.static(threads) + mine.thread
+                if rest == 0:
+                    rest = load_whole(shared.held, j) & SPROCKETS
+                s = lowest_bit(rest)
+                rest = rest & (rest - 1)
+                if rest == 0:
+                    by_teeth = by_teeth & (by_teeth - 1)
             at_sprocket(ensemble, state, tallies, shared, mine, now, j, s)
         while by_bar != 0:
-            j = slot(by_bar) * wp.static(threads) + mine.thread
-            if rest == 0:
-                rest = shared.held[j] & ~SPROCKETS
-            p = lowest_bit(rest)
-            rest = rest & (rest - 1)
-            if rest == 0:
+            j = int(mine.thread)
+            if wp.static(per == 1):
+                p = lowest_bit(by_bar)
                 by_bar = by_bar & (by_bar - 1)
+            else:
+                j = lowest_bit(by_bar) * wp.static(threads) + mine.thread
+                if rest == 0:
+                    rest = load_whole(shared.held, j) & ~SPROCKETS
+                p = lowest_bit(rest)
+                rest = rest & (rest - 1)
+                if rest == 0:
+                    by_bar = by_bar & (by_bar - 1)
             at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
 
     @wp.func
     def part(shared: kinds.Shared, row: int, i: int):
         """This thread's share of the sum of all parts in `row`, which start anew at zero."""
-        value = wp.float64(0.0)
-        k = row * wp.static(threads) + i % group()
+        value = Real(0.0)
+        k = row * wp.static(width) + i % group()
         for q in range(lanes() // group()):
-            of_lane = wp.float64(0.0)
-            for w in range(wp.static(threads) // lanes()):
+            of_lane = Real(0.0)
+            for w in range(wp.static(width) // lanes()):
                 at = k + w * lanes() + q * group()
-                of_lane = of_lane + load_part(shared.parts, at)
-                store_part(shared.parts, at, wp.float64(0.0))
+                of_lane = of_lane + load_row(shared.parts, at)
+                store_row(shared.parts, at, Real(0.0))
             value = value + of_lane
         return value
 
     @wp.func
+    def crew():
+        """Warps that move bodies: all, the last of which have the fewest rollers, or only the last, which has none."""
+        if wp.static(kind.crewed and bodies <= 4):
+            if lanes() > 1:
+                return int(1)
+        return wp.static(threads) // lanes()
+
+    @wp.func
+    def first_of(i: int):
+        """The first body of thread i's warp, one that there is not where it has none."""
+        place = wp.static(threads) // lanes() - 1 - i // lanes()
+        return wp.where(place < crew(), place, wp.static(bodies))
+
+    @wp.func
     def body_of(i: int):
         """The body that thread i moves, negative for most: each group of threads has one, if they are few."""
-        warps = wp.static(threads) // lanes()
-        s = i // lanes() + warps * (i % lanes() // group() + lanes() // group() * (i % group()))
+        s = first_of(i) + crew() * (i % lanes() // group() + lanes() // group() * (i % group()))
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
-    def wrench_on(shared: kinds.Shared, i: int):
-        """The chain's moment [N m] on the body that thread i moves and, if it is wanted, its force [N].
+    def total_on(shared: kinds.Shared, rows: int, i: int):
+        """Sum of all threads' parts in the row of the body that thread i moves, of those from `rows` on."""
+        total = Real(0.0)
+        groups = lanes() // group()
+        turn = int(0)
+        first = first_of(i)
+        while first < wp.static(bodies):
+            s = first + crew() * (i % lanes() // group())
+            value = Real(0.0)
+            if s < wp.static(bodies):
+                value = part(shared, rows + s, i)
+            value = group_sum(value)
+            if i % group() == turn:
+                total = value
+            turn = turn + 1
+            first = first + crew() * groups
+        return total
+
+    @wp.func
+    def force_on_hub(shared: kinds.Shared, i: int):
+        """The chain's force on the body that thread i moves [N], where it is wanted; all threads as for `acting_on`."""
+        force = vec2()
+        groups = lanes() // group()
+        turn = int(0)
+        first = first_of(i)
+        while first < wp.static(bodies):
+            s = first + crew() * (i % lanes() // group())
+            x = Real(0.0)
+            y = Real(0.0)
+            if s < wp.static(bodies):
+                x = part(shared, wp.static(bodies) + s, i)
+                y = part(shared, wp.static(2 * bodies) + s, i)
+            x = group_sum(x)
+            y = group_sum(y)
+            if i % group() == turn:
+                force = vec2(x, y)
+            turn = turn + 1
+            first = first + crew() * groups
+        return force
+
+    @wp.func
+    def acting_on(shared: kinds.Shared, i: int):
+        """The chain's moment [N m] on the body that thread i moves and, if bodies move, its force (x, y) [N].
 
         All threads together, between the barrier after the contacts and the next one.
         """
+        acting = of_three()
+        acting[0] = total_on(shared, 0, i)
+        if wp.static(moving):
+            force = force_on_hub(shared, i)
+            acting[1] = force[0]
+            acting[2] = force[1]
+        return acting
+
+    @wp.func
+    def wrench_of(acting: of_three):
+        """What `acting_on` returns, in float64."""
         wrench = Wrench()
-        warps = wp.static(threads) // lanes()
-        groups = lanes() // group()
-        turn = int(0)
-        first = i // lanes()  # body of this warp
-        while first < wp.static(bodies):
-            s = first + warps * (i % lanes() // group())
-            moment = wp.float64(0.0)
-            x = wp.float64(0.0)
-            y = wp.float64(0.0)
-            if s < wp.static(bodies):
-                moment = part(shared, s, i)
-                if wp.static(kind.pushes):
-                    x = part(shared, s + wp.static(bodies), i)
-                    y = part(shared, s + wp.static(2 * bodies), i)
-            moment = group_sum(moment)
-            if wp.static(kind.pushes):
-                x = group_sum(x)
-                y = group_sum(y)
-            if i % group() == turn:
-                wrench.moment = moment
-                wrench.force = wp.vec2d(x, y)
-            turn = turn + 1
-            first = first + warps * groups
+        wrench.moment = wp.float64(acting[0])
+        wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
         return wrench
 
     @wp.func
-    def share_geometry(ensemble: kinds.Ensemble, shared: kinds.Shared, drive: Drive, variant: int, s: int):
-        """Teeth and band of sprocket s, whose pose is shared; with the first one, the chain and the guide-bars."""
-        center = shared.poses[s].center
+    def share_geometry(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, drive: Drive, variant: int, s: int, center: wp.vec2d
+    ):
+        """Teeth and band of sprocket s at `center`; with the first one, the chain and the guide-bars."""
         sprocket = ensemble.sprockets[drive.first_sprocket + s]
         shared.teeth[s] = sprocket
+        if wp.static(kind.paired):
+            store_gear(shared.gears, s, sprocket)
         band = kinds.Band()
         band.center = vec2(Real(center[0]), Real(center[1]))
         band.near_square = sprocket.near_square
@@ -394,6 +565,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         if wp.static(sliding):
             shared.sliding[s] = ensemble.tooth_sliding[drive.first_sprocket + s]
         if s == 0:
+            if wp.static(kind.paired):
+                low, high = drive.low, drive.high
+                shared.box[0] = wp.vec4f(
+                    wp.float32(low[0]), wp.float32(low[1]), wp.float32(high[0]), wp.float32(high[1])
+                )
             shared.chain[0] = ensemble.chains[variant]
             if wp.static(kind.bending):
                 shared.joint[0] = ensemble.joints[variant]
@@ -409,6 +585,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                     bar.body = wp.where(bar.body == GROUND, wp.static(bodies), bar.body)
                     bar.first_piece = drive.first_piece + bar.first_piece
                 shared.bars[g] = bar
+                if wp.static(kind.paired):
+                    store_bar(shared.lines, g, bar)
                 if wp.static(sliding):
                     shared.sliding[wp.static(sprockets) + g] = ensemble.guide_sliding[drive.first_guide + g]
 
@@ -417,7 +595,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         near=near,
         leave=leave,
         contacts=contacts,
+        open_sums=open_sums,
+        close_sums=close_sums,
         body_of=body_of,
-        wrench_on=wrench_on,
+        acting_on=acting_on,
+        force_on_hub=force_on_hub,
+        wrench_of=wrench_of,
         share_geometry=share_geometry,
     )

@@ -14,7 +14,7 @@ from ..rows import accessors
 from ..structs import types
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import SEEN, shared_rows
+from .exchange import WARP, extremes, shared_rows
 
 REGISTERED = 4
 """Rollers of a thread whose link forces wait in registers; of more they wait in their rows, which spills less."""
@@ -42,7 +42,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
-    FRICTION = wp.constant(SEEN * slots)
+    FRICTION = wp.constant(threads // WARP * extremes(kind) + slots)
 
     @wp.func
     def moment_between(rows: wp.array[Real], i: int, j: int, joint: kinds.Joint):
@@ -128,7 +128,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
             )
             v = velocity(rows, j)
             if wp.static(not kind.rk4):
-                v = v + Real(0.5) * Real(mine.h) * acceleration(shared, j)
+                v = v + Real(0.5) * row.step_of(mine) * acceleration(shared, j)
             at = FRICTION + j
             store_row(shared.seen, at, load_row(shared.seen, at) - now.weight * wp.dot(force, v))
 

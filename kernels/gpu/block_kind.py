@@ -5,7 +5,11 @@ from functools import cache
 
 import warp as wp
 
+from ..pairs import Pair, pair_of
 from ..structs import Drive
+
+DECLARED = 47_000
+"""Most bytes of shared memory that a kernel declares; CUDA allows 48 KiB."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,9 @@ class BlockKind:
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
+        curved: motions or loads may be tabulated, which matters at float32 only.
+        crewed: the last warp has no rollers, but moves the bodies.
+        shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
 
     Real: type
@@ -41,6 +48,24 @@ class BlockKind:
     arms: int = 0
     tensioners: int = 0
     profiles: bool = False
+    crewed: bool = False
+    shared_bytes: int = DECLARED
+    curved: bool = True
+
+    @property
+    def paired(self) -> bool:
+        """Whether contacts see sprockets and straight guide-bars in pairs of float32."""
+        return bool(self.Real == wp.float32)
+
+    @property
+    def spinning(self) -> bool:
+        """Whether sprockets, which then only turn, are moved in pairs of float32 too."""
+        return self.paired and not (self.moving or self.rk4 or self.tensioners)
+
+    @property
+    def poses(self) -> bool:
+        """Whether bodies have poses in float64: all but sprockets that are `spinning`."""
+        return not self.spinning or self.arms > 0 or self.profiles
 
     @property
     def bodies(self) -> int:
@@ -70,6 +95,7 @@ class Mine:
     sprocket: wp.int32  # that the thread moves, negative for most
     arm: wp.int32  # the same
     h: wp.float64  # time step [s]
+    step: Pair  # the same, for kernels at float32
 
 
 @wp.func
@@ -84,6 +110,7 @@ def mine_of(drive: Drive, variant: int, thread: int, body: int):
     mine.sprocket = wp.where(body < drive.sprockets, body, -1)
     mine.arm = wp.where(body < drive.sprockets, -1, body - drive.sprockets)
     mine.h = drive.step
+    mine.step = pair_of(drive.step)
     return mine
 
 
@@ -93,7 +120,10 @@ def now_struct(Real: type) -> type:
 
     @wp.struct
     class Now:
-        """Where the time loop is; all threads of a block agree."""
+        """Where the time loop is; all threads of a block agree.
+
+        Without gaps between the fields, around which the compiler would take whole numbers apart into bytes.
+        """
 
         step: wp.int32
         stage: wp.int32  # of the step, 0 to 3 with rk4
@@ -102,7 +132,8 @@ def now_struct(Real: type) -> type:
         measured: wp.int32  # 1 in the window, at a step's start
         window: wp.int32  # 1 in the window
         weight: Real  # time that this step stands for in the window's sums [s]
-        samples: wp.int32  # tensions of each link that have not gone to its tally yet
+        watch_weight: Real  # time that a watched step stands for [s]
+        watched: wp.int32  # 1 where forces are watched (`sums.WATCH_EVERY`)
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
         driven: wp.int32  # sprockets that their moment moves, as bits

@@ -1,7 +1,8 @@
 """What a block's threads take from an evaluated step: sums of the window, and the energy balance.
 
-A thread adds up its own links' tension over `STRAND_EVERY` steps, then adds that to the tally of the strand that
-the link is on; one thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
+Every step a thread adds up the squared rates of its own links; every other step it holds their tensions
+against the extremes of the strands that they are on, which hardly ever change. Looks add tensions to tallies of each
+link and strand. One thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
 """
 
 from dataclasses import dataclass
@@ -15,122 +16,219 @@ from ..physics.link import link_chain
 from ..physics.motion import load_moment_at_speed
 from ..physics.roller import roller_energy
 from ..rows import accessors
-from ..structs import BodyState, Drive, Mount, Pose, Wrench, types
+from ..structs import BodyState, Drive, Mount, Pose, Wheel, Wrench, types
 from ..sum_structs import ChainNote, ContactSums, LinkTally, Sums, Tallies
 from ..sums import (
     add_displacement,
     add_energy,
     add_mount,
     add_sprocket,
+    add_tension,
     displacement,
     following,
     merge_contact,
+    merge_extremes,
     merge_roller,
     merge_tension,
-    unseen,
 )
+from .block_bodies import Seen
 from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import SEEN
+from .block_spin_sums import add_spin
+from .exchange import WARP, any_lane, extremes, lanes
+
+SIGN_BITS = """
+#if defined(__CUDA_ARCH__)
+    return __double2hiint(value);
+#else
+    return value < 0 ? -1 : 0;
+#endif
+"""
 
 
 @dataclass(frozen=True)
 class ObserveFunctions:
     """What observes one variant on a block."""
 
-    reset_link: wp.Function
-    add_link: wp.Function
+    start_extremes: wp.Function
+    end_extremes: wp.Function
+    find_strands: wp.Function
+    watch: wp.Function
+    add_rates: wp.Function
     flush: wp.Function
-    category_of: wp.Function
+    add_link: wp.Function
     update_strand: wp.Function
     add_middle: wp.Function
     energy_of_roller: wp.Function
+    observe_spin: wp.Function
     observe_sprocket: wp.Function
 
 
 @cache
 def block_observing(kind: BlockKind) -> ObserveFunctions:
     """The functions that observe one variant on a block."""
-    Real, sprockets, moving, slots = kind.Real, kind.sprockets, kind.moving, kind.slots
+    Real, threads, per, sprockets, moving = kind.Real, kind.threads, kind.per, kind.sprockets, kind.moving
     kinds, Now = types(Real), now_struct(Real)
-    vec2 = kinds.vec2
+    vec2, of_each = kinds.vec2, wp.types.vector(per, Real)
     row = block_rows(kind)
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    LOWEST, HIGHEST, TENSION, SQUARE, RATE = (wp.constant(k * slots) for k in range(5))
-    FRICTION = wp.constant(SEEN * slots)
+    RATES = wp.constant(threads // WARP * extremes(kind))
+    FRICTION = wp.constant(threads // WARP * extremes(kind) + kind.slots)
+    warp_max = row.sharing.warp_max
     follow = following(Real).follow
 
-    @wp.func
-    def reset_link(shared: kinds.Shared, j: int):
-        """Nothing has been seen of link j."""
-        store_row(shared.seen, LOWEST + j, Real(3.0e38))
-        store_row(shared.seen, HIGHEST + j, -Real(3.0e38))
-        store_row(shared.seen, TENSION + j, Real(0.0))
-        store_row(shared.seen, SQUARE + j, Real(0.0))
-        store_row(shared.seen, RATE + j, Real(0.0))
-        if wp.static(kind.bending):
-            store_row(shared.seen, FRICTION + j, Real(0.0))
+    @wp.func_native(SIGN_BITS if Real == wp.float64 else SIGN_BITS.replace("__double2hiint", "__float_as_int"))
+    def sign_bits(value: Real) -> int:
+        """A negative number where `value` is negative: many are tested at once, none waits for another."""
+        ...
 
     @wp.func
-    def add_link(shared: kinds.Shared, j: int, tension: Real, rate: Real, weight: Real):
-        """One step's tension of link j, and its rate squared over the time `weight` that the step stands for [s]."""
-        if tension < load_row(shared.seen, LOWEST + j):
-            store_row(shared.seen, LOWEST + j, tension)
-        if tension > load_row(shared.seen, HIGHEST + j):
-            store_row(shared.seen, HIGHEST + j, tension)
-        store_row(shared.seen, TENSION + j, load_row(shared.seen, TENSION + j) + tension)
-        store_row(shared.seen, SQUARE + j, load_row(shared.seen, SQUARE + j) + tension * tension)
-        store_row(shared.seen, RATE + j, load_row(shared.seen, RATE + j) + weight * (rate * rate))
+    def extremes_at(i: int, of: int):
+        """Where the lowest tension on strand `of` stands for thread i's warp; the highest is the next value."""
+        return i // wp.static(WARP) * wp.static(extremes(kind)) + 2 * of
 
     @wp.func
-    def category_of(shared: kinds.Shared, j: int, n: int):
-        """Strand that link j is on, S where it is on none."""
-        category = int(wp.static(sprockets))
+    def set_extremes(shared: kinds.Shared, at: int, lowest: wp.float64, highest: wp.float64):
+        """Makes a pair of extremes stand at `at`."""
+        store_row(shared.seen, at, Real(lowest))
+        store_row(shared.seen, at + 1, Real(highest))
+
+    @wp.func
+    def start_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
+        """The extremes of tension so far, which one thread of each warp sets; no rates and no friction yet."""
+        i = mine.thread
+        none = int(wp.static(sprockets))
+        if i % wp.static(WARP) == 0:
+            first = ensemble.drives[mine.variant].first_sprocket
+            for s in range(wp.static(sprockets)):
+                strand = sums.strand[first + s]
+                set_extremes(shared, extremes_at(i, s), strand.tension_min, strand.tension_max)
+            chain = sums.chain[mine.variant]
+            set_extremes(shared, extremes_at(i, none), chain.tension_min, chain.tension_max)
+            set_extremes(shared, extremes_at(i, none + 1), wp.float64(-3.0e38), wp.float64(3.0e38))
+        j = int(i)
+        while j < wp.static((1 + kind.bending) * kind.slots):
+            store_row(shared.seen, RATES + j, Real(0.0))
+            j = j + wp.static(threads)
+
+    @wp.func
+    def extremes_of(shared: kinds.Shared, of: int):
+        """Lowest and highest tension on strand `of` that any warp has seen [N]."""
+        lowest = Real(3.0e38)
+        highest = -Real(3.0e38)
+        for w in range(wp.static(threads // WARP)):
+            at = extremes_at(w * wp.static(WARP), of)
+            lowest = wp.min(lowest, load_row(shared.seen, at))
+            highest = wp.max(highest, load_row(shared.seen, at + 1))
+        return wp.float64(lowest), wp.float64(highest)
+
+    @wp.func
+    def end_extremes(ensemble: kinds.Ensemble, sums: Sums, shared: kinds.Shared, mine: Mine):
+        """The extremes of tension into the sums, by the threads that have the strands' other sums, and the first."""
+        s = mine.sprocket
+        if s >= 0:
+            at = ensemble.drives[mine.variant].first_sprocket + s
+            lowest, highest = extremes_of(shared, s)
+            sums.strand[at] = merge_extremes(sums.strand[at], lowest, highest)
+        if mine.thread == 0:
+            lowest, highest = extremes_of(shared, wp.static(sprockets))
+            sums.chain[mine.variant] = merge_extremes(sums.chain[mine.variant], lowest, highest)
+
+    @wp.func
+    def strand_under(shared: kinds.Shared, j: int, n: int):
+        """Strand that link j is on, S where it is on none, S + 1 where there is no such link."""
+        found = int(wp.static(sprockets))
         for s in range(wp.static(sprockets)):
             place = j - shared.strands[s].first_link
             if place < 0:
                 place = place + n
             if place < shared.strands[s].links:
-                category = s
-        return category
+                found = s
+        return wp.where(j < n, found, wp.static(sprockets + 1))
 
     @wp.func
-    def chain_of(ensemble: kinds.Ensemble, variant: int, j: int):
+    def find_strands(shared: kinds.Shared, mine: Mine):
+        """Brings up to date which strands the thread's links are on."""
+        j = int(mine.thread)
+        while j < wp.static(kind.slots):
+            shared.strand_of[j] = wp.uint8(strand_under(shared, j, mine.rollers))
+            j = j + wp.static(threads)
+
+    @wp.func
+    def widen(shared: kinds.Shared, i: int, tension: of_each):
+        """Holds the tensions of the links of thread i's warp against its extremes; all its threads together."""
+        of = int(0)
+        while of < wp.static(sprockets + 1):
+            lowest = Real(3.0e38)
+            highest = -Real(3.0e38)
+            for k in range(wp.static(per)):
+                if int(shared.strand_of[k * wp.static(threads) + i]) == of:
+                    if tension[k] < lowest:
+                        lowest = tension[k]
+                    if tension[k] > highest:
+                        highest = tension[k]
+            lowest = -warp_max(-lowest)
+            highest = warp_max(highest)
+            at = extremes_at(i, of)
+            if i % lanes() == 0:
+                if lowest < load_row(shared.seen, at):
+                    store_row(shared.seen, at, lowest)
+                if highest > load_row(shared.seen, at + 1):
+                    store_row(shared.seen, at + 1, highest)
+            of = of + 1
+
+    @wp.func
+    def watch(shared: kinds.Shared, i: int, tension: of_each):
+        """Holds the tensions of the links of thread i's warp against the extremes so far: rarely one is beyond."""
+        beyond = int(0)
+        for k in range(wp.static(per)):
+            at = extremes_at(i, int(shared.strand_of[k * wp.static(threads) + i]))
+            beyond = beyond | sign_bits(tension[k] - load_row(shared.seen, at))
+            beyond = beyond | sign_bits(load_row(shared.seen, at + 1) - tension[k])
+        if any_lane(wp.where(beyond < 0, 1, 0)) != 0:
+            widen(shared, i, tension)
+
+    @wp.func
+    def add_rates(shared: kinds.Shared, i: int, rate: of_each, weight: Real):
+        """One step's squared rates of the thread's links, over the time `weight` that it stands for [s]."""
+        for k in range(wp.static(per)):
+            at = RATES + k * wp.static(threads) + i
+            store_row(shared.seen, at, load_row(shared.seen, at) + (weight * rate[k]) * rate[k])
+
+    @wp.func
+    def chain_of(shared: kinds.Shared, j: int):
         """The chain, with the stiffness and damping of its link j."""
         if wp.static(kind.uneven):
-            return link_chain(j, ensemble.chains[variant], ensemble.links[variant])
+            return link_chain(j, shared.chain[0], shared.links[0])
         else:
-            return ensemble.chains[variant]
+            return shared.chain[0]
 
     @wp.func
-    def flush(
-        ensemble: kinds.Ensemble,
-        tallies: Tallies,
-        shared: kinds.Shared,
-        variant: int,
-        j: int,
-        n: int,
-        samples: int,
-    ):
-        """Adds what has been seen of link j at `samples` steps to its tally of the strand it is on."""
-        drive = ensemble.drives[variant]
-        at = drive.first_tally + category_of(shared, j, n) * n + j
-        seen = LinkTally()
-        seen.tension_min = wp.float64(load_row(shared.seen, LOWEST + j))
-        seen.tension_max = wp.float64(load_row(shared.seen, HIGHEST + j))
-        seen.tension = wp.float64(load_row(shared.seen, TENSION + j))
-        seen.tension_square = wp.float64(load_row(shared.seen, SQUARE + j))
-        tally = merge_tension(tallies.link[at], seen)
-        tally.samples = tally.samples + wp.int64(samples)
+    def flush(tallies: Tallies, shared: kinds.Shared, mine: Mine):
+        """Adds what the thread's links and joints have taken to their tallies."""
+        j = int(mine.thread)
+        while j < mine.rollers:
+            at = mine.first + j
+            power = chain_of(shared, j).damping * load_row(shared.seen, RATES + j)
+            tallies.roller[at].dissipated = tallies.roller[at].dissipated + wp.float64(power)
+            store_row(shared.seen, RATES + j, Real(0.0))
+            if wp.static(kind.bending):
+                work = wp.float64(load_row(shared.seen, FRICTION + j))
+                tallies.roller[at].friction = tallies.roller[at].friction + work
+                store_row(shared.seen, FRICTION + j, Real(0.0))
+            j = j + wp.static(threads)
+
+    @wp.func
+    def add_link(tallies: Tallies, drive: Drive, shared: kinds.Shared, j: int, tension: Real):
+        """A look at link j, whose tension goes to its tally of the strand it is on; returns that strand."""
+        of = int(shared.strand_of[j])
+        at = drive.first_tally + of * drive.rollers + j
+        tally = add_tension(tallies.link[at], tension)
+        tally.samples = tally.samples + wp.int64(1)
         tallies.link[at] = tally
-        roller = tallies.roller[drive.first_roller + j]
-        power = wp.float64(chain_of(ensemble, variant, j).damping) * wp.float64(load_row(shared.seen, RATE + j))
-        roller.dissipated = roller.dissipated + power
-        if wp.static(kind.bending):
-            roller.friction = roller.friction + wp.float64(load_row(shared.seen, FRICTION + j))
-        tallies.roller[drive.first_roller + j] = roller
+        return of
 
     @wp.func
     def update_strand(shared: kinds.Shared, n: int, s: int):
@@ -139,7 +237,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
 
     @wp.func
     def add_middle(shared: kinds.Shared, n: int, s: int):
-        """One step's mid-strand displacement of strand s."""
+        """A look at the mid-strand displacement of strand s."""
         rows = shared.rows
         a = shared.strands[s].middle
         b = wp.where(a + 1 < n, a + 1, 0)
@@ -151,13 +249,33 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
 
     @wp.func
-    def energy_of_roller(
-        ensemble: kinds.Ensemble, shared: kinds.Shared, variant: int, j: int, v: vec2, extra: kinds.Extra
-    ):
+    def energy_of_roller(shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra):
         """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
         position = vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
-        held, weight = roller_energy(position, v, extra.tension, extra.rate, chain_of(ensemble, variant, j))
+        held, weight = roller_energy(position, v, extra.tension, extra.rate, chain_of(shared, j))
         return held - weight + wp.float64(extra.energy)
+
+    @wp.func
+    def observe_spin(
+        ensemble: kinds.Ensemble,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        seen: Seen,
+        moment: wp.float32,
+        before: Wheel,
+    ):
+        """As `observe_sprocket`, of a sprocket that is moved in pairs of float32."""
+        s = mine.sprocket
+        spin = shared.spins[s]
+        time = float(now.step) * mine.step.high
+        load = load_moment_at_speed(time, seen.load, before.speed.high, seen.speed, spin)
+        if now.flags & ENDS != 0 and spin.prescribed == 0:
+            at = ensemble.drives[mine.variant].first_body + s
+            energy = wp.float64(0.5 * seen.speed * seen.speed / spin.inverse_inertia)
+            tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
+        shared.spin_sums[s] = add_spin(shared.spin_sums[s], seen.speed, moment, load, now.weight)
 
     @wp.func
     def observe_sprocket(
@@ -193,13 +311,17 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
 
     return ObserveFunctions(
-        reset_link=reset_link,
-        add_link=add_link,
+        start_extremes=start_extremes,
+        end_extremes=end_extremes,
+        find_strands=find_strands,
+        watch=watch,
+        add_rates=add_rates,
         flush=flush,
-        category_of=category_of,
+        add_link=add_link,
         update_strand=update_strand,
         add_middle=add_middle,
         energy_of_roller=energy_of_roller,
+        observe_spin=observe_spin,
         observe_sprocket=observe_sprocket,
     )
 
@@ -214,6 +336,20 @@ def whole_note(sums: Sums, drive: Drive, k: int, note: ChainNote):
     return note
 
 
+@wp.func
+def contact_sums(tallies: Tallies, at: int):
+    """The sums of one roller's contacts with one partner."""
+    found = ContactSums()
+    found.force_max = tallies.force_max[at]
+    found.impacts = tallies.impacts[at]
+    found.contacts = tallies.contacts[at]
+    found.missed = tallies.missed[at]
+    found.impulse = tallies.impulse[at]
+    found.dissipated = tallies.dissipated[at]
+    found.friction = tallies.friction[at]
+    return found
+
+
 @wp.kernel(enable_backward=False)
 def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
     """Adds up one variant's tallies, roller by roller in order: a thread a variant."""
@@ -223,17 +359,17 @@ def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
     chain = sums.chain[variant]
     samples = wp.int64(0)
     for c in range(drive.sprockets + 1):
-        strand = unseen()
+        strand = LinkTally()
         for i in range(n):
             tally = tallies.link[drive.first_tally + c * n + i]
-            if tally.samples > wp.int64(0):
-                strand = merge_tension(strand, tally)
-                strand.samples = strand.samples + tally.samples
+            strand = merge_tension(strand, tally)
+            strand.samples = strand.samples + tally.samples
         chain = merge_tension(chain, strand)
         samples = samples + strand.samples
         if c < drive.sprockets:
             mine = merge_tension(sums.strand[drive.first_sprocket + c], strand)
             mine.links = mine.links + strand.samples
+            chain = merge_extremes(chain, mine.tension_min, mine.tension_max)
             sums.strand[drive.first_sprocket + c] = mine
     chain.samples = samples / wp.int64(n)
     for k in range(variant * NOTES, (variant + 1) * NOTES):
@@ -248,6 +384,6 @@ def collect(drives: wp.array[Drive], tallies: Tallies, sums: Sums):
         at = drive.first_sprocket + drive.first_guide + p
         total = ContactSums()
         for i in range(n):
-            total = merge_contact(total, tallies.contact[memory + i])
+            total = merge_contact(total, contact_sums(tallies, memory + i))
         sums.contact[at] = total
         memory = memory + n

@@ -48,7 +48,8 @@ def block_partners(kind: BlockKind) -> PartnerFunctions:
     def meet(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, held: whole_numbers):
         """Brings up to date what the thread's rollers are near.
 
-        Returns the partners of each, and the thread's rollers near sprockets and near guide-bars, bits of their slots.
+        Returns the partners of each, and the thread's rollers near sprockets and near guide-bars, bits of their slots;
+        where a thread has one roller, its sprockets and its guide-bars, bits of partners.
         """
         n = mine.rollers
         next_held = whole_numbers()
@@ -56,11 +57,20 @@ def block_partners(kind: BlockKind) -> PartnerFunctions:
         by_bar = int(0)
         changed = int(0)
         for k in range(wp.static(per)):
-            partners = partners_of(shared, k * wp.static(threads) + mine.thread, n, held[k], now.stage)
-            by_teeth = by_teeth | wp.where(partners & SPROCKETS != 0, (1 << k), 0)
-            by_bar = by_bar | wp.where(partners & ~SPROCKETS != 0, (1 << k), 0)
-            changed = changed | (partners ^ held[k])
-            next_held[k] = partners
+            j = k * wp.static(threads) + mine.thread
+            before = held[k]
+            if wp.static(kind.measuring):
+                before = shared.held[j]
+            partners = partners_of(shared, j, n, before, now.stage)
+            if wp.static(per == 1):
+                by_teeth = partners & SPROCKETS
+                by_bar = partners & ~SPROCKETS
+            else:
+                by_teeth = by_teeth | wp.where(partners & SPROCKETS != 0, (1 << k), 0)
+                by_bar = by_bar | wp.where(partners & ~SPROCKETS != 0, (1 << k), 0)
+            changed = changed | (partners ^ before)
+            if wp.static(not kind.measuring):
+                next_held[k] = partners
         if changed != 0:
             j = int(mine.thread)
             while j < n:
@@ -68,8 +78,9 @@ def block_partners(kind: BlockKind) -> PartnerFunctions:
                 leave(state, mine.memory + j, n, shared.held[j] & ~partners)
                 shared.held[j] = partners
                 j = j + wp.static(threads)
-            for k in range(wp.static(per)):
-                held[k] = next_held[k]
+            if wp.static(not kind.measuring):
+                for k in range(wp.static(per)):
+                    held[k] = next_held[k]
         return held, by_teeth, by_bar
 
     return PartnerFunctions(held_by=held_by, meet=meet)

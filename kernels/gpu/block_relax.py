@@ -43,7 +43,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             pose.speed = wp.float64(0.0)
             pose.velocity = wp.vec2d()
             shared.poses[i] = pose
-            forces.share_geometry(ensemble, shared, drive, variant, i)
+            forces.share_geometry(ensemble, shared, drive, variant, i, pose.center)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.start_arm(ensemble, state, shared, mine)
@@ -169,7 +169,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             barrier()
             angular = wp.float64(0.0)
             if wp.static(kind.arms > 0):
-                wrench = forces.wrench_on(shared, i)
+                wrench = forces.wrench_of(forces.acting_on(shared, i))
                 if mine.arm >= 0:
                     angular = arms.rest_arm(ensemble, state, shared, mine, wrench)
             restart = int(0)

@@ -10,7 +10,17 @@ from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
 from ..structs import types
 from .block_kind import BlockKind, Mine
-from .exchange import Exchange, exchange
+from .exchange import Exchange, exchange, room
+
+
+def _less(subtract: str) -> str:
+    return f"""
+#if defined(__CUDA_ARCH__)
+    return {subtract}(value, other);
+#else
+    return value - other;
+#endif
+"""
 
 
 @dataclass(frozen=True)
@@ -22,6 +32,7 @@ class RowFunctions:
     Y: int
     X_LOW: int
     Y_LOW: int
+    step_of: wp.Function
     place: wp.Function
     velocity: wp.Function
     across: wp.Function
@@ -45,7 +56,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
     vec2 = kinds.vec2
     compensated = Real == wp.float32
     partners = kind.sprockets + kind.guides
-    part_rows = (3 if kind.pushes else 1) * kind.bodies
+    parts = room(kind).parts
     of_each = wp.types.vector(per, Real)
     sharing = exchange(kind)
     barrier = sharing.barrier
@@ -64,6 +75,14 @@ def block_rows(kind: BlockKind) -> RowFunctions:
             return wp.vec2d(
                 wp.float64(load_row(rows, X + j)) - center[0], wp.float64(load_row(rows, Y + j)) - center[1]
             )
+
+    @wp.func
+    def step_of(mine: Mine):
+        """The time step at the kernel's precision [s]."""
+        if wp.static(compensated):
+            return mine.step.high
+        else:
+            return mine.h
 
     @wp.func
     def velocity(rows: wp.array[Real], j: int):
@@ -102,6 +121,11 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         """The roller before roller j."""
         return wp.where(j > 0, j - 1, n - 1)
 
+    @wp.func_native(_less("__fsub_rn" if compensated else "__dsub_rn"))
+    def less(value: Real, other: Real) -> Real:
+        """`value` - `other`, both rounded before: not taken together with the product that one of them may be."""
+        ...
+
     @wp.func
     def force_on(shared: kinds.Shared, j: int):
         """What stands as roller j's force [N]."""
@@ -118,28 +142,38 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         """Makes the forces of both its links stand as each roller's; all threads together.
 
         Returns tension [N] and rate of elongation [m/s] of the thread's links. They are worked out one after the other
-        without a branch, so that one's latency hides behind the others' work.
+        without a branch, so that one's latency hides behind the others' work. A thread with one roller works out the
+        link before it too, and waits for no other.
         """
         tension = of_each()
         rate = of_each()
-        pull_x = of_each()
-        pull_y = of_each()
-        for k in range(wp.static(per)):
-            j = k * wp.static(threads) + i
-            tension_k, rate_k, force = link_of(shared, j, n, load_row(lengths, j))
-            set_force(shared, j, force)
-            tension[k] = tension_k
-            rate[k] = rate_k
-            pull_x[k] = force[0]
-            pull_y[k] = force[1]
-        barrier()
-        for k in range(wp.static(per)):
-            force = force_on(shared, before(k * wp.static(threads) + i, n))
-            pull_x[k] = pull_x[k] - force[0]
-            pull_y[k] = pull_y[k] - force[1]
-        barrier()
-        for k in range(wp.static(per)):
-            set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
+        if wp.static(per == 1):
+            if i < n:
+                tension_i, rate_i, force = link_of(shared, i, n, load_row(lengths, i))
+                h = before(i, n)
+                tension_h, rate_h, force_h = link_of(shared, h, n, load_row(lengths, h))
+                set_force(shared, i, vec2(less(force[0], force_h[0]), less(force[1], force_h[1])))
+                tension[0] = tension_i
+                rate[0] = rate_i
+        else:
+            pull_x = of_each()
+            pull_y = of_each()
+            for k in range(wp.static(per)):
+                j = k * wp.static(threads) + i
+                tension_k, rate_k, force = link_of(shared, j, n, load_row(lengths, j))
+                set_force(shared, j, force)
+                tension[k] = tension_k
+                rate[k] = rate_k
+                pull_x[k] = force[0]
+                pull_y[k] = force[1]
+            barrier()
+            for k in range(wp.static(per)):
+                force = force_on(shared, before(k * wp.static(threads) + i, n))
+                pull_x[k] = less(pull_x[k], force[0])
+                pull_y[k] = less(pull_y[k], force[1])
+            barrier()
+            for k in range(wp.static(per)):
+                set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
         return tension, rate
 
     @wp.func
@@ -185,6 +219,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
             if wp.static(compensated):
                 store_row(shared.rows, X_LOW + j, state.rollers[row + 4 * n])
                 store_row(shared.rows, Y_LOW + j, state.rollers[row + 5 * n])
+            set_force(shared, j, vec2())
             held = int(0)
             if j < n:
                 memory = mine.memory + j
@@ -195,10 +230,10 @@ def block_rows(kind: BlockKind) -> RowFunctions:
                     p = p + 1
             shared.held[j] = held
             j = j + wp.static(threads)
-        row = int(0)
-        while row < wp.static(part_rows):
-            shared.parts[row * wp.static(threads) + mine.thread] = wp.float64(0.0)
-            row = row + 1
+        at = int(mine.thread)
+        while at < wp.static(parts):
+            shared.parts[at] = Real(0.0)
+            at = at + wp.static(threads)
 
     @wp.func
     def put_back(state: kinds.State, shared: kinds.Shared, mine: Mine):
@@ -222,6 +257,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         Y=Y,
         X_LOW=X_LOW,
         Y_LOW=Y_LOW,
+        step_of=step_of,
         place=place,
         velocity=velocity,
         across=across,

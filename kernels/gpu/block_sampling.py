@@ -11,7 +11,7 @@ from ..physics.body import in_box
 from ..rows import accessors
 from ..structs import BodyState, Drive, Wrench, types
 from ..sum_structs import Sums, Tallies
-from ..sums import STRAND_EVERY, add_energy
+from ..sums import STRAND_EVERY, add_energy, watch_weight
 from .block_bodies import block_bodies
 from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
 from .block_joints import block_joints
@@ -32,7 +32,6 @@ class SamplingFunctions:
     write_sprocket_frame: wp.Function
     write_arm_frame: wp.Function
     write_push_frames: wp.Function
-    flush_links: wp.Function
 
 
 @cache
@@ -48,18 +47,11 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     load_row, X, Y, vec2 = accessors(Real).load_row, row.X, row.Y, kinds.vec2
     barrier, place, link_of = row.sharing.barrier, row.place, row.link_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
+    step_of = row.step_of
     body_gone, set_heading, plan = bodies.body_gone, bodies.set_heading, bodies.plan
 
     @wp.func
-    def flush_links(ensemble: kinds.Ensemble, tallies: Tallies, shared: kinds.Shared, mine: Mine, samples: int):
-        """Adds what has been seen of the thread's links to their tallies."""
-        j = int(mine.thread)
-        while j < mine.rollers:
-            observe.flush(ensemble, tallies, shared, mine.variant, j, mine.rollers, samples)
-            j = j + wp.static(threads)
-
-    @wp.func
-    def update_strands(
+    def look_at_chain(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         sums: Sums,
@@ -68,26 +60,20 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         mine: Mine,
         now: Now,
     ):
-        """Takes statistics and brings the strands up to date, if it is time to; returns each link's samples since."""
-        samples = now.samples
-        if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
-            if samples > 0:
-                flush_links(ensemble, tallies, shared, mine, samples)
-                samples = 0
-            begun = now.flags & START == 0
-            if begun:
-                statistics.look(ensemble, state, sums, shared, mine)
-            barrier()
-            if begun:
-                statistics.note(ensemble, tallies, sums, shared, mine, now.step)
-            if mine.sprocket >= 0:
-                observe.update_strand(shared, mine.rollers, mine.sprocket)
-        if samples == 0:
-            j = int(mine.thread)
-            while j < mine.rollers:
-                observe.reset_link(shared, j)
-                j = j + wp.static(threads)
-        return samples
+        """Notes what is due, brings the strands up to date, and adds what is looked at now and then to the sums."""
+        if now.flags & START == 0:
+            statistics.note(ensemble, tallies, sums, shared, mine, now.step)
+        if mine.sprocket >= 0:
+            observe.update_strand(shared, mine.rollers, mine.sprocket)
+        barrier()
+        observe.find_strands(shared, mine)
+        observe.flush(tallies, shared, mine)
+        statistics.look(ensemble, state, sums, tallies, shared, mine)
+
+    @wp.func
+    def position(shared: kinds.Shared, j: int):
+        """Position of roller j [m]."""
+        return vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
 
     @wp.func
     def gone_from(drive: Drive, shared: kinds.Shared, mine: Mine):
@@ -95,8 +81,14 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         gone = int(0)
         j = int(mine.thread)
         while j < mine.rollers:
-            p = place(shared.rows, j, wp.vec2d(wp.float64(0.0), wp.float64(0.0)))
-            gone = wp.max(gone, int(not in_box(drive, p)))
+            if wp.static(kind.paired):
+                box = shared.box[0]
+                p = position(shared, j)
+                inside = p[0] > box[0] and p[0] < box[2] and p[1] > box[1] and p[1] < box[3]
+                gone = wp.max(gone, int(not inside))
+            else:
+                p = place(shared.rows, j, wp.vec2d(wp.float64(0.0), wp.float64(0.0)))
+                gone = wp.max(gone, int(not in_box(drive, p)))
             j = j + wp.static(threads)
         if mine.sprocket >= 0:
             gone = wp.max(gone, body_gone(drive, shared, mine.sprocket))
@@ -121,15 +113,18 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         now.event = next_event(drive, now.step)
         if wp.static(measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
             now.window = 1
-            now.weight = Real(drive.step)
+            now.weight = step_of(mine)
             if now.flags & ENDS != 0:
                 now.weight = Real(0.5) * now.weight
-            now.samples = update_strands(ensemble, state, sums, tallies, shared, mine, now)
+            if now.watch_weight == Real(0.0):
+                now.watch_weight = Real(watch_weight(drive))
+            if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
+                look_at_chain(ensemble, state, sums, tallies, shared, mine, now)
         if now.flags & CHECK != 0:
             now.diverged = any_thread(gone_from(drive, shared, mine))
             if mine.sprocket >= 0:
                 set_heading(shared, mine.sprocket)
-            plan(ensemble, shared, mine.variant, mine.thread, now.step)
+            plan(ensemble, shared, mine, now.step)
             barrier()
         if now.flags & LAST != 0 or now.diverged != 0:
             now.going = 0
@@ -145,14 +140,12 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         tension: of_each,
         rate: of_each,
     ):
-        """Adds the tension of the thread's links to what is seen of them; keeps it where frames or ends want it."""
+        """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
-            for k in range(wp.static(per)):
-                observe.add_link(shared, k * wp.static(threads) + mine.thread, tension[k], rate[k], now.weight)
-            now.samples = now.samples + 1
-            if mine.sprocket >= 0:
-                observe.add_middle(shared, n, mine.sprocket)
+            observe.add_rates(shared, mine.thread, rate, now.weight)
+            if now.watched != 0:
+                observe.watch(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:
             j = int(mine.thread)
             while j < n:
@@ -162,19 +155,13 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
                 extra.rate = rate_j
                 state.extra[mine.first + j] = extra
                 j = j + wp.static(threads)
-        return now.samples
-
-    @wp.func
-    def position(shared: kinds.Shared, j: int):
-        """Position of roller j [m]."""
-        return vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
 
     @wp.func
     def sample_joints(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
         """Keeps what friction takes from the thread's joints, for a frame; all threads together."""
         lag = Real(0.0)
         if wp.static(not rk4):
-            lag = wp.where(now.step == 0, Real(0.0), Real(wp.float64(0.5) * mine.h))
+            lag = wp.where(now.step == 0, Real(0.0), Real(0.5) * step_of(mine))
         j = int(mine.thread)
         while j < mine.rollers:
             state.extra[mine.first + j].friction_power = joint_power(ensemble, shared, mine, j, lag)
@@ -202,16 +189,16 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             v = velocity(shared.rows, j)
             if wp.static(not rk4):
                 if now.step == 0:  # leapfrog's velocities are half a step behind from here on
-                    v = v - Real(0.5) * Real(drive.step) * a
+                    v = v - Real(0.5) * step_of(mine) * a
                     set_velocity(shared, j, v)
-                v = v + Real(0.5) * Real(drive.step) * a
+                v = v + Real(0.5) * step_of(mine) * a
             if now.flags & EXTRA != 0:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, mine.variant, now.since, now.step)
                     write.write_roller(frames, at, mine.rollers, j, position(shared, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
-                    energy = observe.energy_of_roller(ensemble, shared, mine.variant, j, v, extra)
+                    energy = observe.energy_of_roller(shared, j, v, extra)
                     tally = tallies.roller[mine.first + j]
                     tallies.roller[mine.first + j] = add_energy(tally, now.flags & START != 0, energy)
             j = j + wp.static(threads)
@@ -223,13 +210,13 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        body: BodyState,
-        wrench: Wrench,
+        body: Any,
+        moment: Any,
     ):
-        """Writes the thread's sprocket to the frame, where that is due."""
+        """Writes the thread's sprocket to the frame, where that is due; `moment` is the chain's on it [N m]."""
         if now.flags & FRAME != 0:
             at = frame_at(ensemble, state, mine.variant, now.since, now.step)
-            write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, wrench.moment)
+            write.write_sprocket(frames, at, mine.rollers, mine.sprocket, body, moment)
 
     @wp.func
     def write_arm_frame(
@@ -270,5 +257,4 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         sample_links=sample_links,
         sample_rollers=sample_rollers,
         write_sprocket_frame=write_frame,
-        flush_links=flush_links,
     )

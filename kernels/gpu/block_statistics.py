@@ -1,4 +1,4 @@
-"""What a block takes for statistics every `STRAND_EVERY` steps: tensions by size, slips, notes of sums."""
+"""What a block looks at every `STRAND_EVERY` steps: tensions by size, mid-strand, slips, notes of sums."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -10,10 +10,11 @@ from ..rows import accessors
 from ..slip import follow_slip, mid_wrap
 from ..structs import Drive, types
 from ..sum_structs import ChainNote, StrandNote, Sums, Tallies
-from ..tension_bins import BINS, count_tension
+from ..tension_bins import BINS, bins_per_force, count_tension
 from .block_kind import BlockKind, Mine
 from .block_observe import block_observing
 from .block_rows import block_rows
+from .block_spin_sums import sprocket_sums_of
 
 
 @dataclass(frozen=True)
@@ -40,34 +41,41 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
     """The functions that take one variant's statistics on a block."""
     Real, threads, sprockets, moving = kind.Real, kind.threads, kind.sprockets, kind.moving
     kinds, row, observe = types(Real), block_rows(kind), block_observing(kind)
-    link_of, load_row, category_of = row.link_of, accessors(Real).load_row, observe.category_of
+    link_of, load_row = row.link_of, accessors(Real).load_row
 
     @wp.func
-    def look(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, mine: Mine):
-        """Counts tensions of the thread's links, and follows its sprocket's slips; strands are as they were."""
+    def look(
+        ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, tallies: Tallies, shared: kinds.Shared, mine: Mine
+    ):
+        """Adds up and counts tensions of the thread's links, and follows its strand's middle and sprocket's slips."""
         n = mine.rollers
         drive = ensemble.drives[mine.variant]
+        per_force = bins_per_force(drive.tension_scale)
         j = int(mine.thread)
         while j < n:
             tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
-            at = (drive.first_sprocket + mine.variant + category_of(shared, j, n)) * BINS
-            count_tension(sums.tension_counts, at, tension, drive.tension_scale)
+            strand = observe.add_link(tallies, drive, shared, j, tension)
+            at = (drive.first_sprocket + mine.variant + strand) * BINS
+            count_tension(sums.tension_counts, at, tension, per_force)
             j = j + wp.static(threads)
         s = mine.sprocket
         if s >= 0:
+            observe.add_middle(shared, n, s)
             before = shared.strands[wp.where(s > 0, s, wp.static(sprockets)) - 1]
             roller = mid_wrap(before, shared.strands[s], n)
             seat = state.seat[mine.memory + s * n + roller]
+            if wp.static(kind.spinning):
+                sign = wp.float64(shared.spins[s].sign)
+            else:
+                sign = shared.motions[s].sign
             slip = sums.slip[drive.first_sprocket + s]
-            sums.slip[drive.first_sprocket + s] = follow_slip(
-                slip, roller, seat, shared.teeth[s].teeth, shared.motions[s].sign, n
-            )
+            sums.slip[drive.first_sprocket + s] = follow_slip(slip, roller, seat, shared.teeth[s].teeth, sign, n)
 
     @wp.func
     def note(ensemble: kinds.Ensemble, tallies: Tallies, sums: Sums, shared: kinds.Shared, mine: Mine, step: int):
         """Notes the sums at the ends of batches; links on no strand are noted as the chain's, `collect` adds the rest.
 
-        What links have seen must have gone to their tallies, and all threads be past that.
+        All threads must be past the look before.
         """
         drive = ensemble.drives[mine.variant]
         first, end = notes_due(drive, step)
@@ -84,10 +92,14 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
                 of_strand = seen_on(drive, tallies, s)
                 of_strand.samples = shared.strand_sums[s].samples
                 of_strand.displacement = shared.strand_sums[s].displacement
+                if wp.static(kind.spinning):
+                    of_sprocket = sprocket_sums_of(shared.spin_sums[s])
+                else:
+                    of_sprocket = shared.sprocket_sums[s]
                 for k in range(first, end):
                     at = (drive.first_sprocket + s) * NOTES + k
                     sums.strand_notes[at] = of_strand
-                    sums.sprocket_notes[at] = shared.sprocket_sums[s]
+                    sums.sprocket_notes[at] = of_sprocket
                     if wp.static(moving):
                         sums.mount_notes[at] = shared.mount_sums[s]
 

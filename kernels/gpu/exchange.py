@@ -8,12 +8,22 @@ reads.
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import warp as wp
 
-from ..structs import Motion, Mount, Pose, Strand, types
+from ..structs import Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
-from .block_kind import BlockKind
+from .block_kind import DECLARED, BlockKind
+from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
+
+ANY_LANE = """
+#if defined(__CUDA_ARCH__)
+    return __any_sync(0xffffffffu, flag);
+#else
+    return flag;
+#endif
+"""
 
 LARGEST = """
 #if defined(__CUDA_ARCH__)
@@ -45,14 +55,15 @@ GROUP_SUM = """
 OWN = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + first, count};"
 """A view of `count` values of a global array from `first` on."""
 
-SHARED_BYTES = 47_000
-"""Most bytes of shared memory that a block asks for; what does not fit lies in global memory."""
 
-
-def _shared_snippet(field: str, count: int) -> str:
+def _shared_snippet(field: str, count: int, at: int | None = None) -> str:
+    """An array of the block's own shared memory; `at` bytes from the start of what each launch asks for, if given."""
+    memory = f"__shared__ __align__(16) char memory[{count} * sizeof(*like.{field}.data)];"
+    if at is not None:
+        memory = f"extern __shared__ __align__(16) char of_launch[]; char* const memory = of_launch + {at};"
     return f"""
 #if defined(__CUDA_ARCH__)
-    __shared__ __align__(16) char memory[{count} * sizeof(*like.{field}.data)];
+    {memory}
 #else
     static char memory[{count} * sizeof(*like.{field}.data)];
 #endif
@@ -116,6 +127,55 @@ def lowest_bit(mask: int) -> int:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
+    asm volatile("red.global.add.f64 [%0], %1;" :: "l"(__cvta_generic_to_global(sums.data + at)), "d"(value));
+#else
+    sums.data[at] += value;
+#endif
+""")
+def add_to(sums: wp.array[wp.float64], at: int, value: wp.float64):
+    """Adds `value` to what stands at `at` in global memory, and does not wait for it.
+
+    Where no other thread adds to it, the sum is that of one addition after the other.
+    """
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("red.global.max.s64 [%0], %1;" ::
+        "l"(__cvta_generic_to_global(values.data + at)), "l"(__double_as_longlong(value)));
+#else
+    if (value > values.data[at]) values.data[at] = value;
+#endif
+""")
+def raise_to(values: wp.array[wp.float64], at: int, value: wp.float64):
+    """Raises what stands at `at` in global memory, not negative, to `value`, and does not wait for it.
+
+    As whole numbers, bits of positive numbers have their order.
+    """
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("red.global.add.u32 [%0], 1;" :: "l"(__cvta_generic_to_global(counts.data + at)));
+#else
+    counts.data[at] += 1;
+#endif
+""")
+def count_at(counts: wp.array[wp.int32], at: int):
+    """One more at `at` in global memory, without a wait."""
+    ...
+
+
+@wp.func_native(ANY_LANE)
+def any_lane(flag: int) -> int:
+    """Whether `flag` is not zero in any thread of the warp."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
     return __syncthreads_or(flag);
 #else
     static int any;
@@ -132,26 +192,50 @@ def any_thread(flag: int) -> int:
     ...
 
 
-SEEN = 5
-"""Rows of what is seen of links between two updates of where the strands are (`block_observe`); the work of joint
-friction is one more."""
+WARP = 32
+"""Threads of a warp on a GPU."""
+
+
+def extremes(kind: BlockKind) -> int:
+    """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none,
+    and what threads without a link are held against.
+    """
+    return 2 * (kind.sprockets + 2)
+
+
+ORDERED = 512
+"""Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
+
+
+def parts_of_a_body(kind: BlockKind) -> int:
+    """Into how many parts the sum over all rollers of what acts on a body is taken apart.
+
+    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many.
+    """
+    return kind.threads if kind.threads == 32 or kind.slots > ORDERED else kind.slots
 
 
 @dataclass(frozen=True)
 class Room:
-    """How much of what a block's threads share there is, and what of it lies in shared memory."""
+    """How much of what a block's threads share there is, and what of it lies in shared memory.
 
-    parts: int  # values, float64
+    A kernel declares up to `DECLARED` bytes of it; where that is not enough and the GPU has more, launches ask for it.
+    """
+
+    parts: int  # values
     rows: int  # values
     held: int
-    seen: int  # values
-    shares_parts: bool
+    seen: int  # values: extremes of tension, each link's squared rates, the work of each roller's joint friction
+    strand_of: int  # bytes
+    size: int  # of a value [bytes]
     shares_rows: bool  # and held
+    shares_parts: bool
     shares_seen: bool
+    asks: bool  # each launch asks for what is shared of these
 
     @property
     def doubles(self) -> int:
-        """Float64 values of a block in global memory."""
+        """Values of `parts` of a block in global memory."""
         return self.parts * (not self.shares_parts)
 
     @property
@@ -164,27 +248,47 @@ class Room:
         """Integers of a block in global memory."""
         return self.held * (not self.shares_rows)
 
+    @property
+    def asked(self) -> tuple[int | None, ...]:
+        """Where parts, rows, held, seen and their end lie in what a launch asks for [bytes]; None if it does not."""
+        sizes = [self.size * self.parts * self.shares_parts, self.size * self.rows * self.shares_rows]
+        sizes += [4 * self.held * self.shares_rows, self.size * self.seen * self.shares_seen]
+        return tuple(sum(sizes[:k]) if self.asks else None for k in range(5))
+
+
+def _bytes(struct: Any) -> int:
+    """Size of a struct."""
+    return int(wp.types.type_size_in_bytes(struct))
+
 
 def room(kind: BlockKind) -> Room:
     """What a block of a kind needs."""
     kinds = types(kind.Real)
     size = wp.types.type_size_in_bytes(kind.Real)
-    parts = (3 if kind.pushes else 1) * kind.bodies * kind.threads
+    parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
-    seen = (SEEN + kind.bending) * kind.slots if kind.measuring else 1
-    of_each = [Pose, kinds.Sprocket, kinds.Band, Motion, Strand, SprocketSums, StrandSums]
+    seen = kind.threads // WARP * extremes(kind) + (1 + kind.bending) * kind.slots if kind.measuring else 1
+    strand_of = kind.slots if kind.measuring else 1
+    of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
-    used = kind.sprockets * (16 * COURSE + sum(struct.numpy_dtype()["itemsize"] for struct in of_each))
-    used += (kind.arms + kind.profiles) * Pose.numpy_dtype()["itemsize"]
+    of_each += [wp.vec4f] * (WHEEL_ROWS + GEAR_ROWS) if kind.paired else []
+    of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
+    used = kind.sprockets * (16 * COURSE * (not kind.spinning) + sum(map(_bytes, of_each)))
+    used += (kind.bodies + kind.profiles) * _bytes(Pose) * kind.poses
     if kind.sliding:
         used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
-    used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + 1000
+    used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + strand_of + 1000
+    if kind.paired:
+        used += kind.guides * LINE_ROWS * _bytes(wp.vec4f)
+    needs = (rows * size + 4 * kind.slots, size * parts, seen * size)
+    asks = used + sum(needs) > DECLARED and kind.shared_bytes > DECLARED
+    used += 4 * kind.threads * asks  # Warp's own
     fits = []
-    for needed in (8 * parts, rows * size + 4 * kind.slots, seen * size):
-        fits.append(used + needed <= SHARED_BYTES)
+    for needed in needs:
+        fits.append(used + needed <= kind.shared_bytes)
         used += needed * fits[-1]
-    return Room(parts, rows, kind.slots, seen, *fits)
+    return Room(parts, rows, kind.slots, seen, strand_of, size, *fits, asks=asks)
 
 
 @dataclass(frozen=True)
@@ -206,6 +310,7 @@ def exchange(kind: BlockKind) -> Exchange:
     guides, moving = kind.guides, kind.moving
     kinds = types(Real)
     of = room(kind)
+    parts_at, rows_at, held_at, seen_at, end = of.asked
 
     @wp.func_native(WARP_BARRIER if threads == 32 else BARRIER)
     def barrier():
@@ -218,7 +323,7 @@ def exchange(kind: BlockKind) -> Exchange:
         ...
 
     @wp.func_native(GROUP_SUM)
-    def group_sum(value: wp.float64) -> wp.float64:
+    def group_sum(value: Real) -> Real:
         """Sum of `value` over this thread's group, a quarter of a warp."""
         ...
 
@@ -227,14 +332,17 @@ def exchange(kind: BlockKind) -> Exchange:
         """Largest `value` of the threads of this warp."""
         ...
 
-    @wp.func_native(_shared_snippet("rows", of.rows))
+    @wp.func_native(_shared_snippet("rows", of.rows, rows_at))
     def rows(like: kinds.Shared) -> wp.array[Real]: ...
 
-    @wp.func_native(_shared_snippet("held", slots))
+    @wp.func_native(_shared_snippet("held", slots, held_at))
     def held(like: kinds.Shared) -> wp.array[wp.int32]: ...
 
-    @wp.func_native(_shared_snippet("seen", of.seen))
+    @wp.func_native(_shared_snippet("seen", of.seen, seen_at))
     def seen(like: kinds.Shared) -> wp.array[Real]: ...
+
+    @wp.func_native(_shared_snippet("strand_of", of.strand_of))
+    def strand_of(like: kinds.Shared) -> wp.array[wp.uint8]: ...
 
     @wp.func_native(OWN)
     def view(all: wp.array[Real], first: int, count: int) -> wp.array[Real]:
@@ -242,13 +350,31 @@ def exchange(kind: BlockKind) -> Exchange:
         ...
 
     @wp.func_native(OWN)
-    def own_parts(all: wp.array[wp.float64], first: int, count: int) -> wp.array[wp.float64]: ...
+    def own_parts(all: wp.array[Real], first: int, count: int) -> wp.array[Real]: ...
 
     @wp.func_native(OWN)
     def own_held(all: wp.array[wp.int32], first: int, count: int) -> wp.array[wp.int32]: ...
 
     @wp.func_native(_shared_snippet("poses", kind.bodies + kind.profiles))
     def poses(like: kinds.Shared) -> wp.array[Pose]: ...
+
+    @wp.func_native(_shared_snippet("wheels", WHEEL_ROWS * sprockets))
+    def wheels(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
+
+    @wp.func_native(_shared_snippet("gears", GEAR_ROWS * sprockets))
+    def gears(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
+
+    @wp.func_native(_shared_snippet("spins", sprockets))
+    def spins(like: kinds.Shared) -> wp.array[Spin]: ...
+
+    @wp.func_native(_shared_snippet("led", COURSE * sprockets))
+    def led(like: kinds.Shared) -> wp.array[Led]: ...
+
+    @wp.func_native(_shared_snippet("lines", LINE_ROWS * max(guides, 1)))
+    def lines(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
+
+    @wp.func_native(_shared_snippet("box", 1))
+    def box(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
 
     @wp.func_native(_shared_snippet("teeth", sprockets))
     def teeth(like: kinds.Shared) -> wp.array[kinds.Sprocket]: ...
@@ -271,8 +397,8 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("links", 1))
     def links(like: kinds.Shared) -> wp.array[kinds.Links]: ...
 
-    @wp.func_native(_shared_snippet("parts", of.parts))
-    def parts(like: kinds.Shared) -> wp.array[wp.float64]: ...
+    @wp.func_native(_shared_snippet("parts", of.parts, parts_at))
+    def parts(like: kinds.Shared) -> wp.array[Real]: ...
 
     @wp.func_native(_shared_snippet("motions", sprockets))
     def motions(like: kinds.Shared) -> wp.array[Motion]: ...
@@ -289,6 +415,9 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("mount_sums", sprockets if moving else 1))
     def mount_sums(like: kinds.Shared) -> wp.array[MountSums]: ...
 
+    @wp.func_native(_shared_snippet("spin_sums", sprockets))
+    def spin_sums(like: kinds.Shared) -> wp.array[SpinSums]: ...
+
     @wp.func_native(_shared_snippet("sprocket_sums", sprockets))
     def sprocket_sums(like: kinds.Shared) -> wp.array[SprocketSums]: ...
 
@@ -296,9 +425,17 @@ def exchange(kind: BlockKind) -> Exchange:
     def strand_sums(like: kinds.Shared) -> wp.array[StrandSums]: ...
 
     @wp.func
+    def ask():
+        """Has Warp ask for the memory at each launch: as much as this tile would take, which nothing else uses."""
+        if wp.static(of.asks):
+            wp.tile_zeros(shape=wp.static(end // 8), dtype=wp.float64, storage="shared")
+            barrier()
+
+    @wp.func
     def shared_arrays(state: kinds.State, block: int):
         """The arrays that the threads share; `block` is the place of this block in its launch."""
         shared = kinds.Shared()
+        ask()
         first = block * wp.static(of.values)
         if wp.static(of.shares_rows):
             shared.rows = rows(shared)
@@ -310,7 +447,20 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.seen = seen(shared)
         else:
             shared.seen = view(state.rows, first + wp.static(of.values - of.seen), wp.static(of.seen))
-        shared.poses = poses(shared)
+        if wp.static(kind.paired):
+            shared.wheels = wheels(shared)
+            shared.gears = gears(shared)
+            shared.lines = lines(shared)
+            shared.box = box(shared)
+        if wp.static(kind.spinning):
+            shared.spins = spins(shared)
+            shared.led = led(shared)
+        else:
+            shared.motions = motions(shared)
+            shared.course = course(shared)
+        if wp.static(kind.poses):
+            shared.poses = poses(shared)
+        shared.strand_of = strand_of(shared)
         shared.teeth = teeth(shared)
         shared.bands = bands(shared)
         shared.bars = bars(shared)
@@ -325,12 +475,13 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.parts = parts(shared)
         else:
             shared.parts = own_parts(state.parts, block * wp.static(of.parts), wp.static(of.parts))
-        shared.motions = motions(shared)
-        shared.course = course(shared)
         shared.mounts = mounts(shared)
         shared.strands = strands(shared)
         shared.mount_sums = mount_sums(shared)
-        shared.sprocket_sums = sprocket_sums(shared)
+        if wp.static(kind.spinning):
+            shared.spin_sums = spin_sums(shared)
+        else:
+            shared.sprocket_sums = sprocket_sums(shared)
         shared.strand_sums = strand_sums(shared)
         return shared
 

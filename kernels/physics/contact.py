@@ -23,6 +23,7 @@ from typing import Any
 
 import warp as wp
 
+from ..root import products, quotient
 from ..rows import accessors
 from ..structs import Pose
 from .friction import bounded, friction
@@ -59,7 +60,7 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         first = wp.max(speed, law.speed_floor)
     elastic = elastic_force(penetration, law.stiffness, law.exponent)
     size = contact_force(elastic, speed, first, law)
-    energy = elastic * penetration / (law.exponent + type(penetration)(1.0))
+    energy = quotient(elastic * penetration, law.exponent + type(penetration)(1.0))
     return size * normal, size, first, size - elastic, energy
 
 
@@ -135,7 +136,9 @@ def surface_velocity(body: Pose, arm: wp.vec2d):
 @wp.func
 def turned(direction: Any, cosine: Any, sine: Any):
     """`direction` turned by the angle whose cosine and sine are given."""
-    return type(direction)(direction[0] * cosine - direction[1] * sine, direction[0] * sine + direction[1] * cosine)
+    return type(direction)(
+        products(direction[0], cosine, -direction[1], sine), products(direction[0], sine, direction[1], cosine)
+    )
 
 
 @wp.struct
@@ -172,12 +175,15 @@ def tracked_seat(
     seat.radial = radial
     seat.lateral = lateral
     step = seat_step(radial, lateral, wp.float64(sprocket.half_pitch_tangent))
-    if step != 0:
+    tries = int(2)  # a loop, which the GPU's compiler leaves where it is: most rollers have no use for it
+    while step != 0 and tries > 0:
         number = wrapped_seat(number + step, sprocket.teeth)
         new_e, new_radial, new_lateral = in_gap(p, load_direction(seats, sprocket.first_seat + number), cosine, sine)
         seat.outward = new_e
         seat.radial = new_radial
         seat.lateral = new_lateral
+        step = seat_step(new_radial, new_lateral, wp.float64(sprocket.half_pitch_tangent))
+        tries = tries - 1
     seat.number = number
     return seat
 

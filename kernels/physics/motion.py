@@ -12,20 +12,23 @@ oppose the actual speed:
 Angles are kept in float64 at every precision: they are a few numbers a step, and seats hang on them.
 """
 
+from typing import Any
+
 import warp as wp
 
+from ..root import quotient
 from ..structs import Curves, Motion
 from ..trigonometry import sine_cosine
 from .table import table_at
 
 
 @wp.func
-def ramp(time: wp.float64, duration: wp.float64):
+def ramp(time: Any, duration: Any):
     """S(t / duration), from 0 to 1; 1 throughout where the duration is zero."""
     if time >= duration:
-        return wp.float64(1.0)
-    u = time / duration
-    return u * u * (wp.float64(3.0) - wp.float64(2.0) * u)
+        return type(time)(1.0)
+    u = quotient(time, duration)
+    return u * u * (type(time)(3.0) - type(time)(2.0) * u)
 
 
 @wp.func
@@ -95,6 +98,12 @@ def prescribed_acceleration(time: wp.float64, motion: Motion, curves: Curves):
 
 
 @wp.func
+def resisted(torque: Any, speed: Any, sign: Any, load: Any):
+    """Load moment [N m] at full ramp, from the torque against forward motion [N m]; `load` as in `Motion`."""
+    return -(sign * torque + load[1] * speed + load[2] * speed * wp.abs(speed))
+
+
+@wp.func
 def load_moment(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, curves: Curves):
     """Load moment [N m] of a body that is free to turn, counter-clockwise; 0 of one whose angle is prescribed."""
     if motion.prescribed == 1:
@@ -111,12 +120,11 @@ def load_moment(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: 
         harmonic = curves.harmonics[j]
         _, cosine = sine_cosine(harmonic[0] * forward + harmonic[2])
         torque = torque + harmonic[1] * cosine
-    resisting = motion.sign * torque + motion.load[1] * speed + motion.load[2] * speed * wp.abs(speed)
-    return -resisting * ramp(time, motion.load_ramp_time)
+    return resisted(torque, speed, motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
 
 
 @wp.func
-def load_moment_at_speed(time: wp.float64, load: wp.float64, before: wp.float64, speed: wp.float64, motion: Motion):
+def load_moment_at_speed(time: Any, load: Any, before: Any, speed: Any, motion: Any):
     """The load moment [N m] at another angular velocity than `before`, where it is `load`."""
     change = motion.load[1] * (speed - before) + motion.load[2] * (speed * wp.abs(speed) - before * wp.abs(before))
     return load - change * ramp(time, motion.load_ramp_time)

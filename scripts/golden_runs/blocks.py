@@ -50,12 +50,13 @@ def kind_of(packed: Packed, shape: BlockShape, measuring: bool) -> BlockKind:
         rk4=bool(packed.drives["integrator"].any()),
         bending=bool(packed.joints["rubs"].any()),
         uneven=bool(packed.links["uneven"].any()),
+        crewed=shape.crewed,
     )
 
 
 def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool = True) -> dict[str, Any]:
     """300 steps on blocks of fibers: state, sums and frames."""
-    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in drives])).max()), many)
+    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in drives])).max()), 100 if many else 1)
     packed = pack(drives, [Schedule(resolve_step(drive), 300, 111, 290, 20) for drive in drives]).at_precision(
         precision
     )

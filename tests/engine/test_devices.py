@@ -11,14 +11,14 @@ from drives import two_sprockets
 
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
-from warpchain.engine.block_shape import THREADS, BlockShape, block_shape, room_for
+from warpchain.engine.block_shape import CREWED, MANY, ROOMS, BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
 from warpchain.engine.gpu import Bucket, GpuEngine, _distinct, kernel_shape, launch_steps, refusal, rows_apart
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
-from warpchain.kernels.gpu.block_kind import BlockKind
-from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
+from warpchain.kernels.gpu.exchange import ORDERED, room
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
@@ -105,41 +105,46 @@ def test_launches_take_whole_units_of_steps_and_about_equal_time():
 
 def test_registers_of_a_block_fit_a_multiprocessor():
     for precision in ("float64", "float32"):
-        for links in THREADS:
-            for many, measuring in product((False, True), repeat=2):
-                shape = block_shape(links, many)
+        for links in (*ROOMS, 2048, 4096, 16_384):
+            for each, measuring in product((1, 4, 100), (False, True)):
+                shape = block_shape(links, each)
                 assert 65536 // (shape.threads * shape.resident(precision, measuring, 1000)) >= 64, (precision, shape)
                 assert shape.resident(precision, measuring, 1) <= 2
 
 
 def test_blocks_have_room_for_the_chain_and_little_more():
-    links = np.array([3, 32, 33, 118, 162, 257, 1000, 1024, 1025, 4000])
+    links = np.array([3, 32, 33, 118, 162, 257, 1000, 1024, 1025, 2049, 4000, 4097, 16_384])
     most = room_for(links)
     assert (most >= links).all()
-    assert most.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 2048, 4096]
-    for many in (False, True):
-        shapes = [block_shape(int(r), many) for r in most]
-        assert [shape.slots for shape in shapes] == most.tolist()
-        # moments are added up in the order of rollers only by one warp, or with one roller a thread
-        assert all(shape.threads == 32 or shape.per == 1 or shape.slots > THREADS[-1] for shape in shapes)
-        assert all((shape.threads == 32) == (many or shape.slots == 32) for shape in shapes if shape.slots <= 512)
-    # the longest chain that a warp may have to itself, 16 rollers a thread, and the next one
-    assert [block_shape(room, True) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(640, 1)]
+    assert most.tolist() == [32, 32, 64, 128, 192, 320, 1024, 1024, 1280, 2560, 4096, 5120, 16_384]
+    for each in (1, CREWED + 1, MANY):
+        shapes = [block_shape(int(r), each) for r in most]
+        assert [shape.room for shape in shapes] == most.tolist()
+        # moments are added up in the order of rollers on one warp, and up to 512 rollers on several
+        assert all(shape.threads == 32 or shape.slots <= ORDERED or shape.room > 512 for shape in shapes)
+        assert all(shape.crewed == (each == 1 and 32 < shape.room < 512) for shape in shapes)
+    # longer chains have one shape however many they are: their order is that of threads
+    assert all(block_shape(int(r), 1) == block_shape(int(r), MANY) for r in most if r > 512)
+    assert [block_shape(room, MANY) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(128, 5)]
 
 
 @pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("most", [DECLARED, 232_448], ids=["old", "new"])  # bytes of shared memory a block may have
 @pytest.mark.parametrize("room_", [128, 640, 768, 1024, 4096])
-def test_every_kernel_finds_its_rows(room_, moves):
+def test_every_kernel_finds_its_rows(room_, most, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
-    bucket = Bucket(block_shape(room_, False), 3, 1, moves, False, False, False, False, 0, 0, False, np.arange(7), None)
-    other = Bucket(block_shape(32, True), 2, 0, False, False, False, False, False, 0, 0, False, np.arange(5), None)
+    few, many = block_shape(room_, 1, most), block_shape(32, MANY, most)
+    bucket = Bucket(few, 3, 1, moves, False, False, False, False, 0, 0, False, np.arange(7), None)
+    other = Bucket(many, 2, 0, False, False, False, False, False, 0, 0, False, np.arange(5), None)
     there = rows_apart(wp.float64, [other, bucket])
     for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
         shape = kernel_shape(name, bucket)
-        of = room(BlockKind(wp.float64, shape.threads, shape.per, 3, 1, moving, measuring))
+        assert shape.room >= room_
+        allowed = most if room_ > 512 else DECLARED
+        of = room(BlockKind(wp.float64, shape.threads, shape.per, 3, 1, moving, measuring, shared_bytes=allowed))
         assert there[0] >= 7 * of.values and there[1] >= 7 * of.integers and there[2] >= 7 * of.doubles
-    # a roller has 6 values and an int, 52 bytes, and its thread 24 for 3 moments: 640 would need 48,640 of 47,000 bytes
-    assert (there[0] >= 7 * 6 * room_, there[1] == 7 * room_) == (room_ >= 640, room_ >= 640)
+    # a roller has 6 values and an int, 52 bytes: 1,024 need 53,248 of 47,000 bytes, 4,096 need 212,992 of 232,448
+    assert (there[0] >= 7 * 6 * room_, there[1] == 7 * room_) == (room_ >= 1024 and most == DECLARED,) * 2
 
 
 def test_kinds_of_variants_are_found_the_largest_first():
@@ -218,14 +223,13 @@ def test_a_conveyor_of_4000_links_runs_on_a_gpu(precision):
 
 
 @pytest.mark.gpu
+@pytest.mark.parametrize("teeth", [30, 150])  # with 150, several rollers of a thread are on the sprocket at once
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision):
-    from warpchain.engine.gpu import MANY
-
-    drive = two_sprockets()
-    many = MANY * wp.get_device("cuda:0").sm_count
+def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, teeth):
+    drive = two_sprockets() if teeth == 30 else two_sprockets(teeth=150, links=250, span=50.0)
+    processors = wp.get_device("cuda:0").sm_count
     ends = []
-    for count in (1, many):
+    for count in (1, (CREWED + 1) * processors, MANY * processors):
         packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count).at_precision(precision)
         engine = GpuEngine(packed, "cuda:0")
         frames = engine.frame_buffer(0)
@@ -233,9 +237,10 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision):
             future.result()
         ends.append((engine.rollers()[: 6 * drive.chain.links], engine.sums()["chain"][0], engine.buckets[0].shape))
         engine.close()
-    assert ends[0][2] != ends[1][2]  # different kernels
-    np.testing.assert_array_equal(ends[0][0], ends[1][0])
-    assert ends[0][1] == ends[1][1]
+    assert len({shape for _, _, shape in ends}) == 3  # different kernels
+    for rollers, chain, _ in ends[1:]:
+        np.testing.assert_array_equal(rollers, ends[0][0])
+        assert chain == ends[0][1]
 
 
 def said(code):

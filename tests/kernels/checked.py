@@ -79,7 +79,7 @@ def on_blocks(drives, many: bool, precision: str, shape=None) -> None:
     packed = packed.at_precision(precision)
     rooms = room_for(np.array([drive.chain.links for drive in drives]))
     frames = wp.empty(values, dtype=packed.real, device="cpu")
-    shape = shape or block_shape(int(rooms.max()), many)
+    shape = shape or block_shape(int(rooms.max()), 100 if many else 1)
     state, _ = test_block.run_blocks(packed, shape, [STEPS + 1], list(range(len(drives))), frames)
     ended(state.progress.numpy(), drives)
 

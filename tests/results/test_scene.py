@@ -52,8 +52,7 @@ def test_displacement_in_the_solver_is_that_of_the_recorded_positions():
     run = simulate(drive, window=(0.0, 0.01), record=warpchain.Record(rate=1 / 5e-6))
     metrics = run.metrics.to_pylist()[0]
     for k, name in enumerate(drive.strand_names):
-        values = strand_displacement(run[0], k)
-        # the kernel looks up the links at mid-strand every 16 steps: in between a line is drawn on by at most 8e-5 m
+        values = strand_displacement(run[0], k)[::32]  # the steps that the kernel looks at
         assert metrics[f"{name}.displacement_mean"] == pytest.approx(values.mean(), abs=1e-7)
         assert metrics[f"{name}.displacement_rms"] == pytest.approx(np.sqrt((values**2).mean()), abs=1e-7)
 

@@ -6,16 +6,22 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.packed import Packed
 from warpchain.kernels import batches, structs, sum_structs
 from warpchain.kernels.gpu.block_rk4 import STAGE_ROWS
-from warpchain.kernels.sums import unseen
 from warpchain.kernels.tension_bins import BINS
 
 SPARE_LENGTHS = 4096
 """Lengths after the last: the block kernels' threads that have no roller read them."""
+
+
+def split_seats(seats: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Directions (seats, 2) as (seats, 4): their multiples of 2^-12, and what these round off (`physics.seat`)."""
+    coarse = np.rint(4096.0 * seats) / 4096.0
+    return np.hstack([coarse, seats - coarse]).astype(np.float32)
 
 
 def upload_ensemble(packed: Packed, device: str) -> Any:
@@ -34,6 +40,8 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("arms", packed.arms, structs.Arm),
         ("tensioners", packed.tensioners, structs.Tensioner),
         ("seats", packed.seats, wp.vec2d),
+        ("split_seats", split_seats(packed.seats) if packed.precision == "float32" else np.zeros((1, 4)), wp.vec4f),
+        ("split_harmonics", np.column_stack([packed.harmonics, np.sin(packed.harmonics[:, 2])]), wp.vec4f),
         ("tooth_sliding", packed.tooth_sliding, kinds.Sliding),
         ("guide_sliding", packed.guide_sliding, kinds.Sliding),
         ("joints", packed.joints, kinds.Joint),
@@ -55,7 +63,7 @@ def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None
     in_rows, integers, doubles = large or (0, 0, 0)
     state.rows = wp.empty(max(in_rows, 1), dtype=packed.real, device=device)
     state.held = wp.empty(max(integers, 1), dtype=wp.int32, device=device)
-    state.parts = wp.empty(max(doubles, 1), dtype=wp.float64, device=device)
+    state.parts = wp.empty(max(doubles, 1), dtype=packed.real, device=device)
     rk4 = large is not None and bool((packed.drives["integrator"] == INTEGRATORS["rk4"]).any())
     state.stages = wp.empty(STAGE_ROWS * len(packed.lengths) if rk4 else 1, dtype=packed.real, device=device)
     state.extra = wp.zeros(1 if large is None else len(packed.lengths), dtype=kinds.Extra, device=device)
@@ -135,9 +143,11 @@ def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     """Tallies to which nothing has been added, for the block kernels."""
     links, sprockets = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
     tallies = sum_structs.Tallies()
-    tallies.link = wp.empty(int((links * (sprockets + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
-    tallies.link.fill_(unseen())
-    tallies.contact = wp.zeros(len(packed.seat), dtype=sum_structs.ContactSums, device=device)
+    tallies.link = wp.zeros(int((links * (sprockets + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
+    for name in ("impacts", "contacts", "missed"):
+        setattr(tallies, name, wp.zeros(len(packed.seat), dtype=wp.int32, device=device))
+    for name in ("dissipated", "friction", "impulse", "force_max"):
+        setattr(tallies, name, wp.zeros(len(packed.seat), dtype=wp.float64, device=device))
     tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
     tallies.body = wp.zeros(len(packed.bodies), dtype=sum_structs.RollerTally, device=device)
     return tallies

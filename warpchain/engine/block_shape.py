@@ -7,14 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-THREADS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 1024)
-"""Sizes of blocks that have one roller a thread; longer chains have several on the largest."""
+from warpchain.kernels.gpu.block_kind import DECLARED
+
+ROOMS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
+"""Rollers that blocks have room for; beyond, sixteenths of the next power of two, from 4,096 on whole 1,024."""
 
 LONGEST_ON_A_WARP = 512
 """Links of the longest chain that one warp may have to itself."""
 
 MANY = 6
 """Variants a multiprocessor from which a warp each is faster (docs/performance.md)."""
+
+CREWED = 2
+"""Most variants a multiprocessor at which each may have a warp for its bodies alone."""
 
 
 @dataclass(frozen=True, order=True)
@@ -23,11 +28,20 @@ class BlockShape:
 
     threads: int
     per: int
+    crewed: bool = False
+    """Whether the last warp has no rollers, but moves the bodies."""
+    shared_bytes: int = DECLARED
+    """Most of shared memory that a block may have."""
 
     @property
     def slots(self) -> int:
-        """Rollers that the block has room for."""
+        """Rollers that the threads could have."""
         return self.threads * self.per
+
+    @property
+    def room(self) -> int:
+        """Rollers that there is room for."""
+        return self.slots - 32 * self.crewed
 
     def resident(self, precision: str, measuring: bool, wanted: int) -> int:
         """How many blocks the compiler is to make room for on a multiprocessor, `wanted` at most.
@@ -38,29 +52,37 @@ class BlockShape:
         if self.threads == 32:
             most = {
                 ("float64", False): (12, 12, 8),
-                ("float64", True): (12, 8, 8),
-                ("float32", False): (16, 12, 12),
+                ("float64", True): (12, 12, 8),
+                ("float32", False): (20, 16, 12),
                 ("float32", True): (12, 12, 8),
             }[precision, measuring][(self.per > 4) + (self.per > 6)]
+        elif self.slots > LONGEST_ON_A_WARP and self.per > 1:
+            most = 2 if self.per > 8 else 3 if precision == "float64" else 4
+            most = most * 128 // self.threads
         else:
-            most = (512 if precision == "float64" and self.threads <= 128 else 768) // self.threads
+            most = (512 if precision == "float64" and self.threads <= 160 else 768) // self.threads
         return max(1, min(most, max(wanted, 2)))
 
 
 def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
     """The rollers that blocks for chains of so many links have room for, so that like chains share a kernel."""
-    most = THREADS[-1]
-    return np.where(links > most, -(-links // most) * most, np.array(THREADS)[np.searchsorted(THREADS[:-1], links)])
+    most = ROOMS[-1]
+    step = np.minimum(2 ** np.ceil(np.log2(np.maximum(links, most))).astype(int) // 8, most)
+    return np.where(links > most, -(-links // step) * step, np.array(ROOMS)[np.searchsorted(ROOMS[:-1], links)])
 
 
-def block_shape(room: int, many: bool) -> BlockShape:
-    """The block for chains of up to `room` links, as from `room_for`.
+def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
+    """The block for chains of up to `room` links, as from `room_for`, of which a multiprocessor gets `each` variants.
 
-    Few variants are fastest with a roller a thread; of `many`, each is fastest on a warp of its own, which then waits
-    for no other. Moments on sprockets are added up in the same order either way, so a variant's results do not
-    depend on how many there are beside it.
+    Few variants are fastest with a roller a thread, and very few with a warp beside them for the bodies; of many, each
+    is fastest on a warp of its own, which then waits for no other. Moments on bodies are added up in the same order
+    either way, so a variant's results do not depend on how many there are beside it. Longer chains have up to 16
+    rollers a thread and `shared_bytes` of memory, however many they are.
     """
-    if many and room <= LONGEST_ON_A_WARP:
+    if room > LONGEST_ON_A_WARP:
+        threads = 1024 if room > 4096 else max(128, 2 ** (room - 1).bit_length() // 16)
+        return BlockShape(threads, -(-room // threads), shared_bytes=shared_bytes)
+    if each >= MANY:
         return BlockShape(32, -(-room // 32))
-    threads = min(room, THREADS[-1])
-    return BlockShape(threads, -(-room // threads))
+    crewed = each <= CREWED and 32 < room < 512
+    return BlockShape(room + 32 * crewed, 1, crewed)

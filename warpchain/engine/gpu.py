@@ -17,7 +17,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.engine.arrays import NOTES, SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.engine.block_shape import MANY, THREADS, BlockShape, block_shape, room_for
+from warpchain.engine.block_shape import MANY, ROOMS, BlockShape, block_shape, room_for
 from warpchain.engine.lanes import Phase, cut, groups
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
@@ -29,7 +29,7 @@ from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.kernels.structs import DIVERGENCE_CHECK, GROUND
 
-MOST_LINKS = 16 * THREADS[-1]
+MOST_LINKS = 16 * ROOMS[-1]
 """Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
 
 MOST_PARTNERS = 31
@@ -132,6 +132,7 @@ class Bucket:
     arms: int
     tensioners: int
     profiles: bool
+    curved: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
 
@@ -143,7 +144,9 @@ class Bucket:
 
 def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
     """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
-    return block_shape(bucket.shape.slots, True) if name == "relax" else bucket.shape
+    if name == "relax":
+        return block_shape(bucket.shape.room, MANY, bucket.shape.shared_bytes)
+    return bucket.shape
 
 
 def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
@@ -165,7 +168,17 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         arms=bucket.arms,
         tensioners=bucket.tensioners,
         profiles=bucket.profiles,
+        curved=bucket.curved,
+        crewed=shape.crewed,
+        shared_bytes=shape.shared_bytes,
     )
+
+
+def curved(packed: Packed) -> NDArray[np.bool_]:
+    """Which variants have tables of motion or load, (variants,); all at float64, where no kernel asks."""
+    motions = packed.motions
+    counts = motions["drive_table"]["cells"] + motions["load_table"]["cells"]
+    return (np.add.reduceat(counts, packed.drives["first_body"]) > 0) | (packed.precision == "float64")
 
 
 def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
@@ -230,17 +243,19 @@ class GpuEngine:
         partners = [slots, drives["sprockets"], drives["guides"]]
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
+        kinds = [*kinds, curved(self.packed)]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
         processors = self._processors
+        most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
         buckets = []
         for key in _distinct(keys):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles = key
-            shape = block_shape(slots, len(order) >= MANY * processors)
+            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles, curves = key
+            shape = block_shape(slots, len(order) // processors, most_shared)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
-            bodies = arms, tensioners, bool(profiles)
+            bodies = arms, tensioners, bool(profiles), bool(curves)
             buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array))
         return buckets
 
@@ -375,7 +390,7 @@ class GpuEngine:
         """The window's sums, by name as in `kernels.sum_structs.Sums`."""
         with _memory_named(self.device, self.packed), wp.ScopedStream(self.stream):
             sums = empty_sums(self.packed, self.device)
-            for name in ("strand", "sprocket", "mount", "arm", "tensioner", "slip", "tension_counts", *NOTES):
+            for name in ("chain", "strand", "sprocket", "mount", "arm", "tensioner", "slip", "tension_counts", *NOTES):
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
             wp.launch(
                 collect, dim=self.packed.variants, inputs=[self.ensemble.drives, self.tallies, sums], device=self.device

@@ -1,0 +1,127 @@
+"""The window's sums at float32 without float64: of sprockets that spin, and of contacts.
+
+While a kernel runs, sums are pairs of float32; what it reads and writes back is float64, and the host knows no other.
+"""
+
+import warp as wp
+
+from ..pairs import Pair, pair_of, settled, trimmed, whole
+from ..structs import SpinSums
+from ..sum_structs import SprocketSums
+
+
+@wp.func
+def added(sum: Pair, value: wp.float32):
+    """A sum and a value that is small beside it, or the first; float64 holds it exactly."""
+    return trimmed(settled(sum.high, sum.low + value))
+
+
+@wp.func
+def spin_sums_of(sums: SprocketSums):
+    """Sums in float64 as pairs."""
+    spin = SpinSums()
+    spin.speed_min = wp.float32(sums.speed_min)
+    spin.speed_max = wp.float32(sums.speed_max)
+    spin.speed = pair_of(sums.speed)
+    spin.speed_square = pair_of(sums.speed_square)
+    spin.moment = pair_of(sums.moment)
+    spin.contact_work = pair_of(sums.contact_work)
+    spin.load_work = pair_of(sums.load_work)
+    spin.force_x = pair_of(sums.force[0])
+    spin.force_y = pair_of(sums.force[1])
+    spin.force_max = wp.float32(sums.force_max)
+    return spin
+
+
+@wp.func
+def sprocket_sums_of(spin: SpinSums):
+    """Sums in pairs as float64."""
+    sums = SprocketSums()
+    sums.speed_min = wp.float64(spin.speed_min)
+    sums.speed_max = wp.float64(spin.speed_max)
+    sums.speed = whole(spin.speed)
+    sums.speed_square = whole(spin.speed_square)
+    sums.moment = whole(spin.moment)
+    sums.contact_work = whole(spin.contact_work)
+    sums.load_work = whole(spin.load_work)
+    sums.force = wp.vec2d(whole(spin.force_x), whole(spin.force_y))
+    sums.force_max = wp.float64(spin.force_max)
+    return sums
+
+
+@wp.func
+def add_spin(sums: SpinSums, speed: wp.float32, moment: wp.float32, load: wp.float32, weight: wp.float32):
+    """As `sums.add_sprocket`."""
+    sums.speed_min = wp.min(sums.speed_min, speed)
+    sums.speed_max = wp.max(sums.speed_max, speed)
+    way = weight * speed
+    sums.speed = added(sums.speed, way)
+    sums.speed_square = added(sums.speed_square, way * speed)
+    sums.moment = added(sums.moment, weight * moment)
+    sums.contact_work = added(sums.contact_work, way * moment)
+    sums.load_work = added(sums.load_work, way * load)
+    return sums
+
+
+@wp.func
+def add_spin_hub(sums: SpinSums, force: wp.vec2f, weight: wp.float32):
+    """As `sums.add_hub_force`."""
+    sums.force_x = added(sums.force_x, weight * force[0])
+    sums.force_y = added(sums.force_y, weight * force[1])
+    sums.force_max = wp.max(sums.force_max, wp.length(force))
+    return sums
+
+
+@wp.func_native("""
+    assert(i >= 0 && i < cells.shape[0]);
+    union { double cell; float parts[2]; } of;
+    of.cell = cells.data[i];
+    return {of.parts[0], of.parts[1]};
+""")
+def load_cell(cells: wp.array[wp.float64], i: int) -> wp.vec2f:
+    """A pair that stands in a float64's place."""
+    ...
+
+
+@wp.func_native("""
+    assert(i >= 0 && i < cells.shape[0]);
+    union { double cell; float parts[2]; } of;
+    of.parts[0] = high;
+    of.parts[1] = low;
+    cells.data[i] = of.cell;
+""")
+def store_cell(cells: wp.array[wp.float64], i: int, high: wp.float32, low: wp.float32):
+    """A pair in a float64's place."""
+    ...
+
+
+@wp.func
+def open_cell(cells: wp.array[wp.float64], i: int):
+    """Makes a float64 a pair in its place."""
+    pair = pair_of(cells[i])
+    store_cell(cells, i, pair.high, pair.low)
+
+
+@wp.func
+def close_cell(cells: wp.array[wp.float64], i: int):
+    """Makes the pair in a float64's place a float64."""
+    pair = load_cell(cells, i)
+    cells[i] = wp.float64(pair[0]) + wp.float64(pair[1])
+
+
+@wp.func
+def add_to_cell(cells: wp.array[wp.float64], i: int, value: wp.float32):
+    """Adds to a pair in a float64's place."""
+    parts = load_cell(cells, i)
+    sum = Pair()
+    sum.high = parts[0]
+    sum.low = parts[1]
+    sum = added(sum, value)
+    store_cell(cells, i, sum.high, sum.low)
+
+
+@wp.func
+def raise_cell(cells: wp.array[wp.float64], i: int, value: wp.float32):
+    """Makes what stands in a float64's place at least `value`."""
+    if value > load_cell(cells, i)[0]:
+        store_cell(cells, i, value, 0.0)

@@ -1,0 +1,81 @@
+"""Metrics that are not taken every step, beside the same of every step: does it matter?
+
+    python scripts/looks_study.py
+
+Tensions of links are added up every 32nd step, forces held against the largest and added up every other step
+(`kernels.sums`). A window of each drive is recorded step by step. Of means: how far off they are, in standard errors of
+their own. Of largest values: the share that is missed; of the smallest tension, of the range of tensions. Without friction on
+teeth, which the hub forces of frames leave out.
+"""
+
+import argparse
+
+import numpy as np
+
+from warpchain import Drive, Record, load_drive, simulate
+from warpchain.assembly.timestep import resolve_step
+from warpchain.drive.examples import drive_path
+from warpchain.results.handed_in import HandedIn
+from warpchain.results.scene import strand_displacement
+
+WINDOWS = {"industrial": (0.2, 40_000), "marine": (0.5, 30_000), "motorcycle": (0.1, 40_000)}
+"""Where the window of each example begins [s], and its steps."""
+
+SMOOTH = {f"contact.sprocket.{name}": None for name in ("friction", "static_friction", "stribeck_speed")}
+
+
+def misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
+    """How far metrics of a window that begins at `start` [s] are from those of its every step.
+
+    Returns:
+        `..._mean`: in standard errors of the metric; `..._std`, `..._rms`, `..._max` and `impulse`: relative;
+        `tension_min`: of the range of tensions. Of all sprockets, strands or guide-bars the worst.
+    """
+    step = resolve_step(drive)
+    end = start + steps * step
+    run = simulate(drive, device="cpu", duration=end, window=(start, end), record=Record(rate=1.0 / step))
+    row, whole = run.metrics.to_pylist()[0], HandedIn(run[0], start - 0.25 * step, end)
+    seen = whole.part
+    tension, hubs = np.asarray(seen.tension, dtype=float), whole.hubs
+    spread = tension.max() - tension.min()
+    found = {
+        "tension_mean": abs(row["tension_mean"] - tension.mean()) / row["tension_mean_se"],
+        "tension_std": abs(row["tension_std"] / tension.std() - 1.0),
+        "tension_max": 1.0 - row["tension_max"] / tension.max(),
+        "tension_min": (row["tension_min"] - tension.min()) / spread,
+    }
+    worst = {name: [0.0] for name in ("hub_force_mean", "hub_force_max", "displacement_mean", "displacement_rms")}
+    for s, sprocket in enumerate(drive.sprockets):
+        for c, axis in enumerate("xy"):
+            name = f"{sprocket.name}.hub_force_{axis}_mean"
+            worst["hub_force_mean"].append(abs(row[name] - hubs[:, s, c].mean()) / row[f"{name}_se"])
+        worst["hub_force_max"].append(1.0 - row[f"{sprocket.name}.hub_force_max"] / np.hypot(*hubs[:, s].T).max())
+    for s, name in enumerate(drive.strand_names):
+        values = strand_displacement(seen, s)
+        off = abs(row[f"{name}.displacement_mean"] - values.mean())
+        worst["displacement_mean"].append(off / row[f"{name}.displacement_mean_se"])
+        worst["displacement_rms"].append(abs(row[f"{name}.displacement_rms"] / np.sqrt((values**2).mean()) - 1.0))
+    teeth = np.asarray(seen.sprocket_force, dtype=float)
+    largest = max(row[f"{sprocket.name}.force_max"] for sprocket in drive.sprockets)
+    impulse = sum(row[f"{sprocket.name}.impulse"] for sprocket in drive.sprockets)
+    found["force_max"] = 1.0 - largest / teeth.max()
+    found["impulse"] = abs(impulse / np.trapezoid(teeth.sum(axis=1), seen.time) - 1.0)
+    return found | {name: max(values) for name, values in worst.items()}
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    return argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
+def main() -> None:
+    """Prints a row a metric."""
+    parser().parse_args()
+    found = {name: misses(load_drive(drive_path(name)).with_values(SMOOTH), *window) for name, window in WINDOWS.items()}
+    print(f"{'':18s}" + "".join(f"{name:>12s}" for name in found))
+    for metric in next(iter(found.values())):
+        print(f"{metric:18s}" + "".join(f"{values[metric]:12.1e}" for values in found.values()))
+
+
+if __name__ == "__main__":
+    main()

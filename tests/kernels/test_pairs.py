@@ -1,0 +1,294 @@
+"""Pairs of float32 against float64: arithmetic, headings, tooth gaps and guide-bars; no float64 in the time loop."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import warp as wp
+from ptx import compiled, float64_arithmetic, time_loop
+
+from warpchain.engine.arrays import split_seats
+from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.pairs import apart, counted, cross, pair_of, plus, times, trimmed, whole
+from warpchain.kernels.physics.contact import in_teeth, on_guide, tracked_seat
+from warpchain.kernels.physics.motion import load_moment, prescribed_at
+from warpchain.kernels.physics.seat import away, in_teeth_gap, line_of, on_line, tracked_gap
+from warpchain.kernels.physics.spin import led_at, spin_load, spin_of, spun, wheel_at
+from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Spin, Wheel, types
+from warpchain.kernels.trigonometry import sine_cosine
+from warpchain.results.channels import FRAME
+
+EPS = 2.0**-24
+"""Largest relative rounding of float32."""
+GEAR = types(wp.float32)
+EXACT = types(wp.float64)
+
+
+def launched(kernel, count, *inputs, width=1):
+    """What a kernel writes for `count` threads, as (count, width) float64."""
+    out = wp.zeros((count, width), dtype=wp.float64, device="cpu")
+    wp.launch(kernel, count, inputs=[*inputs, out], device="cpu")
+    return out.numpy()
+
+
+def given(values, dtype=wp.float64):
+    return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def arithmetic(a: wp.array[wp.float64], b: wp.array[wp.float64], out: wp.array2d[wp.float64]):
+    i = wp.tid()
+    x = pair_of(a[i])
+    y = pair_of(b[i])
+    out[i, 0] = whole(x)
+    out[i, 1] = whole(plus(x, y))
+    out[i, 2] = whole(times(x, y))
+    out[i, 3] = wp.float64(apart(x, y))
+    out[i, 4] = whole(trimmed(x))
+    out[i, 5] = whole(trimmed(pair_of(whole(trimmed(x)))))
+    out[i, 6] = wp.float64(cross(x.high, y.high, y.low, x.low))
+    out[i, 7] = whole(counted(i * 1_000_003, pair_of(b[i])))
+
+
+def test_pairs_have_48_bits():
+    generator = np.random.default_rng(1)
+    a = generator.uniform(0.5, 2.0, 1000) * generator.choice([-1, 1], 1000)
+    b = a + generator.choice([1e-6, 1e-3, 1.0], 1000) * generator.uniform(-1, 1, 1000)
+    found = launched(arithmetic, 1000, given(a), given(b), width=8)
+    x, y = found[:, 0], np.float32(b) + np.float32(b - np.float32(b)).astype(float)
+    # a low part is rounded at 2^-24 of half a unit of the high part's last place; each operation rounds a few of them
+    bit = EPS**2
+    assert np.abs(x - a).max() <= 2 * bit * np.abs(a).max()
+    assert np.abs(found[:, 1] - (x + y)).max() <= 4 * bit * 4
+    assert np.abs(found[:, 2] - x * y).max() <= 8 * bit * 8
+    assert (np.abs(found[:, 3] - (x - y)) <= EPS * np.abs(x - y) + 4 * bit).all()  # rounded once, whatever cancels
+    assert np.abs(found[:, 4] - x).max() <= 4 * bit * 2
+    np.testing.assert_array_equal(found[:, 5], found[:, 4])  # float64 holds it, and it stays
+    highs = [[Fraction(float(np.float32(v))) for v in values] for values in (a, b)]
+    lows = [[Fraction(float(np.float32(v - np.float32(v)))) for v in values] for values in (a, b)]
+    exact = [float(h * hl - k * kl) for h, k, hl, kl in zip(*highs, *lows, strict=True)]  # a high x low of either
+    assert (np.abs(found[:, 6] - exact) <= 2 * EPS * np.abs(exact)).all()
+    steps = np.arange(1000) * 1_000_003
+    assert (np.abs(found[:, 7] - steps * y) <= 16 * bit * np.abs(steps * y)).all()
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def headings(angle: wp.array[wp.float64], out: wp.array2d[wp.float64]):
+    i = wp.tid()
+    s, c = sine_cosine(pair_of(angle[i]))
+    out[i, 0] = whole(s)
+    out[i, 1] = whole(c)
+
+
+@pytest.mark.parametrize("largest", [0.8, 10.0, 1e3, 1e5])
+def test_sine_and_cosine_of_pairs(largest):
+    angle = np.random.default_rng(1).uniform(-largest, largest, 20_000)
+    found = launched(headings, len(angle), given(angle), width=2)
+    # terms without a low part leave 1.4e-12; beyond, the angle itself and its quarter turns are rounded at 2^-48
+    tolerance = 2e-12 + 3 * 2.0**-48 * largest
+    np.testing.assert_allclose(found, np.stack([np.sin(angle), np.cos(angle)], axis=1), rtol=0, atol=tolerance)
+
+
+TEETH, R, CLEARANCE = 31, 0.4321, 2e-4
+
+
+def gap_of(kinds):
+    """A sprocket's tooth gap of either precision."""
+    gap = kinds.Sprocket()
+    half = np.radians(137.0 / 2)
+    gap.teeth, gap.exact_radius, gap.pitch_radius, gap.clearance = TEETH, R, R, CLEARANCE
+    gap.cos_half_seat, gap.sin_half_seat, gap.half_pitch_tangent = np.cos(half), np.sin(half), np.tan(np.pi / TEETH)
+    gap.tip_reach = R + 0.05
+    return gap
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def gaps(
+    points: wp.array[wp.vec2d],
+    angles: wp.array[wp.float64],
+    center: wp.vec2d,
+    exact: EXACT.Sprocket,
+    gear: GEAR.Sprocket,
+    seats: wp.array[wp.vec2d],
+    split: wp.array[wp.vec4f],
+    out: wp.array2d[wp.float64],
+):
+    i = wp.tid()
+    x, y = pair_of(points[i][0]), pair_of(points[i][1])
+    body = BodyState()
+    body.angle = angles[i]
+    body.center = center
+    wheel = wheel_at(body, exact.exact_radius)
+    sine, cosine = sine_cosine(angles[i])
+    p = wp.vec2d(whole(x), whole(y)) - center
+    seat = tracked_seat(p, -1, cosine, sine, exact, seats)
+    still = wp.vec2d()
+    penetration, normal, relative = in_teeth(p, still, wp.float64(7.0), seat, exact)
+    at = away(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low), wheel.center, wheel.center_low)
+    gap = tracked_gap(at, -1, wheel, gear, split)
+    ours, facing, moving = in_teeth_gap(at.high, wp.vec2f(), 7.0, gap, gear)
+    out[i, 0] = wp.float64(wp.abs(gap.number - seat.number))
+    out[i, 1] = wp.float64(ours) - penetration
+    out[i, 2] = wp.float64(facing[0]) - normal[0]
+    out[i, 3] = wp.float64(facing[1]) - normal[1]
+    out[i, 4] = wp.float64(moving[0]) - relative[0]
+    out[i, 5] = wp.float64(moving[1]) - relative[1]
+
+
+def test_tooth_gaps_in_pairs_are_those_of_float64():
+    generator = np.random.default_rng(2)
+    count = 20_000
+    seats = 2 * np.pi * np.arange(TEETH) / TEETH
+    directions = np.stack([np.cos(seats), np.sin(seats)], axis=1)
+    angles, number = generator.uniform(-50.0, 50.0, count), generator.integers(TEETH, size=count)
+    center = np.array([1.2345678901, -0.0456789])
+    away_by = 10.0 ** generator.uniform(-5, -2.5, count)  # from the seat [m]
+    turn, at = generator.uniform(0, 2 * np.pi, count), angles + seats[number]
+    points = center + np.stack(
+        [R * np.cos(at) + away_by * np.cos(turn), R * np.sin(at) + away_by * np.sin(turn)], axis=1
+    )
+    inputs = [given(points, wp.vec2d), given(angles), wp.vec2d(*center), gap_of(EXACT), gap_of(GEAR)]
+    tables = [given(directions, wp.vec2d), given(split_seats(directions), wp.vec4f)]
+    found = np.abs(launched(gaps, count, *inputs, *tables, width=6))
+    assert not found[:, 0].any()
+    # the vector from the seat is off by 2^-37 of R and a few roundings of itself; clearance and direction round too
+    assert (found[:, 1] <= 4 * 2.0**-37 * R + 8 * EPS * (away_by + CLEARANCE)).all()
+    assert (found[:, 2:4] <= (2.0**-36 * R / away_by + 16 * EPS)[:, None]).all()
+    assert found[:, 4:].max() <= 8 * EPS * 7.0 * (R + 0.01)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def bars(points: wp.array[wp.vec2d], exact: EXACT.Guide, bar: GEAR.Guide, out: wp.array2d[wp.float64]):
+    i = wp.tid()
+    x, y = pair_of(points[i][0]), pair_of(points[i][1])
+    p = wp.vec2d(whole(x), whole(y)) - exact.start
+    still = wp.vec2d()
+    penetration, normal, relative = on_guide(p, still, still, exact)
+    line = line_of(bar)
+    at = away(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low), line.start, line.start_low)
+    ours, facing, moving = on_line(at, wp.vec2f(), line, bar)
+    out[i, 0] = wp.float64(ours) - penetration
+    out[i, 1] = wp.float64(facing[0]) - normal[0]
+    out[i, 2] = wp.float64(facing[1]) - normal[1]
+
+
+def guide_of(kinds):
+    """A bar of either precision."""
+    bar = kinds.Guide()
+    angle = 0.7
+    bar.start, bar.direction = wp.vec2d(1.1, -0.3), wp.vec2d(np.cos(angle), np.sin(angle))
+    bar.length, bar.end_radius, bar.roller_radius = 3.0, 0.25, 0.03125
+    return bar
+
+
+def test_guide_bars_in_pairs_are_those_of_float64():
+    generator = np.random.default_rng(3)
+    along, across = generator.uniform(-0.2, 3.2, 20_000), generator.uniform(-0.02, 0.0312, 20_000)
+    t = np.array([np.cos(0.7), np.sin(0.7)])
+    points = np.array([1.1, -0.3]) + along[:, None] * t + across[:, None] * np.array([-t[1], t[0]])
+    found = np.abs(launched(bars, len(points), given(points, wp.vec2d), guide_of(EXACT), guide_of(GEAR), width=3))
+    flat = (along > 1e-6) & (along < 3.0 - 1e-6)
+    # on the face the distance from it is rounded, a few times; over the ends the place along the bar too
+    assert found[flat, 0].max() <= 4 * EPS * 0.0625
+    assert found[:, 0].max() <= 8 * EPS * 0.5 + 4 * EPS * 3.2
+    assert found[:, 1:].max() <= 16 * EPS * (1 + 3.2 / 0.25)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def led(
+    motion: Motion, curves: Curves, rows: wp.array[wp.vec4f], h: wp.float64, every: int, out: wp.array2d[wp.float64]
+):
+    i = wp.tid()
+    angle, speed = prescribed_at(wp.float64(i * every) * h, motion, curves)
+    spin = spin_of(motion)
+    to = led_at(counted(i * every, pair_of(h)), spin, rows)
+    out[i, 0] = whole(to.angle) - angle
+    out[i, 1] = wp.float64(to.speed) - speed
+    wheel = Wheel()
+    wheel.angle = pair_of(angle)
+    wheel.speed = pair_of(speed)
+    motion.prescribed = 0
+    spin.prescribed = 0
+    time = wp.float64(i * every) * h
+    load = load_moment(time, angle, speed, motion, curves)
+    out[i, 2] = wp.float64(spin_load(wp.float32(time), wheel, spin, rows)) - load
+
+
+def motion_of(**values):
+    motion = Motion()
+    motion.sign, motion.speed, motion.ramp_time, motion.start_angle = -1.0, 52.36, 0.3, 0.123
+    for name, value in values.items():
+        setattr(motion, name, value)
+    return motion
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.3])
+def test_prescribed_angles_in_pairs(ramp):
+    harmonics = np.array([[6.0, 0.002, 0.4], [0.5, 0.03, -1.0], [3.0, 2500.0, 0.7], [20.0, 400.0, 0.1]])
+    motion = motion_of(prescribed=1, ramp_time=ramp, load=wp.vec3d(9000.0, 50.0, 0.1), load_ramp_time=ramp)
+    motion.drive_harmonics.count, motion.load_harmonics.first, motion.load_harmonics.count = 2, 2, 2
+    curves = Curves()
+    curves.harmonics, curves.tables = given(harmonics, wp.vec3d), given(np.zeros(1))
+    rows = given(np.column_stack([harmonics, np.sin(harmonics[:, 2])]), wp.vec4f)
+    found = np.abs(launched(led, 20_000, motion, curves, rows, 1.7e-6, 100, width=3))  # 3.4 s, 178 rad
+    # amplitude, phase and the sine of the phase are float32: a / h of each times their rounding
+    assert found[:, 0].max() <= 16 * EPS**2 * 178 + 3 * EPS * (0.002 / 6 + 0.03 / 0.5)
+    assert found[:, 1].max() <= 8 * EPS * 52.36
+    assert found[:, 2].max() <= 8 * EPS * 14_800  # all parts of the moment at once
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def turning(spin: Spin, moment: wp.float64, h: wp.float64, steps: int, out: wp.array2d[wp.float64]):
+    body = BodyState()
+    wheel = wheel_at(body, wp.float64(0.4))
+    nowhere = Led()
+    for _ in range(steps):
+        wheel = spun(wheel, wp.float32(h), wp.float32(h), wp.float32(moment), nowhere, spin)
+    out[0, 0] = whole(wheel.angle)
+    out[0, 1] = whole(wheel.speed)
+    sine, cosine = sine_cosine(whole(wheel.angle))
+    out[0, 2] = whole(wheel.cosine) - cosine
+    out[0, 3] = whole(wheel.sine) - sine
+    out[0, 4] = whole(wheel.reach_cosine) - wp.float64(0.4) * whole(wheel.cosine)
+    out[0, 5] = whole(wheel.reach_sine) - wp.float64(0.4) * whole(wheel.sine)
+
+
+@pytest.mark.parametrize("steps", [32, 1_000_000])
+def test_a_wheel_that_turns_freely_keeps_its_phase(steps):
+    # constant moment from rest: speed a h n, angle a h^2 n (n + 1) / 2; float32 alone would have lost every increment
+    spin = Spin()
+    spin.sign, spin.inverse_inertia = 1.0, 0.25
+    h, moment = 2.0**-19, 100.0
+    angle, speed, *off = launched(turning, 1, spin, moment, h, steps, width=6)[0]
+    a = moment * 0.25
+    assert speed == pytest.approx(a * h * steps, rel=1e-11)
+    assert angle == pytest.approx(a * h * h * steps * (steps + 1) / 2, rel=1e-11)
+    # turned step by step: at most a rounding of each turn, all one way; anew from the angle every 32 steps in a run
+    turns = min(angle, a * h * h * steps * 1.0)
+    assert np.abs(off[:2]).max() <= 2e-12 + 2 * EPS * (angle if steps > 32 else turns)
+    assert np.abs(off[2:]).max() <= 2.0**-36 * 0.4
+
+
+LOOPS = {
+    "two sprockets": BlockKind(wp.float32, 32, 4, 2, 0, curved=False),
+    "guide-bar, friction": BlockKind(wp.float32, 32, 6, 2, 1, sliding=True, bending=True, uneven=True, curved=False),
+    "few": BlockKind(wp.float32, 128, 1, 2, 1, curved=False),
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
+    every, loop = time_loop(compiled(block_kernel(LOOPS[name], 16, FRAME), tmp_path))
+    assert len(loop) > 0.4 * len(every)  # the time loop, not one of those before and after it
+    assert not float64_arithmetic(loop)
+    # what is read from the state and the ensemble before, and goes back after
+    kinds = float64_arithmetic(every)
+    assert sum(kinds.values()) < 120, kinds
+    assert not any(name.startswith(("mul", "fma", "div", "sqrt")) for name in kinds), kinds
+
+
+def test_float64_is_found_where_it_is(tmp_path):
+    kind = BlockKind(wp.float64, 32, 4, 2, 0, curved=False)
+    every, loop = time_loop(compiled(block_kernel(kind, 8, FRAME), tmp_path))
+    assert sum(float64_arithmetic(loop).values()) > 300

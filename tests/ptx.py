@@ -1,0 +1,68 @@
+"""What CUDA's intermediate code (PTX) of a kernel does in its time loop, found by who can jump where."""
+
+import re
+from collections import Counter
+from itertools import chain
+from pathlib import Path
+
+JUMP = re.compile(r"(@!?%\w+\s+)?bra(?:\.uni)?\s+(\$[\w$]+)")
+END = re.compile(r"(ret|exit|trap)\b")
+
+
+def compiled(kernel, folder: Path, arch: int = 89) -> str:
+    """PTX of a Warp kernel's module; needs no GPU."""
+    import warp as wp
+
+    wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=str(folder), use_ptx=True)
+    (path,) = folder.glob("*.ptx")
+    return path.read_text()
+
+
+def basic_blocks(ptx: str) -> tuple[list[list[str]], list[list[int]]]:
+    """Instructions of the kernel's basic blocks, and to which of them each can go on."""
+    blocks: list[list[str]] = [[]]
+    names: dict[str, int] = {}
+    for line in map(str.strip, ptx[ptx.index("\n{", ptx.index(".entry")) :].splitlines()):
+        if label := re.match(r"(\$[\w$]+):", line):
+            blocks.append([])
+            names[label[1]] = len(blocks) - 1
+        elif line and not line.startswith((".", "//", "{", "}")):
+            blocks[-1].append(line)
+            if JUMP.match(line) or END.match(line):
+                blocks.append([])
+    after = []
+    for number, lines in enumerate(blocks):
+        jump = JUMP.match(lines[-1]) if lines else None
+        goes_on = not (lines and END.match(lines[-1])) and not (jump and jump[1] is None)
+        ways = [names[jump[2]]] if jump else []
+        after.append(ways + [number + 1] * (goes_on and number + 1 < len(blocks)))
+    return blocks, after
+
+
+def reached(start: int, ways: list[list[int]]) -> set[int]:
+    """The blocks that one can come to from a block."""
+    found, left = set(), [start]
+    while left:
+        for block in ways[left.pop()]:
+            if block not in found:
+                found.add(block)
+                left.append(block)
+    return found
+
+
+def time_loop(ptx: str) -> tuple[list[str], list[str]]:
+    """All instructions of the kernel, and those of its largest loop: whatever can come to itself again by way of it."""
+    blocks, after = basic_blocks(ptx)
+    before: list[list[int]] = [[] for _ in blocks]
+    for number, ways in enumerate(after):
+        for way in ways:
+            before[way].append(number)
+    loops = [reached(number, after) & reached(number, before) for number in range(len(blocks))]
+    within = [blocks[number] for number in sorted(max(loops, key=len))]
+    return list(chain(*blocks)), list(chain(*within))
+
+
+def float64_arithmetic(lines: list[str]) -> Counter[str]:
+    """How often each operation on float64 stands there: all but loads, stores and moves."""
+    names = (re.sub(r"^@!?%\w+\s+", "", line).split()[0] for line in lines)
+    return Counter(name for name in names if ".f64" in name and not name.startswith(("ld.", "st.", "mov.", "shfl.")))
