@@ -71,7 +71,9 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Prints a row a metric."""
     parser().parse_args()
-    found = {name: misses(load_drive(drive_path(name)).with_values(SMOOTH), *window) for name, window in WINDOWS.items()}
+    found = {
+        name: misses(load_drive(drive_path(name)).with_values(SMOOTH), *window) for name, window in WINDOWS.items()
+    }
     print(f"{'':18s}" + "".join(f"{name:>12s}" for name in found))
     for metric in next(iter(found.values())):
         print(f"{metric:18s}" + "".join(f"{values[metric]:12.1e}" for values in found.values()))
