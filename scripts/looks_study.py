@@ -4,8 +4,8 @@
 
 Tensions of links are added up every 32nd step, forces held against the largest and added up every other step
 (`kernels.sums`). A window of each drive is recorded step by step. Of means: how far off they are, in standard errors of
-their own. Of largest values: the share that is missed; of the smallest tension, of the range of tensions. Without friction on
-teeth, which the hub forces of frames leave out.
+their own. Of largest values: the share that is missed; of the smallest tension, of the range of tensions. Without
+friction on teeth, which the hub forces of frames leave out.
 """
 
 import argparse
