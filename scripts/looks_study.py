@@ -4,8 +4,8 @@
 
 Tensions of links are added up every 32nd step, forces held against the largest and added up every other step
 (`kernels.sums`). A window of each drive is recorded step by step. Of means: how far off they are, in standard errors of
-their own. Of largest values: the share that is missed; of the smallest tension, of the range of tensions. Without friction on
-teeth, which the hub forces of frames leave out.
+their own. Of largest values: the share that is missed; of the smallest tension, of the range of tensions. Without
+friction on teeth, which the hub forces of frames leave out.
 """
 
 import argparse
@@ -71,7 +71,9 @@ def parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Prints a row a metric."""
     parser().parse_args()
-    found = {name: misses(load_drive(drive_path(name)).with_values(SMOOTH), *window) for name, window in WINDOWS.items()}
+    found = {
+        name: misses(load_drive(drive_path(name)).with_values(SMOOTH), *window) for name, window in WINDOWS.items()
+    }
     print(f"{'':18s}" + "".join(f"{name:>12s}" for name in found))
     for metric in next(iter(found.values())):
         print(f"{metric:18s}" + "".join(f"{values[metric]:12.1e}" for values in found.values()))
