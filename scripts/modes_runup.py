@@ -137,6 +137,7 @@ def loaded(run: RunUp, drive: Drive) -> Drive:
     own = {}
     for sprocket in drive.sprockets:
         if sprocket.prescribed is None:
+            assert sprocket.inertia is not None
             torque = sprocket.load.torque if sprocket.load is not None else 0.0
             more = sprocket.inertia * rise * driver.teeth / sprocket.teeth
             own[f"sprockets.{sprocket.name}.load.torque"] = torque + more
@@ -180,7 +181,7 @@ def spectrum(signal: Array, rate: float) -> tuple[Array, Array]:
     time = np.linspace(-1.0, 1.0, len(signal))
     flat = signal - np.polynomial.Polynomial.fit(time, signal, 3)(time)
     power = np.abs(np.fft.rfft(flat * np.hanning(len(flat)), PADDED * len(flat))) ** 2
-    return np.fft.rfftfreq(PADDED * len(flat), 1.0 / rate), power
+    return np.asarray(np.fft.rfftfreq(PADDED * len(flat), 1.0 / rate)), np.asarray(power)
 
 
 def disturbed(drive: Drive, speeds: Array, frequency: float, width: float) -> bool:

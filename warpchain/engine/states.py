@@ -66,7 +66,13 @@ SUMS = {
     "mount_notes": ("sprocket", int(NOTES)),
 }
 """The window's sums, of `kernels.sum_structs.Sums`."""
-TALLIES = {"link": ("tally", 1), "contact": ("contact", 1), "roller": ("roller", 1), "body": ("body", 1)}
+OF_CONTACTS = ("impacts", "contacts", "missed", "dissipated", "friction", "impulse", "force_max")
+TALLIES = {
+    "link": ("tally", 1),
+    **dict.fromkeys(OF_CONTACTS, ("contact", 1)),
+    "roller": ("roller", 1),
+    "body": ("body", 1),
+}
 """What block kernels sum up roller by roller, of `kernels.sum_structs.Tallies`."""
 GROUPS = {"state": STATE, "sums": SUMS, "tallies": TALLIES}
 STOPS = 16

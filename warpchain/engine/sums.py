@@ -9,12 +9,20 @@ from numpy.typing import NDArray
 
 from warpchain.engine.batches import batch_durations, split_batches
 from warpchain.engine.packed import Packed
+from warpchain.kernels.sums import WATCH_EVERY
 from warpchain.kernels.tension_bins import BINS, STEP, ZERO
 
 
 def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
     """(V, bins + 1) edges of the bins of tension for V scales (`kernels.tension_bins`) [N]."""
     return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
+
+
+def watched_time(drives: NDArray[Any]) -> NDArray[np.float64]:
+    """(V,) how long a window is, over the time that its watched steps stand for (`kernels.sums.watch_weight`)."""
+    every, start, end = int(WATCH_EVERY), drives["window_start"].astype(int), drives["window_end"].astype(int)
+    watched = end // every - (start + every - 1) // every + 1
+    return np.asarray((end - start) / (every * np.maximum(watched, 1)))
 
 
 def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.integer]) -> dict[str, Any]:
@@ -36,16 +44,22 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
     tensioner = drives["first_tensioner"][:, None].astype(np.int64) + np.arange(tensioners)
     partner = first + drives["first_guide"][:, None] + np.arange(sprockets + guides)
     histograms = (first + variants[:, None]) + np.arange(sprockets + 1)
+    watched = watched_time(drives)
+    contact, turned = sums["contact"][partner], sums["sprocket"][sprocket]
+    contact["impulse"] *= watched[:, None]
+    turned["force"] *= watched[:, None, None]
+    batches = split_batches(sums, variants, sprocket)
+    batches["sprocket"]["force"] *= watched[:, None, None, None]
     counts = sums["tension_counts"].reshape(-1, int(BINS))[histograms]
     return {
         "chain": sums["chain"][variants],
         "strand": sums["strand"][sprocket],
-        "sprocket": sums["sprocket"][sprocket],
+        "sprocket": turned,
         "mount": sums["mount"][sprocket],
-        "contact": sums["contact"][partner],
+        "contact": contact,
         "slip": sums["slip"][sprocket],
         "arm": sums["arm"][arm],
         "tensioner": sums["tensioner"][tensioner],
-        "batches": (split_batches(sums, variants, sprocket), batch_durations(drives)),
+        "batches": (batches, batch_durations(drives)),
         "tension": (counts, tension_edges(drives["tension_scale"])),
     }

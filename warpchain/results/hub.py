@@ -1,7 +1,7 @@
 """Force of the chain on every shaft, from recorded frames: the sum of the contact forces of the sprocket's rollers.
 
 The frames hold the normal forces of the contacts; tooth friction, a few hundredths of them, is in the metrics
-`SPROCKET.hub_force_*` only, which the kernels add up at every step.
+`SPROCKET.hub_force_*` only, which the kernels add up at watched steps.
 """
 
 from __future__ import annotations
