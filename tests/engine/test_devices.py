@@ -134,8 +134,8 @@ def test_blocks_have_room_for_the_chain_and_little_more():
 def test_every_kernel_finds_its_rows(room_, most, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
     few, many = block_shape(room_, 1, most), block_shape(32, MANY, most)
-    bucket = Bucket(few, 3, 1, moves, False, False, False, False, 0, 0, False, np.arange(7), None)
-    other = Bucket(many, 2, 0, False, False, False, False, False, 0, 0, False, np.arange(5), None)
+    bucket = Bucket(few, 3, 1, moves, False, False, False, False, 0, 0, False, False, np.arange(7), None)
+    other = Bucket(many, 2, 0, False, False, False, False, False, 0, 0, False, False, np.arange(5), None)
     there = rows_apart(wp.float64, [other, bucket])
     for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
         shape = kernel_shape(name, bucket)
