@@ -132,14 +132,20 @@ def metrics(base: Drive, count: int) -> float:
     return times["metrics"]
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--drives", nargs="*", default=["marine", "engine", "car"])
+    made.add_argument("--count", type=int, default=10_000, help="variants (of the car, a 500th of them)")
+    made.add_argument("--kinds", type=int, default=0, help="kinds of the marine drive among them")
+    made.add_argument("--rounds", type=int, default=3)
+    made.add_argument("--metrics", action="store_true", help="simulate 2,000 variants for a few steps, too")
+    return made
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--drives", nargs="*", default=["marine", "engine", "car"])
-    parser.add_argument("--count", type=int, default=10_000, help="variants (of the car, a 500th of them)")
-    parser.add_argument("--kinds", type=int, default=0, help="kinds of the marine drive among them")
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--metrics", action="store_true", help="simulate 2,000 variants for a few steps, too")
-    arguments = parser.parse_args()
+    """Prints the table."""
+    arguments = parser().parse_args()
     start_warp()
     warnings.simplefilter("ignore")
     print("us a variant  " + "".join(f"{stage:>12}" for stage in (*STAGES, "all packing", "alone")))
