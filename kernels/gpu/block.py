@@ -193,6 +193,17 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             joints.add_friction(shared, mine, now)
 
     @wp.func
+    def instant(state: kinds.State, mine: Mine, since: int):
+        """Where a launch begins, `since` steps after the frames' buffer."""
+        now = Now()
+        now.step = state.progress[mine.variant].step
+        now.event = now.step
+        now.diverged = state.progress[mine.variant].diverged
+        now.going = 1
+        now.since = since
+        return now
+
+    @wp.func
     def next_stage(now: Now):
         """The loop at the next stage or step; a variant that has diverged stays where it is."""
         if now.flags & END != 0:
@@ -280,12 +291,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         shared = shared_arrays(state, number)
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
         row.fetch(state, shared, mine)
-        now = Now()
-        now.step = state.progress[mine.variant].step
-        now.event = now.step
-        now.diverged = state.progress[mine.variant].diverged
-        now.going = 1
-        now.since = since
+        now = instant(state, mine, since)
         begin(ensemble, state, sums, tallies, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)

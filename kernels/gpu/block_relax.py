@@ -69,11 +69,11 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         barrier()
         largest = warp_max(value)
         if i % lanes() == 0:
-            shared.parts[i // lanes()] = wp.float64(largest)
+            shared.parts[i // lanes()] = largest
         barrier()
-        result = shared.parts[0]
+        result = wp.float64(shared.parts[0])
         for w in range(1, wp.static(threads) // lanes()):
-            result = wp.max(result, shared.parts[w])
+            result = wp.max(result, wp.float64(shared.parts[w]))
         barrier()
         return result
 
@@ -83,11 +83,11 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         barrier()
         total = warp_sum(value)
         if i % lanes() == 0:
-            shared.parts[i // lanes()] = total
+            shared.parts[i // lanes()] = Real(total)
         barrier()
         result = wp.float64(0.0)
         for w in range(wp.static(threads) // lanes()):
-            result = result + shared.parts[w]
+            result = result + wp.float64(shared.parts[w])
         barrier()
         return result
 

@@ -115,7 +115,7 @@ def test_a_longer_window_goes_on_from_where_runs_stood(tmp_path, capsys):
     assert len(list((out / "shards").glob("*.states.parquet"))) == 9
 
 
-def test_states_that_are_damaged_or_of_other_notes_are_no_help(tmp_path):
+def test_states_that_are_damaged_or_of_another_window_are_no_help(tmp_path):
     text = SAMPLED.replace("KIND", "sobol").replace("duration = 0.0005", "duration = 0.0032")
     source = write_study(tmp_path, shard=2, text=text)
     out = tmp_path / "out"
@@ -125,8 +125,8 @@ def test_states_that_are_damaged_or_of_other_notes_are_no_help(tmp_path):
     edit(source, *LONGER)
     run_study(source, out, grow=True)
     assert study_status(out).went_on == (2, 2)
-    edit(source, ("window = [0.0, 0.0064]", "window = [0.0, 0.0096]"), ("duration = 0.0064", "duration = 0.0096"))
-    run_study(source, out, grow=True)  # one and a half times as long: its batches end elsewhere
+    edit(source, ("window = [0.0, 0.0064]", "window = [0.0016, 0.0096]"), ("duration = 0.0064", "duration = 0.0096"))
+    run_study(source, out, grow=True)  # another start, before where runs stood
     assert study_status(out).went_on == (0, 4)
     run_study(source, tmp_path / "new")
     assert table_of(out) == table_of(tmp_path / "new")

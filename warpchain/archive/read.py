@@ -128,7 +128,7 @@ def read_archive(path: str | Path) -> Archive:
     head, end, last = heads[0], ends[-1] or {}, files[-1]
     try:
         info, variants = _info(head, end), int(head["variants"])
-        if variants < 1:
+        if not 1 <= variants < 2**31:
             raise ValueError(f"variants = {variants}")
         numbers = [int(word) for word in head["numbers"].split()] if "numbers" in head else range(variants)
         if len(numbers) != variants or len(set(numbers)) < variants or min(numbers) < 0:
