@@ -1,26 +1,17 @@
 """What the benchmarks run and read."""
 
-import sys
-from pathlib import Path
-
 import pytest
+from loading import load_script
 
 from warpchain import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
 
-SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
-
 
 @pytest.fixture
-def bench(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    import bench_gpu
-
-    yield bench_gpu
-    for name in ("bench_gpu", "bench_cpu"):
-        sys.modules.pop(name, None)
+def bench():
+    return load_script("bench_gpu")
 
 
 def test_the_lines_of_another_program_are_read(bench):

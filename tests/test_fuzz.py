@@ -1,13 +1,9 @@
 """Random changes of what users and disks hand to the readers: taken as it is meant, or refused; never anything else."""
 
-import importlib.util
-from pathlib import Path
-
 import pytest
+from loading import load_script
 
-spec = importlib.util.spec_from_file_location("fuzz", Path(__file__).resolve().parents[1] / "scripts" / "fuzz.py")
-fuzz = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(fuzz)
+fuzz = load_script("fuzz")
 
 
 @pytest.mark.parametrize("kind", fuzz.KINDS)

@@ -1,26 +1,19 @@
 """The guard of bitwise results: the same tree compares clean, and a changed value does not."""
 
 import ast
-import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pytest
+from loading import load_script
 
 import warpchain
 
-SCRIPTS = Path(__file__).parent.parent / "scripts"
 CASES = ["setup", "tables"]
 
 
 @pytest.fixture
-def golden(monkeypatch):
-    """The script as a module."""
-    monkeypatch.syspath_prepend(SCRIPTS)
-    spec = importlib.util.spec_from_file_location("golden", SCRIPTS / "golden.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def golden():
+    return load_script("golden")
 
 
 def test_the_same_tree_is_the_same_and_a_change_is_told(golden, tmp_path, capsys):

@@ -1,21 +1,14 @@
 """The guard of speed: what it marks, and what it does about a commit that is none."""
 
 import sys
-from pathlib import Path
 
 import pytest
-
-SCRIPTS = Path(__file__).resolve().parents[1] / "scripts"
+from loading import load_script
 
 
 @pytest.fixture
-def guard(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    import bench_guard
-
-    yield bench_guard
-    for name in ("bench_guard", "bench_cpu"):
-        sys.modules.pop(name, None)
+def guard():
+    return load_script("bench_guard")
 
 
 def test_cases_below_the_limit_are_marked(guard):

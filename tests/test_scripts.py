@@ -1,13 +1,13 @@
 """The scripts can be imported, do nothing until they are run, and take the words that the documents give them."""
 
 import ast
-import importlib.util
 import re
 import shlex
 import sys
 from pathlib import Path
 
 import pytest
+from loading import load_script
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = sorted((ROOT / "scripts").glob("*.py"))
@@ -28,27 +28,10 @@ def commands():
 FOUND = list(commands())
 
 
-@pytest.fixture
-def load(monkeypatch):
-    """Imports a script by its path, its neighbors at hand as when it is run."""
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
-    before = set(sys.modules)
-
-    def loaded(path):
-        spec = importlib.util.spec_from_file_location(path.stem, path)
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        return module
-
-    yield loaded
-    for name in {path.stem for path in SCRIPTS} & (set(sys.modules) - before):
-        del sys.modules[name]
-
-
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_a_script_can_be_imported_and_does_nothing_then(path, load, capsys, monkeypatch):
+def test_a_script_can_be_imported_and_does_nothing_then(path, capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", [str(path), "--no-such-option"])  # who parses this while imported is ended
-    module = load(path)
+    module = load_script(path.stem)
     assert capsys.readouterr().out == ""
     assert callable(module.main)
     last = ast.parse(path.read_text()).body[-1]
@@ -57,10 +40,10 @@ def test_a_script_can_be_imported_and_does_nothing_then(path, load, capsys, monk
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_a_script_tells_what_it_is_for(path, load, capsys, monkeypatch):
+def test_a_script_tells_what_it_is_for(path, capsys, monkeypatch):
     monkeypatch.setattr(sys, "argv", [str(path), "--help"])
     with pytest.raises(SystemExit) as left:
-        load(path).main()
+        load_script(path.stem).main()
     assert left.value.code == 0
     assert ast.get_docstring(ast.parse(path.read_text())).splitlines()[0] in capsys.readouterr().out
 
@@ -78,17 +61,17 @@ def test_documents_name_commands():
 
 
 @pytest.mark.parametrize(("page", "script", "words"), FOUND, ids=lambda value: str(value).strip() or "alone")
-def test_named_commands_are_taken(page, script, words, load):
+def test_named_commands_are_taken(page, script, words):
     path = ROOT / script
     assert path in SCRIPTS
     # words in brackets may be left out; those in capitals stand for others
     given = [word for word in shlex.split(words) if not re.fullmatch(r"\[?[A-Z]+\]?|\.\.\.\]?", word)]
-    load(path).parser().parse_args([word.strip("[]") for word in given])
+    load_script(path.stem).parser().parse_args([word.strip("[]") for word in given])
 
 
-def test_words_that_a_script_does_not_know_are_refused(load, capsys):
+def test_words_that_a_script_does_not_know_are_refused(capsys):
     for name, words in (("bench_gpu", ["tables"]), ("study_figures", ["a", "b", "c"]), ("render_picture", ["a", "b"])):
         with pytest.raises(SystemExit) as left:
-            load(ROOT / "scripts" / f"{name}.py").parser().parse_args(words)
+            load_script(name).parser().parse_args(words)
         assert left.value.code == 2
     assert "'tables': allowed are table, joints, recording, rollers, gpus, headline, kinds" in capsys.readouterr().err

@@ -1,33 +1,19 @@
 """The site: it builds without a warning, asks no other machine for anything, and opens in a browser."""
 
-import importlib.util
 import re
-import sys
 import time
 from pathlib import Path
 
 import pytest
+from loading import load_script
 
 from warpchain.drive import Drive
 from warpchain.results.columns import COLUMNS
 
 ROOT = Path(__file__).resolve().parent.parent
-SCRIPTS = ROOT / "scripts"
 
 
-def script(name):
-    """One of the scripts as a module, its neighbors at hand as when it is run."""
-    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.path.insert(0, str(SCRIPTS))
-    try:
-        spec.loader.exec_module(module)
-    finally:
-        sys.path.remove(str(SCRIPTS))
-    return module
-
-
-reference, render = script("docs_reference"), script("render_picture")
+reference, render = load_script("docs_reference"), load_script("render_picture")
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +21,7 @@ def site(tmp_path_factory):
     for needed in ("mkdocs", "material", "mkdocstrings"):
         pytest.importorskip(needed)
     folder = tmp_path_factory.mktemp("site")
-    done = script("build_docs").build(folder)
+    done = load_script("build_docs").build(folder)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 

@@ -1,11 +1,10 @@
 """The example drives of the package: each loads, fits, and runs; what their comments claim holds."""
 
-import importlib.util
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
+from loading import load_script
 
 from warpchain import Record, cli, load_drive, simulate
 from warpchain.assembly import assemble
@@ -51,11 +50,7 @@ def test_check_works(name, capsys):
 @pytest.fixture(scope="module")
 def table():
     """The script of docs/examples.md's table."""
-    path = Path(__file__).parents[2] / "scripts" / "example_table.py"
-    spec = importlib.util.spec_from_file_location("example_table", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script("example_table")
 
 
 @pytest.fixture(scope="module")

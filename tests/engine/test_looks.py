@@ -1,16 +1,10 @@
 """What is not looked at every step is as good as if it were."""
 
-import importlib.util
-from pathlib import Path
-
 import pytest
 from drives import two_sprockets
+from loading import load_script
 
-spec = importlib.util.spec_from_file_location(
-    "looks_study", Path(__file__).resolve().parents[2] / "scripts" / "looks_study.py"
-)
-looks_study = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(looks_study)
+looks_study = load_script("looks_study")
 
 
 @pytest.fixture(scope="module")

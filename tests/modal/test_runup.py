@@ -1,24 +1,16 @@
 """The spectrum of a slow run-up against the modes of the running drive; `scripts/modes_runup.py` has three examples."""
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from loading import load_script
 
 from warpchain.modal.phases import over_a_pitch
 
 
 @pytest.fixture(scope="module")
 def script():
-    path = Path(__file__).resolve().parents[2] / "scripts" / "modes_runup.py"
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module  # dataclasses look there for their types
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[path.stem]
+    return load_script("modes_runup")
 
 
 def test_the_spectrum_of_a_run_up_has_the_modes(script):

@@ -1,16 +1,15 @@
 """The report in a browser: opened without a network, brushed, filtered, pointed at, printed."""
 
 import base64
-import importlib.util
 import io
 import json
 import time
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pypdfium2 as pdfium
 import pytest
+from loading import load_script
 from PIL import Image
 
 from warpchain.study.report import report_html
@@ -18,10 +17,7 @@ from warpchain.study.report.decisions import Wanted
 from warpchain.study.results import read_results
 from warpchain.study.spec.objectives import Bound, Objective
 
-ROOT = Path(__file__).resolve().parents[2]
-spec = importlib.util.spec_from_file_location("render_picture", ROOT / "scripts" / "render_picture.py")
-browsers = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(browsers)
+browsers = load_script("render_picture")
 pytestmark = [
     pytest.mark.viewer,
     pytest.mark.skipif(browsers.no_browser() is not None, reason=str(browsers.no_browser())),

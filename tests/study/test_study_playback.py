@@ -1,6 +1,5 @@
 """A study in Rerun: its scatters and recorded variants are in the recording, and the viewer shows them."""
 
-import importlib.util
 import shutil
 import sys
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from drives import two_sprockets
+from loading import load_script
 from PIL import Image
 
 from warpchain import Record, simulate, write_archive
@@ -20,7 +20,6 @@ from warpchain.study.report.scatters import log_scatters, view_study
 from warpchain.study.results import export_table, read_results
 from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
 
-ROOT = Path(__file__).resolve().parents[2]
 TORQUES = (100.0, 200.0, 300.0, 400.0, 500.0)
 
 
@@ -152,9 +151,7 @@ def test_command_saves_a_recording(study, tmp_path, capsys):
 @pytest.mark.skipif(headless() is not None, reason=str(headless()))
 def test_the_viewer_shows_scatters_beside_a_variant(study, tmp_path):
     results, folder = study
-    spec = importlib.util.spec_from_file_location("render_picture", ROOT / "scripts" / "render_picture.py")
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+    script = load_script("render_picture")
     view_study(results, recorded_variants(results, folder), save=tmp_path / "s.rrd")
     script.screenshot(tmp_path / "s.rrd", tmp_path / "s.png", 0.02)
     pixels = np.asarray(Image.open(tmp_path / "s.png").convert("RGB")).astype(int)[60:-60]

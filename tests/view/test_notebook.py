@@ -1,6 +1,5 @@
 """What notebooks show, and the tutorial notebook run from its first cell to its last."""
 
-import importlib.util
 import xml.etree.ElementTree as xml
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from drives import two_sprockets
+from loading import load_script
 from matplotlib.figure import Figure
 
 from warpchain import Record, load_drive, simulate
@@ -103,13 +103,6 @@ def test_figures_are_returned(run):
     assert all(isinstance(figure, Figure) for figure in draw_sweep([speeds]).values())
 
 
-def script():
-    spec = importlib.util.spec_from_file_location("run_notebooks", ROOT / "scripts" / "run_notebooks.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_shows_what_it_showed(path):
     """Every cell ends well, and shows as many things of the same kinds as those that are stored."""
@@ -124,7 +117,7 @@ def test_a_notebook_runs_and_shows_what_it_showed(path):
             if cell.cell_type == "code"
         ]
 
-    assert kinds(script().executed(path)) == kinds(nbformat.read(path, as_version=4))
+    assert kinds(load_script("run_notebooks").executed(path)) == kinds(nbformat.read(path, as_version=4))
 
 
 def test_there_is_a_notebook():

@@ -1,6 +1,5 @@
 """Playback as a person sees it: screenshots of the headless Rerun viewer and of the web viewer in headless Chromium."""
 
-import importlib.util
 import signal
 import subprocess
 import sys
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import two_sprockets
+from loading import load_script
 from PIL import Image
 from waiting import wait_for
 
@@ -17,10 +17,7 @@ from warpchain.drive.examples import drive_path
 from warpchain.results.colors import tension_color
 from warpchain.view.rerun.playback import view
 
-ROOT = Path(__file__).resolve().parents[2]
-spec = importlib.util.spec_from_file_location("render_picture", ROOT / "scripts" / "render_picture.py")
-render = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(render)
+render = load_script("render_picture")
 
 SCALE = np.unique(tension_color(np.arange(256.0), 255.0)[:, :3], axis=0).astype(int)
 
