@@ -139,15 +139,19 @@ def _sums_of(packed: Packed) -> tuple[tuple[str, Any, int], ...]:
     )
 
 
+OF_CONTACTS = dict.fromkeys(("impacts", "contacts", "missed"), wp.int32) | dict.fromkeys(
+    ("dissipated", "friction", "impulse", "force_max"), wp.float64
+)
+"""What block kernels sum up contact by contact, of `kernels.sum_structs.Tallies`, and its type."""
+
+
 def empty_tallies(packed: Packed, device: str) -> sum_structs.Tallies:
     """Tallies to which nothing has been added, for the block kernels."""
     links, sprockets = packed.drives["rollers"].astype(np.int64), packed.drives["sprockets"].astype(np.int64)
     tallies = sum_structs.Tallies()
     tallies.link = wp.zeros(int((links * (sprockets + 1)).sum()), dtype=sum_structs.LinkTally, device=device)
-    for name in ("impacts", "contacts", "missed"):
-        setattr(tallies, name, wp.zeros(len(packed.seat), dtype=wp.int32, device=device))
-    for name in ("dissipated", "friction", "impulse", "force_max"):
-        setattr(tallies, name, wp.zeros(len(packed.seat), dtype=wp.float64, device=device))
+    for name, kind in OF_CONTACTS.items():
+        setattr(tallies, name, wp.zeros(len(packed.seat), dtype=kind, device=device))
     tallies.roller = wp.zeros(int(links.sum()), dtype=sum_structs.RollerTally, device=device)
     tallies.body = wp.zeros(len(packed.bodies), dtype=sum_structs.RollerTally, device=device)
     return tallies

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
+from warpchain.engine.arrays import OF_CONTACTS
 from warpchain.engine.batches import note_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
@@ -66,7 +67,6 @@ SUMS = {
     "mount_notes": ("sprocket", int(NOTES)),
 }
 """The window's sums, of `kernels.sum_structs.Sums`."""
-OF_CONTACTS = ("impacts", "contacts", "missed", "dissipated", "friction", "impulse", "force_max")
 TALLIES = {
     "link": ("tally", 1),
     **dict.fromkeys(OF_CONTACTS, ("contact", 1)),

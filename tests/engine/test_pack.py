@@ -1,11 +1,9 @@
 """Packing: a mixed ensemble is its variants' own packs one after the other, to the last bit."""
 
-import pytest
 from drives import two_sprockets
 
 from warpchain import load_drive
 from warpchain.drive.examples import drive_path, example_names
-from warpchain.engine.alike import alike
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
 
@@ -78,17 +76,3 @@ def test_each_variant_is_packed_as_if_alone():
         for own, single in zip(part.sprockets, alone.sprockets, strict=True):
             teeth, first, other = int(own["teeth"]), int(own["first_seat"]), int(single["first_seat"])
             assert_same(packed.seats[first : first + teeth], alone.seats[other : other + teeth])
-
-
-@pytest.mark.parametrize(
-    ("path", "value", "kinds"),
-    [
-        ("sprockets.camshaft.load.torque", 9000.0, 1),
-        ("sprockets.camshaft.inertia", 9.0, 2),
-        ("chain.elongation", 0.002, 2),
-        ("run.step", 1e-6, 2),
-    ],
-)
-def test_only_loads_may_differ(path, value, kinds):
-    marine = load_drive(drive_path("marine"))
-    assert len(alike([marine, marine.with_values({path: value})])[0]) == kinds
