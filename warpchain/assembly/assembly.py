@@ -222,14 +222,15 @@ def _each(vector: Array, alike: NDArray[np.int64]) -> Array:
     return vector if vector.ndim == 1 else vector[alike, None]
 
 
-def assembled_strain(drive: Drive) -> tuple[ChainPath, float]:
-    """The path and the strain of the assembled chain, without placing its rollers.
+def assembled_strains(drive: Drive) -> tuple[ChainPath, Array]:
+    """The paths of a stack and the strains (V,) of the assembled chains, without placing their rollers.
 
     Raises:
-        DriveError: as `assemble`.
+        DriveError: as `assemble`, of the first such variant.
+        Obstructed: a stack of which some go around guides.
     """
     path, seating, _ = _seated(drive)
-    return path[0], float(seating.strain[0])
+    return path, seating.strain
 
 
 def assembled_path(drive: Drive) -> ChainPath:

@@ -16,9 +16,9 @@ Where guides reach into a strand it is the taut string around them (`warpchain.a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from warpchain.assembly.guided import Placed, Run, obstacles, obstructed
 from warpchain.assembly.taut import Arc, Taut, TautError, circle, taut
 from warpchain.drive.each import joined
 from warpchain.drive.mounts import initial_center
-from warpchain.drive.stack import size_of
+from warpchain.drive.stack import picked, size_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 MAX_STRAIN = 0.05
 """Largest nominal strain of a chain that counts as fitting its path, taut or slack."""
+
+Found = TypeVar("Found")
 
 _NO_WRAP = 1e-9  # rad
 _NOT_STACKED = ("strings", "obstacles", "arm_angle")
@@ -101,7 +103,8 @@ class ChainPath:
         It solves sum(wrap angle / pitch angle) + sum(strand length) / (pitch (1 + strain)) = links; infinite where the
         wrapped arcs alone take as many links or more.
         """
-        return float(_strain(links, self.wrapped_pitches, self.strand_length.sum() / self.pitch))
+        free = links - self.wrapped_pitches
+        return float(self.strand_length.sum()) / self.pitch / free - 1.0 if free > 0.0 else math.inf
 
     def fitting_links(self) -> tuple[int, ...]:
         """Every number of links whose nominal strain is within `MAX_STRAIN`, ascending; empty where there is none."""
@@ -122,7 +125,7 @@ def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
 
 
 class Obstructed(Exception):
-    """Chains of some variants of a stack go around guides, which is worked out for one variant alone.
+    """Chains of some variants of a stack go around guides or on arms, which is worked out for one variant alone.
 
     Attributes:
         which: (V,) those variants.
@@ -131,6 +134,35 @@ class Obstructed(Exception):
     def __init__(self, which: NDArray[np.bool_]) -> None:
         super().__init__()
         self.which = which
+
+
+def in_parts(drive: Drive, worked_out: Callable[[Drive], Found]) -> list[tuple[NDArray[np.int64], Found]]:
+    """What is worked out of a stack, in parts: which of its variants (K,), and what of them.
+
+    Those that are `Obstructed` are parts of one.
+    """
+    every = np.arange(size_of(drive))
+    try:
+        return [(every, worked_out(drive))]
+    except Obstructed as around:
+        free, others = np.flatnonzero(~around.which), np.flatnonzero(around.which)
+    found = [(free, worked_out(picked(drive, free)))] if len(free) else []
+    return found + [(np.array([v]), worked_out(picked(drive, int(v)))) for v in others]
+
+
+def allowed_parts(drive: Drive, worked_out: Callable[[Drive], Found]) -> list[tuple[NDArray[np.int64], Found]]:
+    """What is worked out of a stack as by `in_parts`, without the variants that are refused; these cost halvings."""
+    try:
+        return in_parts(drive, worked_out)
+    except DriveError:
+        count = size_of(drive)
+    if count == 1:
+        return []
+    found = []
+    for half in np.array_split(np.arange(count), 2):
+        own = picked(drive, half if len(half) > 1 else int(half[0]))
+        found += [(half[places], part) for places, part in allowed_parts(own, worked_out)]
+    return found
 
 
 class Plan:
@@ -154,6 +186,8 @@ class Plan:
         self.sign = sign = np.array([sprocket.sign for sprocket in sprockets], dtype=float)
         self.teeth = np.array([sprocket.teeth for sprocket in sprockets], dtype=float)
         variants = size_of(drive)
+        if drive.arms and variants > 1:
+            raise Obstructed(np.ones(variants, dtype=bool))
         self.pitch = np.broadcast_to(self.pitch, variants)
         self.center = center = np.broadcast_to(center, (variants, *center.shape[1:]))
         self.radius = radius = np.broadcast_to(radius, (variants, *radius.shape[1:]))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble_stack
-from warpchain.assembly.path import Obstructed
+from warpchain.assembly.path import in_parts
 from warpchain.drive import Drive
 from warpchain.drive.stack import Stack, arrays_of, first_of, first_refused, picked, size_of
 from warpchain.errors import DriveError
@@ -94,13 +94,7 @@ def assemble_all(stacks: Sequence[Stack]) -> Assemblies:
 
 def _assembled(drive: Drive) -> list[tuple[Places, Assembly]]:
     """The states of a stack, in parts: which of its variants, and theirs."""
-    every = np.arange(size_of(drive))
-    try:
-        return [(every, assemble_stack(drive))]
-    except Obstructed as around:
-        free, others = np.flatnonzero(~around.which), np.flatnonzero(around.which)
-    found = [(free, assemble_stack(picked(drive, free)))] if len(free) else []
-    return found + [(np.array([v]), assemble_stack(picked(drive, int(v)))) for v in others]
+    return in_parts(drive, assemble_stack)
 
 
 def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
