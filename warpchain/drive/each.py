@@ -145,7 +145,7 @@ def table_of(values: Sequence[Any], rows: int) -> NDArray[Any]:
     """A table (rows, K) of as many numbers or arrays (rows,): `columns` backwards."""
     import numpy as np
 
-    if rows == 1:
+    if rows == 1 and not many(*values):
         return np.array([values])
     return np.stack([np.broadcast_to(value, rows) for value in values], axis=1)
 
