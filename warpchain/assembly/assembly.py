@@ -256,7 +256,7 @@ def _seated(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     plan = Plan(drive)
     for _ in range(_BALANCES):
         before = path.arm_angle
-        path = balanced(drive, seating.strain - float(path.nominal_strain[0]), before, plan)
+        path = balanced(drive, seating.strain - path[0].nominal_strain, before, plan)
         seating = seat_chain(drive, path, loop)
         if float(np.abs(path.arm_angle - before).max()) <= _STILL:
             break

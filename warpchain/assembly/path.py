@@ -239,29 +239,29 @@ class Plan:
                 leaving[k], arriving[following] = string.first, string.last
                 start[k], end[k] = self.ends[k].at(string.first), self.ends[following].at(string.last)
                 length[k] = string.chain_length(self.pitch)
-        wrap = [w * (leave - arrive) % (2.0 * math.pi) for w, leave, arrive in zip(sign, leaving, arriving, strict=True)]
+        turned = zip(sign, leaving, arriving, strict=True)
+        wrap = [w * (leave - arrive) % (2.0 * math.pi) for w, leave, arrive in turned]
         _check_wraps(self.drive, wrap, [2.0 * math.pi / z for z in teeth])
         _check_clear(self, start, length, [k for k in strands if strings[k] is None])
 
         wrapped = total([angle * z for angle, z in zip(wrap, teeth, strict=True)]) / (2.0 * math.pi)
         turns = rint(total([w * angle for w, angle in zip(sign, wrap, strict=True)]) / (2.0 * math.pi))
         strain = _strain(self.drive.chain.links, wrapped, total(length) / self.pitch)
-        pitch, turning, wrapped, strain = (
-            np.broadcast_to(value, self.variants) for value in (self.pitch, 2.0 * math.pi * turns, wrapped, strain)
-        )
+        own = self.pitch, 2.0 * math.pi * turns, wrapped, strain
+        pitch, turning, wrapped, strain = (np.broadcast_to(value, self.variants) for value in own)
         return ChainPath(
-            pitch=pitch,
+            pitch=pitch,  # type: ignore[arg-type]  # (V,), as are the others
             radius=table_of(self.radius, self.variants),
             wrap_angle=table_of(wrap, self.variants),
             arrival_angle=table_of(
                 [angle - w * (0.5 * math.pi) for angle, w in zip(arriving, sign, strict=True)], self.variants
             ),
-            turning=turning,
+            turning=turning,  # type: ignore[arg-type]
             strand_start=self._points(start),
             strand_end=self._points(end),
             strand_length=table_of(length, self.variants),
-            wrapped_pitches=wrapped,
-            nominal_strain=strain,
+            wrapped_pitches=wrapped,  # type: ignore[arg-type]
+            nominal_strain=strain,  # type: ignore[arg-type]
             strings=strings,
             obstacles=tuple(met),
             arm_angle=np.array(arm_angle, dtype=float),

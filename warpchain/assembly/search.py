@@ -276,7 +276,7 @@ class _Together:
         if len(rows) < len(self.searches):
             drive = picked(drive, np.array(rows) if len(rows) > 1 else rows[0])
         if len(rows) > 1:
-            center = tuple(np.array(centers).T)  # type: ignore[assignment]  # of a stack
+            center = tuple(np.array(centers).T)  # of a stack
         answers = [NOWHERE] * len(rows)
         for members, looks in allowed_parts(_moved(drive, self.searches[0].index, center), _look(goals, assembled)):
             for v, reached in zip(members.tolist(), looks.of([goals[v] for v in members.tolist()]), strict=True):

@@ -94,8 +94,8 @@ class Seating:
 
     def of(self, chosen: Places) -> Seating:
         """Some of the variants."""
-        lists = ([column[chosen] for column in own] for own in (self.first_angle, self.seats, self.links))
-        return Seating(*lists, self.strain[chosen])
+        angle, seats, links = ([column[chosen] for column in own] for own in (self.first_angle, self.seats, self.links))
+        return Seating(angle, seats, links, self.strain[chosen])
 
     def put(self, chosen: Places, other: Seating) -> None:
         """Sets some of the variants."""
@@ -136,7 +136,7 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seati
     part, mine, todo = loop, seating, np.arange(len(path.radius))
     for turn in range(_ROUNDS + 1):
         part.close(mine)
-        changed = turn < _ROUNDS and part.adjust(mine)
+        changed: Any = turn < _ROUNDS and part.adjust(mine)
         if mine is not seating:
             seating.put(todo, mine)
         if not some(changed):
@@ -171,7 +171,7 @@ class Loop:
         self.guides = [guide.name for guide in drive.guides]
         self.x, self.y = zip(*(initial_place(sprocket) for sprocket in drive.sprockets), strict=True)
         self.radius = columns(path.radius)
-        self.pitch = path.pitch if self.variants > 1 else float(path.pitch[0])
+        (self.pitch,) = columns(np.asarray(path.pitch)[:, None])
         self.links = np.atleast_2d(drive.chain.pulled_lengths)
         reach = np.cumsum(np.tile(self.links, 2), axis=1)
         self.reach = np.concatenate([np.zeros((len(reach), 1)), reach], axis=1)
@@ -197,9 +197,9 @@ class Loop:
     def count(self, drive: Drive, path: ChainPath) -> Seating:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""
         arrival, wrap, length = (columns(table) for table in (path.arrival_angle, path.wrap_angle, path.strand_length))
-        strain = path.nominal_strain.copy() if self.variants > 1 else float(path.nominal_strain[0])  # type: ignore[attr-defined,index]  # (V,)
+        (strain,) = columns(np.asarray(path.nominal_strain)[:, None])
         link = self.pitch * (1.0 + strain)
-        position = 0.0 - (0.0 if drive.run.phase is None else drive.run.phase)
+        position: Any = 0.0 - (0.0 if drive.run.phase is None else drive.run.phase)
         if self.variants > 1:
             position = np.broadcast_to(position, self.variants)
         begin = ceil(position - 0.5 - _TIE)
