@@ -29,8 +29,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arms import balanced
-from warpchain.assembly.path import ChainPath, Plan, check_fit
+from warpchain.assembly.arms import Balance
+from warpchain.assembly.path import ChainPath, check_fit
 from warpchain.assembly.route import chain_path, chain_paths
 from warpchain.assembly.seating import Loop, Seating, seat_chain
 from warpchain.assembly.tables import initial_speed
@@ -247,16 +247,15 @@ def assembled_path(drive: Drive) -> ChainPath:
 
 def _seated(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     """Path and seats of a stack, and its sprockets; arms in balance with the strain of the chain on its seats."""
-    path = chain_paths(drive)
+    balance = Balance(drive) if drive.arms else None
+    path = balance.path() if balance else chain_paths(drive)
     check_fit(drive, path)
     loop = Loop(drive, path)
     seating = seat_chain(drive, path, loop)
-    if not drive.arms:
-        return path, seating, loop
-    plan = Plan(drive)
-    for _ in range(_BALANCES):
+    for _ in range(_BALANCES if balance else 0):
+        assert balance is not None
         before = path.arm_angle
-        path = balanced(drive, seating.strain - path[0].nominal_strain, before, plan)
+        path = balance.path(seating.strain - path[0].nominal_strain, before)
         seating = seat_chain(drive, path, loop)
         if float(np.abs(path.arm_angle - before).max()) <= _STILL:
             break

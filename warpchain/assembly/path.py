@@ -169,6 +169,22 @@ def allowed_parts(drive: Drive, worked_out: Callable[[Drive], Found]) -> list[tu
     return found
 
 
+@dataclass(frozen=True)
+class Course:
+    """What makes up a `ChainPath`, as numbers and arrays (V,) of a stack: lists (S,) of them, and what has one each."""
+
+    pitch: Any
+    wrap: list[Any]
+    arriving: list[Any]  # headings
+    start: list[Pair]
+    end: list[Pair]
+    length: list[Any]
+    wrapped_pitches: Any
+    nominal_strain: Any
+    strings: tuple[Taut | None, ...]
+    obstacles: tuple[tuple[Run, ...], ...]
+
+
 class Plan:
     """What of a drive's path does not hang on its arms' angles: pitch circles, common tangents, guides as drawn.
 
@@ -217,14 +233,13 @@ class Plan:
             raise Obstructed(which)
         return ()
 
-    def path(self, arm_angle: Sequence[float]) -> ChainPath:
-        """The path with the arms at angles (A,) [rad], as that of a stack.
+    def course(self, arm_angle: Sequence[float]) -> Course:
+        """The course of the chain with the arms at angles (A,) [rad].
 
         Raises:
             DriveError: as `path_at`.
         """
-        sign, teeth = self.sign, self.teeth
-        strands = range(len(sign))
+        sign, strands = self.sign, range(len(self.sign))
         start, end = [line.start for line in self.lines], [line.end for line in self.lines]
         length = [line.length for line in self.lines]
         leaving = [line.heading for line in self.lines]
@@ -241,29 +256,36 @@ class Plan:
                 length[k] = string.chain_length(self.pitch)
         turned = zip(sign, leaving, arriving, strict=True)
         wrap = [w * (leave - arrive) % (2.0 * math.pi) for w, leave, arrive in turned]
-        _check_wraps(self.drive, wrap, [2.0 * math.pi / z for z in teeth])
+        _check_wraps(self.drive, wrap, [2.0 * math.pi / z for z in self.teeth])
         _check_clear(self, start, length, [k for k in strands if strings[k] is None])
-
-        wrapped = total([angle * z for angle, z in zip(wrap, teeth, strict=True)]) / (2.0 * math.pi)
-        turns = rint(total([w * angle for w, angle in zip(sign, wrap, strict=True)]) / (2.0 * math.pi))
+        wrapped = total([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
         strain = _strain(self.drive.chain.links, wrapped, total(length) / self.pitch)
-        own = self.pitch, 2.0 * math.pi * turns, wrapped, strain
-        pitch, turning, wrapped, strain = (np.broadcast_to(value, self.variants) for value in own)
+        return Course(self.pitch, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met))
+
+    def path(self, arm_angle: Sequence[float]) -> ChainPath:
+        """The path with the arms at angles (A,) [rad], as that of a stack.
+
+        Raises:
+            DriveError: as `path_at`.
+        """
+        course, variants = self.course(arm_angle), self.variants
+        turns = rint(total([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)]) / (2.0 * math.pi))
+        arrival = [angle - w * (0.5 * math.pi) for angle, w in zip(course.arriving, self.sign, strict=True)]
+        own = course.pitch, 2.0 * math.pi * turns, course.wrapped_pitches, course.nominal_strain
+        pitch, turning, wrapped, strain = (np.broadcast_to(value, variants) for value in own)
         return ChainPath(
             pitch=pitch,  # type: ignore[arg-type]  # (V,), as are the others
-            radius=table_of(self.radius, self.variants),
-            wrap_angle=table_of(wrap, self.variants),
-            arrival_angle=table_of(
-                [angle - w * (0.5 * math.pi) for angle, w in zip(arriving, sign, strict=True)], self.variants
-            ),
+            radius=table_of(self.radius, variants),
+            wrap_angle=table_of(course.wrap, variants),
+            arrival_angle=table_of(arrival, variants),
             turning=turning,  # type: ignore[arg-type]
-            strand_start=self._points(start),
-            strand_end=self._points(end),
-            strand_length=table_of(length, self.variants),
+            strand_start=self._points(course.start),
+            strand_end=self._points(course.end),
+            strand_length=table_of(course.length, variants),
             wrapped_pitches=wrapped,  # type: ignore[arg-type]
             nominal_strain=strain,  # type: ignore[arg-type]
-            strings=strings,
-            obstacles=tuple(met),
+            strings=course.strings,
+            obstacles=course.obstacles,
             arm_angle=np.array(arm_angle, dtype=float),
         )
 
