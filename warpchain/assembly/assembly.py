@@ -29,15 +29,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arms import balanced
-from warpchain.assembly.path import ChainPath, Plan, check_fit
+from warpchain.assembly.arms import Balance
+from warpchain.assembly.path import ChainPath, check_fit
 from warpchain.assembly.route import chain_path, chain_paths
 from warpchain.assembly.seating import Loop, Seating, seat_chain
 from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
 from warpchain.assembly.walk import Curve
 from warpchain.drive.copies import turned_on
-from warpchain.drive.each import hypot, joined, power, some
+from warpchain.drive.each import hypot, joined, power, some, table_of
 from warpchain.drive.mounts import initial_center, initial_velocity
 from warpchain.drive.profile import direction
 
@@ -118,9 +118,9 @@ def assemble_stack(drive: Drive) -> Assembly:
         Obstructed: a stack of which some go around guides.
     """
     path, seating, loop = _seated(drive)
-    angle, first_seat = _sprocket_angles(drive, seating)
-    speed = _sprocket_speeds(drive, path, len(angle))
-    count, variants = drive.chain.links, len(angle)
+    count, variants = drive.chain.links, len(path.radius)
+    angle, first_seat = _sprocket_angles(drive, table_of(seating.first_angle, variants))
+    speed = _sprocket_speeds(drive, path, variants)
     at = _Placement(
         drive,
         path,
@@ -130,18 +130,21 @@ def assemble_stack(drive: Drive) -> Assembly:
     )
     seat_sprocket = np.full((variants, count), -1, dtype=np.int32)
     seat_index = np.full((variants, count), -1, dtype=np.int32)
-    first, last = seating.first, seating.last
-    for alike in _patterns(seating):
+    seats, links, first, last = (
+        table_of(column, variants) for column in (seating.seats, seating.links, seating.first, seating.last)
+    )
+    strain = np.atleast_1d(seating.strain)
+    for alike in _patterns(seats, links):
         like = alike[0]
         for s, sprocket in enumerate(drive.sprockets):
             rollers = slice(first[like, s], last[like, s] + 1)
-            seat = sprocket.sign * np.arange(seating.seats[like, s]) + first_seat[alike, s, None]
+            seat = sprocket.sign * np.arange(seats[like, s]) + first_seat[alike, s, None]
             at.seat(alike, s, rollers, angle[alike, s], speed[alike, s], seat % sprocket.teeth)
             seat_sprocket[alike, rollers], seat_index[alike, rollers] = s, seat % sprocket.teeth
-        for k, links in enumerate(seating.links[like].tolist()):
+        for k, own in enumerate(links[like].tolist()):
             begin, end = int(last[like, k]), int(first[like, (k + 1) % len(first[like])])
             strand = path.strings[k] and loop.string(seating, k)
-            at.strand(alike, (begin, end, links), seating.strain[alike], strand)
+            at.strand(alike, (begin, end, own), strain[alike], strand)
     return Assembly(
         position=at.position,
         velocity=at.velocity,
@@ -150,18 +153,18 @@ def assemble_stack(drive: Drive) -> Assembly:
         seat_sprocket=seat_sprocket,
         seat_index=seat_index,
         strand_first=last.astype(np.int32),
-        strand_links=seating.links.astype(np.int32),
-        strain=seating.strain,  # type: ignore[arg-type]  # (V,)
+        strand_links=links.astype(np.int32),
+        strain=strain,  # type: ignore[arg-type]  # (V,)
         path=path,
         arm_angle=path.arm_angle,
     )
 
 
-def _patterns(seating: Seating) -> list[NDArray[np.int64]]:
+def _patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Variants whose rollers sit alike."""
-    if len(seating.strain) == 1:
+    if len(seats) == 1:
         return [np.zeros(1, dtype=np.int64)]
-    table = np.concatenate([seating.seats, seating.links], axis=1)
+    table = np.concatenate([seats, links], axis=1)
     _, which = np.unique(table, axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
     return np.split(order, np.flatnonzero(np.diff(which.ravel()[order])) + 1)
@@ -222,14 +225,15 @@ def _each(vector: Array, alike: NDArray[np.int64]) -> Array:
     return vector if vector.ndim == 1 else vector[alike, None]
 
 
-def assembled_strain(drive: Drive) -> tuple[ChainPath, float]:
-    """The path and the strain of the assembled chain, without placing its rollers.
+def assembled_strains(drive: Drive) -> tuple[ChainPath, Array]:
+    """The paths of a stack and the strains (V,) of the assembled chains, without placing their rollers.
 
     Raises:
-        DriveError: as `assemble`.
+        DriveError: as `assemble`, of the first such variant.
+        Obstructed: a stack of which some go around guides.
     """
     path, seating, _ = _seated(drive)
-    return path[0], float(seating.strain[0])
+    return path, np.atleast_1d(seating.strain)
 
 
 def assembled_path(drive: Drive) -> ChainPath:
@@ -243,16 +247,15 @@ def assembled_path(drive: Drive) -> ChainPath:
 
 def _seated(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     """Path and seats of a stack, and its sprockets; arms in balance with the strain of the chain on its seats."""
-    path = chain_paths(drive)
+    balance = Balance(drive) if drive.arms else None
+    path = balance.path() if balance else chain_paths(drive)
     check_fit(drive, path)
     loop = Loop(drive, path)
     seating = seat_chain(drive, path, loop)
-    if not drive.arms:
-        return path, seating, loop
-    plan = Plan(drive)
-    for _ in range(_BALANCES):
+    for _ in range(_BALANCES if balance else 0):
+        assert balance is not None
         before = path.arm_angle
-        path = balanced(drive, float((seating.strain - path.nominal_strain)[0]), before, plan)
+        path = balance.path(seating.strain - path[0].nominal_strain, before)
         seating = seat_chain(drive, path, loop)
         if float(np.abs(path.arm_angle - before).max()) <= _STILL:
             break
@@ -301,11 +304,11 @@ def _around(
     return points[1:-1], sense * speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 
-def _sprocket_angles(drive: Drive, seating: Seating) -> tuple[Array, NDArray[np.int64]]:
+def _sprocket_angles(drive: Drive, first_angle: Array) -> tuple[Array, NDArray[np.int64]]:
     """Sprocket angles (V, S) within half a pitch angle of zero, and the seat that then holds each first roller."""
     pitch_angle = 2.0 * math.pi / np.array([sprocket.teeth for sprocket in drive.sprockets])
-    seat = np.ceil(seating.first_angle / pitch_angle - 0.5 - _TIE).astype(np.int64)
-    return seating.first_angle - seat * pitch_angle, seat
+    seat = np.ceil(first_angle / pitch_angle - 0.5 - _TIE).astype(np.int64)
+    return first_angle - seat * pitch_angle, seat
 
 
 def _sprocket_speeds(drive: Drive, path: ChainPath, variants: int) -> Array:
