@@ -24,13 +24,18 @@ class Accessors:
 
     load_row: wp.Function
     store_row: wp.Function
+    load_double: wp.Function
+    store_double: wp.Function
+    unlike: wp.Function
 
 
 @cache
 def accessors(Real: type) -> Accessors:
     """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride.
 
-    In Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
+    `load_double(array, first, i)` and `store_double(array, first, i, value)` take the i-th of the float64 that lie from
+    `first` on, whatever `Real` is; `unlike(array, first, count, value)` tells which of up to 64 values are not `value`, as bits, eight at a time; on the
+    CPU only. In Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
     """
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
@@ -39,4 +44,42 @@ def accessors(Real: type) -> Accessors:
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); a.data[i] = value;")
     def store_row(a: wp.array[Real], i: int, value: Real): ...
 
-    return Accessors(load_row=load_row, store_row=store_row)
+    @wp.func_native("""
+        double value;
+        const int places = sizeof(double) / sizeof(*a.data);
+        const int at = first + i * places;
+        assert(at >= 0 && at < a.shape[0]);
+        __builtin_memcpy(&value, a.data + at, sizeof(double));
+        return value;
+    """)
+    def load_double(a: wp.array[Real], first: int, i: int) -> wp.float64: ...
+
+    @wp.func_native("""
+        const int places = sizeof(double) / sizeof(*a.data);
+        const int at = first + i * places;
+        assert(at >= 0 && at < a.shape[0]);
+        __builtin_memcpy(a.data + at, &value, sizeof(double));
+    """)
+    def store_double(a: wp.array[Real], first: int, i: int, value: wp.float64): ...
+
+    @wp.func_native("""
+        typedef decltype(value) Lanes __attribute__((ext_vector_type(8)));
+        typedef bool Bits __attribute__((ext_vector_type(8)));
+        assert(first >= 0 && first + count <= a.shape[0]);
+        unsigned long long bits = 0;
+        int k = 0;
+        for (; k + 8 <= count; k += 8) {
+            Lanes lanes;
+            __builtin_memcpy(&lanes, a.data + first + k, sizeof(lanes));
+            const Bits found = __builtin_convertvector(lanes != value, Bits);
+            unsigned char eight;
+            __builtin_memcpy(&eight, &found, 1);
+            bits |= (unsigned long long)eight << k;
+        }
+        for (; k < count; ++k)
+            bits |= (unsigned long long)(a.data[first + k] != value) << k;
+        return bits;
+    """)
+    def unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64: ...
+
+    return Accessors(load_row, store_row, load_double, store_double, unlike)

@@ -26,6 +26,7 @@ class Group:
 
     first: wp.int32
     near: wp.uint64  # bit k: roller `first` + k is near
+    fresh: wp.uint64  # and has no seat, or piece, yet
     low: wp.int32  # the first that is near, or up to seven before
     high: wp.int32  # after the last that is near, by a multiple of eight from `low`
 
@@ -57,11 +58,12 @@ def is_near(group: Group, i: int):
 
 
 @wp.func
-def group_of(first: int, near: wp.uint64):
+def group_of(first: int, near: wp.uint64, fresh: wp.uint64):
     """The group that begins at roller `first`; `near` is not 0."""
     group = Group()
     group.first = first
     group.near = near
+    group.fresh = fresh
     group.low = first + (lowest_bit(near) & -LANES)
     group.high = first + (highest_bit(near) & -LANES) + LANES
     return group
@@ -84,7 +86,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
     kinds = types(Real)
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    store_seat, unlike_seat = accessors(wp.int32).store_row, accessors(wp.int32).unlike
     at = rows(capacity)
     FX, FY, BEFORE, OPEN, KEPT = at.fx, at.fy, at.before, at.open, at.kept
     PENETRATION, SIZE, DAMPER, ENERGY = at.penetration, at.size, at.damper, at.energy
@@ -101,19 +103,15 @@ def contacts(Real: type, capacity: int) -> Contacts:
 
     @wp.func
     def leave_seats(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
-        """Forgets the seats, or pieces, and contacts of rollers that are no longer near."""
-        seated = wp.uint64(0)
-        k = int(0)
-        while k < count:
-            if load_seat(memory.seat, memory.first + first + k) >= 0:
-                seated = seated | bit_of(k)
-            k = k + 1
+        """Forgets the seats, or pieces, and contacts of rollers that are no longer near; who had one, as bits."""
+        seated = unlike_seat(memory.seat, memory.first + first, count, -1)
         left = seated & ~near
         while left != wp.uint64(0):
             i = memory.first + first + lowest_bit(left)
             store_seat(memory.seat, i, -1)
             store_row(memory.impact_speed, i, Real(0.0))
             left = next_bits(left)
+        return seated
 
     @wp.func
     def recall(w: wp.array[Real], group: Group, memory: kinds.Memory):

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..physics.contact import UNTOUCHED, after_teeth, in_gap, load_direction, tracked_seat, turned
 from ..physics.tooth import beyond_tip, endless_gap, nearest_seat, on_tip, seat_step
-from ..rows import accessors
+from ..rows import accessors, whole
 from ..structs import Pose, types
 from .contacts import Group, bit_of, contacts, is_near, lowest_bit, next_bits
 from .rollers import passes, rows
@@ -17,7 +17,7 @@ from .rollers import passes, rows
 class TeethPasses:
     """The passes for one sprocket, in the order in which they are made."""
 
-    engaged: wp.Function
+    find_engaged: wp.Function
     seat_rollers: wp.Function
     touch_teeth: wp.Function
     first_touches: wp.Function
@@ -27,79 +27,53 @@ class TeethPasses:
 def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     """The passes for one sprocket, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    compensated = Real == wp.float32
     vec2, place, touch = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity).touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_double, store_double = accessors(Real).load_double, accessors(Real).store_double
     load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
-    X, Y, VX, VY = at.x, at.y, at.vx, at.vy
-    DIRECTION_X, DIRECTION_Y, DIRECTION_X_LOW, DIRECTION_Y_LOW = (
-        at.direction_x,
-        at.direction_y,
-        at.direction_x_low,
-        at.direction_y_low,
-    )
+    X, Y, VX, VY, NEAR, DIRECTION_X, DIRECTION_Y = at.x, at.y, at.vx, at.vy, at.near, at.direction_x, at.direction_y
     RADIAL, LATERAL, OUTWARD_X, OUTWARD_Y = at.radial, at.lateral, at.outward_x, at.outward_y
     BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
 
     @wp.func
-    def engaged(w: wp.array[Real], first: int, count: int, sprocket: kinds.Sprocket, body: Pose):
-        """Which of `count` rollers from `first` on are between the teeth, as bits."""
+    def find_engaged(w: wp.array[Real], n: int, sprocket: kinds.Sprocket, body: Pose):
+        """Which rollers are between the teeth."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
-        near = wp.uint64(0)
-        k = int(0)
-        while k < count:
-            x = load_row(w, X + first + k) - center_x
-            y = load_row(w, Y + first + k) - center_y
+        i = int(0)
+        while i < whole(n):
+            x = load_row(w, X + i) - center_x
+            y = load_row(w, Y + i) - center_y
             square = x * x + y * y
+            near = Real(0.0)
             if square > sprocket.near_square and square < sprocket.far_square:
-                near = near | bit_of(k)
-            k = k + 1
-        return near
+                near = Real(1.0)
+            store_row(w, NEAR + i, near)
+            i = i + 1
 
     @wp.func
-    def halves(value: wp.float64):
-        """A value at the rows' precision, and what that rounds off."""
-        high = Real(value)
-        return high, Real(value - wp.float64(high))
-
-    @wp.func
-    def seat_directions(
-        w: wp.array[Real],
-        group: Group,
-        sprocket: kinds.Sprocket,
-        body: Pose,
-        seats: wp.array[wp.vec2d],
-        memory: kinds.Memory,
-    ):
-        """To where the seats that rollers have kept point at angle zero; by angle, those of rollers that have none."""
-        bits = group.near
+    def find_seats(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
+        """The seats of rollers that have none yet, by angle."""
+        bits = group.fresh
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
-            number = load_seat(memory.seat, memory.first + i)
-            if number < 0:
-                number = nearest_seat(place(w, i) - body.center, body.cosine, body.sine, sprocket.teeth)
-                store_seat(memory.seat, memory.first + i, number)
-            direction = load_direction(seats, sprocket.first_seat + number)
-            x, x_low = halves(direction[0])
-            y, y_low = halves(direction[1])
-            store_row(w, DIRECTION_X + i, x)
-            store_row(w, DIRECTION_Y + i, y)
-            if wp.static(compensated):
-                store_row(w, DIRECTION_X_LOW + i, x_low)
-                store_row(w, DIRECTION_Y_LOW + i, y_low)
+            number = nearest_seat(place(w, i) - body.center, body.cosine, body.sine, sprocket.teeth)
+            store_seat(memory.seat, memory.first + i, number)
             bits = next_bits(bits)
 
     @wp.func
-    def direction_of(w: wp.array[Real], i: int):
-        """To where roller i's seat points at angle zero."""
-        x = wp.float64(load_row(w, DIRECTION_X + i))
-        y = wp.float64(load_row(w, DIRECTION_Y + i))
-        if wp.static(compensated):
-            x += wp.float64(load_row(w, DIRECTION_X_LOW + i))
-            y += wp.float64(load_row(w, DIRECTION_Y_LOW + i))
-        return wp.vec2d(x, y)
+    def find_directions(
+        w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, seats: wp.array[wp.vec2d], memory: kinds.Memory
+    ):
+        """To where the rollers' seats point at angle zero."""
+        bits = group.near
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            direction = load_direction(seats, sprocket.first_seat + load_seat(memory.seat, memory.first + i))
+            store_double(w, DIRECTION_X, i, direction[0])
+            store_double(w, DIRECTION_Y, i, direction[1])
+            bits = next_bits(bits)
 
     @wp.func
     def store_gap(w: wp.array[Real], i: int, outward: wp.vec2d, radial: wp.float64, lateral: wp.float64):
@@ -116,8 +90,9 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         moved = wp.uint64(0)
         i = group.low
         while i < group.high:
+            direction = wp.vec2d(load_double(w, DIRECTION_X, i), load_double(w, DIRECTION_Y, i))
             p = place(w, i) - body.center
-            outward, radial, lateral = in_gap(p, direction_of(w, i), body.cosine, body.sine)
+            outward, radial, lateral = in_gap(p, direction, body.cosine, body.sine)
             store_gap(w, i, outward, radial - sprocket.exact_radius, lateral)
             if seat_step(radial, lateral, tangent) != 0:
                 moved = moved | bit_of(i - group.first)
@@ -134,7 +109,8 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         memory: kinds.Memory,
     ):
         """The seat of every roller near, and where it is in the seat's gap, as from `contact.tracked_seat`."""
-        seat_directions(w, group, sprocket, body, seats, memory)
+        find_seats(w, group, sprocket, body, memory)
+        find_directions(w, group, sprocket, seats, memory)
         moved = gaps(w, group, sprocket, body)
         while moved != wp.uint64(0):
             i = group.first + lowest_bit(moved)
@@ -208,4 +184,4 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             i = i + 1
         return count
 
-    return TeethPasses(engaged=engaged, seat_rollers=seat_rollers, touch_teeth=touch_teeth, first_touches=first_touches)
+    return TeethPasses(find_engaged, seat_rollers, touch_teeth, first_touches)
