@@ -10,9 +10,10 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import dissipated, reaction, respond, rub, rub_evenly
+from ..physics.contact import dissipated, reaction, respond, rub, rub_evenly, stored
+from ..physics.impact import elastic_force
 from ..rows import LANES, accessors
-from ..structs import types
+from ..structs import Wanted, types
 from ..sum_structs import Totals
 from .rollers import passes, rows
 
@@ -77,6 +78,7 @@ class Contacts:
     recall: wp.Function
     touch: wp.Function
     answer: wp.Function
+    clear_sizes: wp.Function
     add_sizes: wp.Function
 
 
@@ -89,7 +91,8 @@ def contacts(Real: type, capacity: int) -> Contacts:
     store_seat, unlike_seat = accessors(wp.int32).store_row, accessors(wp.int32).unlike
     at = rows(capacity)
     FX, FY, BEFORE, OPEN, KEPT = at.fx, at.fy, at.before, at.open, at.kept
-    PENETRATION, SIZE, DAMPER, ENERGY = at.penetration, at.size, at.damper, at.energy
+    PENETRATION, SIZE, DAMPER = at.penetration, at.size, at.damper
+    SPROCKET_FORCE, GUIDE_FORCE = at.sprocket_force, at.guide_force
     ARM_X, ARM_Y, NORMAL_X, NORMAL_Y, RELATIVE_X, RELATIVE_Y = (
         at.arm_x,
         at.arm_y,
@@ -167,7 +170,6 @@ def contacts(Real: type, capacity: int) -> Contacts:
         y = Real(0.0)
         size = Real(0.0)
         damper = Real(0.0)
-        energy = Real(0.0)
         kept = load_row(w, OPEN + i)
         if penetration > Real(0.0):
             before = load_row(w, BEFORE + i)
@@ -179,7 +181,6 @@ def contacts(Real: type, capacity: int) -> Contacts:
         store_row(w, SIZE + i, size)
         store_row(w, KEPT + i, kept)
         store_row(w, DAMPER + i, damper)
-        store_row(w, ENERGY + i, energy)
 
     @wp.func
     def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
@@ -229,6 +230,15 @@ def contacts(Real: type, capacity: int) -> Contacts:
             i = i + 1
 
     @wp.func
+    def clear_sizes(w: wp.array[Real], n: int):
+        """Begins the sums of the forces' magnitudes anew."""
+        i = int(0)
+        while i < n:
+            store_row(w, SPROCKET_FORCE + i, Real(0.0))
+            store_row(w, GUIDE_FORCE + i, Real(0.0))
+            i = i + 1
+
+    @wp.func
     def add_sizes(w: wp.array[Real], group: Group, row: int):
         """Adds the forces' magnitudes to a row, which frames show."""
         i = group.low
@@ -254,19 +264,23 @@ def contacts(Real: type, capacity: int) -> Contacts:
                 i = i + 1
 
     @wp.func
-    def add_up(w: wp.array[Real], group: Group, totals: Totals):
-        """`totals` with what the group's contacts add, roller by roller."""
+    def add_up(w: wp.array[Real], group: Group, totals: Totals, measured: bool):
+        """`totals` with what the group's contacts add, roller by roller; what dampers take where `measured`."""
         moment = totals.moment
         x = Real(totals.push[0])
         y = Real(totals.push[1])
+        damped = totals.dissipated
         i = group.low
         while i < group.high:
             moment += wp.float64(load_row(w, MOMENT + i))
             x -= load_row(w, PRESS_X + i)
             y -= load_row(w, PRESS_Y + i)
+            if measured:
+                damped += wp.float64(load_row(w, DAMPED + i))
             i = i + 1
         totals.moment = moment
         totals.push = wp.vec2d(wp.float64(x), wp.float64(y))
+        totals.dissipated = damped
         return totals
 
     @wp.func
@@ -281,24 +295,48 @@ def contacts(Real: type, capacity: int) -> Contacts:
         return count
 
     @wp.func
-    def add_measured(w: wp.array[Real], group: Group, sliding: kinds.Sliding, totals: Totals):
-        """`totals` with what only metrics want."""
+    def add_forces_of(w: wp.array[Real], group: Group, totals: Totals):
+        """`totals` with the magnitudes of the forces."""
         force = totals.force
         largest = totals.force_max
-        damped = totals.dissipated
-        energy = totals.energy
         i = group.low
         while i < group.high:
             size = wp.float64(load_row(w, SIZE + i))
             force += size
             largest = wp.max(largest, size)
-            damped += wp.float64(load_row(w, DAMPED + i))
-            energy += wp.float64(load_row(w, ENERGY + i))
             i = i + 1
         totals.force = force
         totals.force_max = largest
-        totals.dissipated = damped
+        return totals
+
+    @wp.func
+    def add_energies(w: wp.array[Real], group: Group, law: kinds.ContactLaw, totals: Totals):
+        """`totals` with elastic energies."""
+        energy = totals.energy
+        i = group.low
+        while i < group.high:
+            penetration = load_row(w, PENETRATION + i)
+            if penetration > Real(0.0):
+                elastic = elastic_force(penetration, law.stiffness, law.exponent)
+                energy += wp.float64(stored(penetration, elastic, law))
+            i = i + 1
         totals.energy = energy
+        return totals
+
+    @wp.func
+    def add_measured(
+        w: wp.array[Real],
+        group: Group,
+        law: kinds.ContactLaw,
+        sliding: kinds.Sliding,
+        wanted: Wanted,
+        totals: Totals,
+    ):
+        """`totals` with what only metrics want, but for what dampers take."""
+        if wanted.forces != 0:
+            totals = add_forces_of(w, group, totals)
+        if wanted.energy != 0:
+            totals = add_energies(w, group, law, totals)
         if sliding.rubs != 0:
             friction = totals.friction
             i = group.low
@@ -324,12 +362,14 @@ def contacts(Real: type, capacity: int) -> Contacts:
         if sliding.rubs != 0:
             rub_rollers(w, group, sliding)
         add_forces(w, group)
-        totals = add_up(w, group, totals)
         if memory.stage == 0:
             keep(w, group, memory)
-        if memory.measured != 0:
+        if memory.wanted.measures != 0:
             lose(w, group, sliding, memory, chain)
-            totals = add_measured(w, group, sliding, totals)
+            totals = add_up(w, group, totals, True)
+            totals = add_measured(w, group, law, sliding, memory.wanted, totals)
+        else:
+            totals = add_up(w, group, totals, False)
         return totals
 
-    return Contacts(leave_seats=leave_seats, recall=recall, touch=touch, answer=answer, add_sizes=add_sizes)
+    return Contacts(leave_seats, recall, touch, answer, clear_sizes, add_sizes)

@@ -128,13 +128,12 @@ def partners(Real: type, capacity: int) -> Partners:
                 recall(w, group, memory)
                 touch_partner(w, ensemble, group, partner, memory)
                 totals = answer(w, group, partner.law, partner.sliding, memory, chain, totals)
-                if partner.teeth != 0:
-                    add_sizes(w, group, SPROCKET_FORCE)
-                    if memory.measured != 0:
+                if memory.wanted.sizes != 0:
+                    add_sizes(w, group, wp.where(partner.teeth != 0, SPROCKET_FORCE, GUIDE_FORCE))
+                if memory.wanted.measures != 0:
+                    if partner.teeth != 0:
                         totals.contacts += teeth.first_touches(w, group)
-                else:
-                    add_sizes(w, group, GUIDE_FORCE)
-                    if memory.measured != 0:
+                    else:
                         totals = face.count_missed(w, group, totals)
             first = first + GROUP
         return totals, partner.body

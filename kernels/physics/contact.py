@@ -60,8 +60,13 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         first = wp.max(speed, law.speed_floor)
     elastic = elastic_force(penetration, law.stiffness, law.exponent)
     size = contact_force(elastic, speed, first, law)
-    energy = quotient(elastic * penetration, law.exponent + type(penetration)(1.0))
-    return size * normal, size, first, size - elastic, energy
+    return size * normal, size, first, size - elastic, stored(penetration, elastic, law)
+
+
+@wp.func
+def stored(penetration: Any, elastic: Any, law: Any):
+    """Energy [J] of a closed contact: `elastic` [N] is the force without damping."""
+    return quotient(elastic * penetration, law.exponent + type(penetration)(1.0))
 
 
 @wp.func
