@@ -67,17 +67,20 @@ def accessors(Real: type) -> Accessors:
         typedef bool Bits __attribute__((ext_vector_type(8)));
         assert(first >= 0 && first + count <= a.shape[0]);
         unsigned long long bits = 0;
-        int k = 0;
-        for (; k + 8 <= count; k += 8) {
+        if (count < 8) {
+            for (int k = 0; k < count; ++k)
+                bits |= (unsigned long long)(a.data[first + k] != value) << k;
+            return bits;
+        }
+        for (int k = 0; k < count; k += 8) {
+            const int at = k + 8 <= count ? k : count - 8;
             Lanes lanes;
-            __builtin_memcpy(&lanes, a.data + first + k, sizeof(lanes));
+            __builtin_memcpy(&lanes, a.data + first + at, sizeof(lanes));
             const Bits found = __builtin_convertvector(lanes != value, Bits);
             unsigned char eight;
             __builtin_memcpy(&eight, &found, 1);
-            bits |= (unsigned long long)eight << k;
+            bits |= (unsigned long long)eight << at;
         }
-        for (; k < count; ++k)
-            bits |= (unsigned long long)(a.data[first + k] != value) << k;
         return bits;
     """)
     def unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64: ...

@@ -117,15 +117,13 @@ def contacts(Real: type, capacity: int) -> Contacts:
         return seated
 
     @wp.func
-    def recall(w: wp.array[Real], group: Group, memory: kinds.Memory):
-        """What contacts have kept until now."""
-        i = group.low
-        while i < group.high:
-            before = Real(0.0)
-            if is_near(group, i):
-                before = load_row(memory.impact_speed, memory.first + i)
-            store_row(w, BEFORE + i, before)
-            i = i + 1
+    def recall(w: wp.array[Real], i: int, group: Group, memory: kinds.Memory):
+        """What roller i's contact has kept until now [m/s]."""
+        before = Real(0.0)
+        if is_near(group, i):
+            before = load_row(memory.impact_speed, memory.first + i)
+        store_row(w, BEFORE + i, before)
+        return before
 
     @wp.func
     def keep(w: wp.array[Real], group: Group, memory: kinds.Memory):

@@ -31,7 +31,8 @@ class GuidePasses:
 def guide_passes(Real: type, capacity: int) -> GuidePasses:
     """The passes for one guide, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    vec2, place, touch = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity).touch
+    vec2, place = kinds.vec2, passes(Real, capacity).place
+    recall, touch = contacts(Real, capacity).recall, contacts(Real, capacity).touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
@@ -75,7 +76,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         store_row(w, OPEN + i, kept)
 
     @wp.func
-    def touch_bar(w: wp.array[Real], group: Group, bar: kinds.Guide, body: Pose):
+    def touch_bar(w: wp.array[Real], group: Group, bar: kinds.Guide, body: Pose, memory: kinds.Memory):
         """How the rollers stand on a guide-bar, eq. (21)-(23)."""
         i = group.low
         while i < group.high:
@@ -84,6 +85,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
             v = vec2(load_row(w, VX + i), load_row(w, VY + i))
             moving = vec2(Real(surface[0]), Real(surface[1]))
             penetration, normal, relative = on_guide(place(w, i) - bar.start, v, moving, bar)
+            recall(w, i, group, memory)
             depth = wp.where(is_near(group, i), penetration, Real(0.0))
             touch_face(w, i, vec2(Real(arm[0]), Real(arm[1])), depth, normal, relative, bar)
             i = i + 1
@@ -140,6 +142,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         """How the rollers stand on a profile; the guide's `first_piece` is its first among all `pieces`."""
         i = group.low
         while i < group.high:
+            recall(w, i, group, memory)
             store_row(w, PENETRATION + i, Real(0.0))
             i = i + 1
         bits = group.near

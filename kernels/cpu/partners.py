@@ -28,7 +28,7 @@ def partners(Real: type, capacity: int) -> Partners:
     """The function that meets the partners of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     teeth, face, contact = teeth_passes(Real, capacity), guide_passes(Real, capacity), contacts(Real, capacity)
-    recall, answer, add_sizes, leave_seats = contact.recall, contact.answer, contact.add_sizes, contact.leave_seats
+    answer, add_sizes, leave_seats = contact.answer, contact.add_sizes, contact.leave_seats
     at = rows(capacity)
     NEAR, SPROCKET_FORCE, GUIDE_FORCE = at.near, at.sprocket_force, at.guide_force
     unlike = accessors(Real).unlike
@@ -96,10 +96,9 @@ def partners(Real: type, capacity: int) -> Partners:
     ):
         """How the rollers of a group stand on a partner."""
         if partner.teeth != 0:
-            teeth.seat_rollers(w, group, partner.sprocket, partner.pose, ensemble.seats, memory)
-            teeth.touch_teeth(w, group, partner.sprocket, partner.pose)
+            teeth.touch_teeth(w, group, partner.sprocket, partner.pose, ensemble.seats, memory)
         elif partner.guide.pieces == 0:
-            face.touch_bar(w, group, partner.guide, partner.pose)
+            face.touch_bar(w, group, partner.guide, partner.pose, memory)
         else:
             face.touch_profile(w, group, partner.guide, partner.pose, ensemble.pieces, memory)
 
@@ -125,7 +124,6 @@ def partners(Real: type, capacity: int) -> Partners:
             seated = leave_partner(first, count, near, partner, memory)
             if near != wp.uint64(0):
                 group = group_of(first, near, near & ~seated)
-                recall(w, group, memory)
                 touch_partner(w, ensemble, group, partner, memory)
                 totals = answer(w, group, partner.law, partner.sliding, memory, chain, totals)
                 if memory.wanted.sizes != 0:

@@ -18,7 +18,6 @@ class TeethPasses:
     """The passes for one sprocket, in the order in which they are made."""
 
     find_engaged: wp.Function
-    seat_rollers: wp.Function
     touch_teeth: wp.Function
     first_touches: wp.Function
 
@@ -27,7 +26,8 @@ class TeethPasses:
 def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     """The passes for one sprocket, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    vec2, place, touch = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity).touch
+    vec2, place = kinds.vec2, passes(Real, capacity).place
+    recall, touch = contacts(Real, capacity).recall, contacts(Real, capacity).touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_double, store_double = accessors(Real).load_double, accessors(Real).store_double
     load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
@@ -76,75 +76,73 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             bits = next_bits(bits)
 
     @wp.func
-    def store_gap(w: wp.array[Real], i: int, outward: wp.vec2d, radial: wp.float64, lateral: wp.float64):
-        """Where roller i is in its gap."""
-        store_row(w, RADIAL + i, Real(radial))
-        store_row(w, LATERAL + i, Real(lateral))
-        store_row(w, OUTWARD_X + i, Real(outward[0]))
-        store_row(w, OUTWARD_Y + i, Real(outward[1]))
-
-    @wp.func
-    def gaps(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
-        """Where rollers are in the gaps of the seats that they have kept; who has come nearer to another, as bits."""
-        tangent = wp.float64(sprocket.half_pitch_tangent)
-        moved = wp.uint64(0)
-        i = group.low
-        while i < group.high:
-            direction = wp.vec2d(load_double(w, DIRECTION_X, i), load_double(w, DIRECTION_Y, i))
-            p = place(w, i) - body.center
-            outward, radial, lateral = in_gap(p, direction, body.cosine, body.sine)
-            store_gap(w, i, outward, radial - sprocket.exact_radius, lateral)
-            if seat_step(radial, lateral, tangent) != 0:
-                moved = moved | bit_of(i - group.first)
-            i = i + 1
-        return moved & group.near
-
-    @wp.func
-    def seat_rollers(
-        w: wp.array[Real],
-        group: Group,
-        sprocket: kinds.Sprocket,
-        body: Pose,
-        seats: wp.array[wp.vec2d],
-        memory: kinds.Memory,
-    ):
-        """The seat of every roller near, and where it is in the seat's gap, as from `contact.tracked_seat`."""
-        find_seats(w, group, sprocket, body, memory)
-        find_directions(w, group, sprocket, seats, memory)
-        moved = gaps(w, group, sprocket, body)
-        while moved != wp.uint64(0):
-            i = group.first + lowest_bit(moved)
-            kept = load_seat(memory.seat, memory.first + i)
-            seat = tracked_seat(place(w, i) - body.center, kept, body.cosine, body.sine, sprocket, seats)
-            store_seat(memory.seat, memory.first + i, seat.number)
-            store_gap(w, i, seat.outward, seat.radial - sprocket.exact_radius, seat.lateral)
-            moved = next_bits(moved)
-
-    @wp.func
-    def touch_flanks(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
-        """How the rollers stand in their gaps, eq. (5)-(14), as `contact.in_teeth` but for tips; 1 if any is at one."""
+    def stand(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
+        """How the rollers stand in the gaps of the seats that they have kept, eq. (5)-(14), as `contact.in_teeth` but for
+        tips. Who has come nearer to another seat, as bits; 1 if any is at a tip.
+        """
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         center_vx = Real(body.velocity[0])
         center_vy = Real(body.velocity[1])
         omega = Real(body.speed)
+        tangent = wp.float64(sprocket.half_pitch_tangent)
+        moved = wp.uint64(0)
         tipped = int(0)
         i = group.low
         while i < group.high:
-            arm = vec2(load_row(w, X + i) - center_x, load_row(w, Y + i) - center_y)
             p = place(w, i) - body.center
-            v = vec2(load_row(w, VX + i) - center_vx, load_row(w, VY + i) - center_vy)
-            xi = load_row(w, RADIAL + i)
-            lateral = load_row(w, LATERAL + i)
+            direction = wp.vec2d(load_double(w, DIRECTION_X, i), load_double(w, DIRECTION_Y, i))
+            outward, radial, lateral_here = in_gap(p, direction, body.cosine, body.sine)
+            if seat_step(radial, lateral_here, tangent) != 0:
+                moved = moved | bit_of(i - group.first)
+            xi = Real(radial - sprocket.exact_radius)
+            lateral = Real(lateral_here)
+            outward_x = Real(outward[0])
+            outward_y = Real(outward[1])
+            store_row(w, RADIAL + i, xi)
+            store_row(w, LATERAL + i, lateral)
+            store_row(w, OUTWARD_X + i, outward_x)
+            store_row(w, OUTWARD_Y + i, outward_y)
             penetration, along, across = endless_gap(xi, lateral, sprocket)
             depth = wp.where(is_near(group, i), penetration, Real(0.0))
             tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
-            normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), along, across)
+            arm = vec2(load_row(w, X + i) - center_x, load_row(w, Y + i) - center_y)
+            v = vec2(load_row(w, VX + i) - center_vx, load_row(w, VY + i) - center_vy)
+            normal = turned(vec2(outward_x, outward_y), along, across)
             surface = vec2(-omega * Real(p[1]), omega * Real(p[0]))
             touch(w, i, arm, depth, normal, surface - v)
-            store_row(w, OPEN + i, after_teeth(load_row(w, BEFORE + i)))
+            store_row(w, OPEN + i, after_teeth(recall(w, i, group, memory)))
             i = i + 1
-        return tipped
+        return moved & group.near, tipped
+
+    @wp.func
+    def stand_in_gaps(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
+        """As `stand`, of straight flanks in a loop of its own."""
+        if sprocket.flank_curvature > Real(0.0):
+            moved, tipped = stand(w, group, sprocket, body, memory)
+            return moved, tipped
+        sprocket.flank_curvature = Real(0.0)  # so that the compiler knows
+        moved, tipped = stand(w, group, sprocket, body, memory)
+        return moved, tipped
+
+    @wp.func
+    def change_seats(
+        w: wp.array[Real],
+        group: Group,
+        moved: wp.uint64,
+        sprocket: kinds.Sprocket,
+        body: Pose,
+        seats: wp.array[wp.vec2d],
+        memory: kinds.Memory,
+    ):
+        """Brings rollers that have come nearer to another seat there, as `contact.tracked_seat` does."""
+        bits = moved
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            kept = load_seat(memory.seat, memory.first + i)
+            seat = tracked_seat(place(w, i) - body.center, kept, body.cosine, body.sine, sprocket, seats)
+            store_seat(memory.seat, memory.first + i, seat.number)
+            bits = next_bits(bits)
 
     @wp.func
     def touch_tips(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket):
@@ -162,14 +160,22 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             i = i + 1
 
     @wp.func
-    def touch_teeth(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
-        """How the rollers stand in their gaps, of straight flanks in a loop of its own."""
-        tipped = int(0)
-        if sprocket.flank_curvature > Real(0.0):
-            tipped = touch_flanks(w, group, sprocket, body)
-        else:
-            sprocket.flank_curvature = Real(0.0)  # so that the compiler knows
-            tipped = touch_flanks(w, group, sprocket, body)
+    def touch_teeth(
+        w: wp.array[Real],
+        group: Group,
+        sprocket: kinds.Sprocket,
+        body: Pose,
+        seats: wp.array[wp.vec2d],
+        memory: kinds.Memory,
+    ):
+        """The seats of the rollers, and how they stand in their gaps."""
+        find_seats(w, group, sprocket, body, memory)
+        find_directions(w, group, sprocket, seats, memory)
+        moved, tipped = stand_in_gaps(w, group, sprocket, body, memory)
+        if moved != wp.uint64(0):
+            change_seats(w, group, moved, sprocket, body, seats, memory)
+            find_directions(w, group, sprocket, seats, memory)
+            moved, tipped = stand_in_gaps(w, group, sprocket, body, memory)
         if tipped != 0:
             touch_tips(w, group, sprocket)
 
@@ -184,4 +190,4 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             i = i + 1
         return count
 
-    return TeethPasses(find_engaged, seat_rollers, touch_teeth, first_touches)
+    return TeethPasses(find_engaged, touch_teeth, first_touches)
