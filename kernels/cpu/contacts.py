@@ -181,6 +181,15 @@ def contacts(Real: type, capacity: int) -> Contacts:
         store_row(w, DAMPER + i, damper)
 
     @wp.func
+    def add_force(w: wp.array[Real], i: int):
+        """Adds the force to that on roller i; its moment."""
+        force = vec2(load_row(w, PRESS_X + i), load_row(w, PRESS_Y + i))
+        arm = vec2(load_row(w, ARM_X + i), load_row(w, ARM_Y + i))
+        store_row(w, FX + i, load_row(w, FX + i) + force[0])
+        store_row(w, FY + i, load_row(w, FY + i) + force[1])
+        store_row(w, MOMENT + i, where_touching(w, i, reaction(arm, force)))
+
+    @wp.func
     def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
         """Normal forces; of a linear law in a loop of its own, which vectorizes."""
         i = group.low
@@ -193,6 +202,16 @@ def contacts(Real: type, capacity: int) -> Contacts:
             while i < group.high:
                 press_one(w, i, law)
                 i = i + 1
+
+    @wp.func
+    def press_smoothly(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
+        """Normal forces of a linear law where nothing rubs: all in one loop."""
+        law.exponent = Real(1.0)  # so that the compiler knows
+        i = group.low
+        while i < group.high:
+            press_one(w, i, law)
+            add_force(w, i)
+            i = i + 1
 
     @wp.func
     def add_drag(w: wp.array[Real], i: int, drag: vec2):
@@ -220,11 +239,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
         """Adds the forces to those on rollers; the moments of each."""
         i = group.low
         while i < group.high:
-            force = vec2(load_row(w, PRESS_X + i), load_row(w, PRESS_Y + i))
-            arm = vec2(load_row(w, ARM_X + i), load_row(w, ARM_Y + i))
-            store_row(w, FX + i, load_row(w, FX + i) + force[0])
-            store_row(w, FY + i, load_row(w, FY + i) + force[1])
-            store_row(w, MOMENT + i, where_touching(w, i, reaction(arm, force)))
+            add_force(w, i)
             i = i + 1
 
     @wp.func
@@ -356,10 +371,13 @@ def contacts(Real: type, capacity: int) -> Contacts:
         totals: Totals,
     ):
         """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to."""
-        press(w, group, law)
-        if sliding.rubs != 0:
-            rub_rollers(w, group, sliding)
-        add_forces(w, group)
+        if law.exponent == Real(1.0) and sliding.rubs == 0:
+            press_smoothly(w, group, law)
+        else:
+            press(w, group, law)
+            if sliding.rubs != 0:
+                rub_rollers(w, group, sliding)
+            add_forces(w, group)
         if memory.stage == 0:
             keep(w, group, memory)
         if memory.wanted.measures != 0:
