@@ -24,8 +24,6 @@ class Accessors:
 
     load_row: wp.Function
     store_row: wp.Function
-    load_double: wp.Function
-    store_double: wp.Function
     unlike: wp.Function
 
 
@@ -33,8 +31,7 @@ class Accessors:
 def accessors(Real: type) -> Accessors:
     """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride.
 
-    `load_double(array, first, i)` and `store_double(array, first, i, value)` take the i-th of the float64 that lie from
-    `first` on, whatever `Real` is; `unlike(array, first, count, value)` tells which of up to 64 values are not `value`, as bits, eight at a time; on the
+    `unlike(array, first, count, value)` tells which of up to 64 values are not `value`, as bits, eight at a time; on the
     CPU only. In Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
     """
 
@@ -43,24 +40,6 @@ def accessors(Real: type) -> Accessors:
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); a.data[i] = value;")
     def store_row(a: wp.array[Real], i: int, value: Real): ...
-
-    @wp.func_native("""
-        double value;
-        const int places = sizeof(double) / sizeof(*a.data);
-        const int at = first + i * places;
-        assert(at >= 0 && at < a.shape[0]);
-        __builtin_memcpy(&value, a.data + at, sizeof(double));
-        return value;
-    """)
-    def load_double(a: wp.array[Real], first: int, i: int) -> wp.float64: ...
-
-    @wp.func_native("""
-        const int places = sizeof(double) / sizeof(*a.data);
-        const int at = first + i * places;
-        assert(at >= 0 && at < a.shape[0]);
-        __builtin_memcpy(a.data + at, &value, sizeof(double));
-    """)
-    def store_double(a: wp.array[Real], first: int, i: int, value: wp.float64): ...
 
     @wp.func_native("""
         typedef decltype(value) Lanes __attribute__((ext_vector_type(8)));
@@ -85,4 +64,4 @@ def accessors(Real: type) -> Accessors:
     """)
     def unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64: ...
 
-    return Accessors(load_row, store_row, load_double, store_double, unlike)
+    return Accessors(load_row, store_row, unlike)

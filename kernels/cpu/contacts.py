@@ -10,7 +10,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import dissipated, reaction, respond, rub, rub_evenly, stored
+from ..physics.contact import dissipated, pressed, reaction, rub, rub_evenly, stored
 from ..physics.impact import elastic_force
 from ..rows import LANES, accessors
 from ..structs import Wanted, types
@@ -76,6 +76,7 @@ class Contacts:
 
     leave_seats: wp.Function
     recall: wp.Function
+    place_arm: wp.Function
     touch: wp.Function
     answer: wp.Function
     clear_sizes: wp.Function
@@ -135,15 +136,27 @@ def contacts(Real: type, capacity: int) -> Contacts:
             i = i + 1
 
     @wp.func
-    def touch(w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2):
-        """How roller i stands on the partner: `arm` from its body's center, 0 or less deep where it does not touch."""
-        store_row(w, ARM_X + i, arm[0])
-        store_row(w, ARM_Y + i, arm[1])
+    def place_arm(w: wp.array[Real], i: int, x: Real, y: Real):
+        """Where roller i is from the center of the partner's body."""
+        store_row(w, ARM_X + i, x)
+        store_row(w, ARM_Y + i, y)
+
+    @wp.func
+    def touch(
+        w: wp.array[Real],
+        i: int,
+        penetration: Real,
+        normal_x: Real,
+        normal_y: Real,
+        relative_x: Real,
+        relative_y: Real,
+    ):
+        """How roller i stands on the partner, 0 or less deep where it does not touch; in numbers, not vectors (`rollers`)."""
         store_row(w, PENETRATION + i, penetration)
-        store_row(w, NORMAL_X + i, normal[0])
-        store_row(w, NORMAL_Y + i, normal[1])
-        store_row(w, RELATIVE_X + i, relative[0])
-        store_row(w, RELATIVE_Y + i, relative[1])
+        store_row(w, NORMAL_X + i, normal_x)
+        store_row(w, NORMAL_Y + i, normal_y)
+        store_row(w, RELATIVE_X + i, relative_x)
+        store_row(w, RELATIVE_Y + i, relative_y)
 
     @wp.func
     def normal_of(w: wp.array[Real], i: int):
@@ -164,16 +177,18 @@ def contacts(Real: type, capacity: int) -> Contacts:
     def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw):
         """The normal force on roller i, and what its contact keeps."""
         penetration = load_row(w, PENETRATION + i)
+        normal_x = load_row(w, NORMAL_X + i)
+        normal_y = load_row(w, NORMAL_Y + i)
+        speed = load_row(w, RELATIVE_X + i) * normal_x + load_row(w, RELATIVE_Y + i) * normal_y
         x = Real(0.0)
         y = Real(0.0)
         size = Real(0.0)
         damper = Real(0.0)
         kept = load_row(w, OPEN + i)
         if penetration > Real(0.0):
-            before = load_row(w, BEFORE + i)
-            force, size, kept, damper, energy = respond(penetration, normal_of(w, i), relative_of(w, i), before, law)
-            x = force[0]
-            y = force[1]
+            size, kept, damper, energy = pressed(penetration, speed, load_row(w, BEFORE + i), law)
+            x = size * normal_x
+            y = size * normal_y
         store_row(w, PRESS_X + i, x)
         store_row(w, PRESS_Y + i, y)
         store_row(w, SIZE + i, size)
@@ -388,4 +403,4 @@ def contacts(Real: type, capacity: int) -> Contacts:
             totals = add_up(w, group, totals, False)
         return totals
 
-    return Contacts(leave_seats, recall, touch, answer, clear_sizes, add_sizes)
+    return Contacts(leave_seats, recall, place_arm, touch, answer, clear_sizes, add_sizes)

@@ -31,8 +31,8 @@ class GuidePasses:
 def guide_passes(Real: type, capacity: int) -> GuidePasses:
     """The passes for one guide, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    vec2, place = kinds.vec2, passes(Real, capacity).place
-    recall, touch = contacts(Real, capacity).recall, contacts(Real, capacity).touch
+    vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity)
+    recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
@@ -72,7 +72,8 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         if penetration > Real(0.0) and misses(penetration, load_row(w, BEFORE + i), guide):
             kept = Real(MISSED)
             penetration = Real(0.0)
-        touch(w, i, arm, penetration, normal, relative)
+        place_arm(w, i, arm[0], arm[1])
+        touch(w, i, penetration, normal[0], normal[1], relative[0], relative[1])
         store_row(w, OPEN + i, kept)
 
     @wp.func

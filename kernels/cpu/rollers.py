@@ -52,10 +52,10 @@ class Rows:
     sum_vy: int
     before: int  # of contacts with the partner at hand (`contacts`): v0 until now [m/s]
     near: int  # 1: near the partner at hand, else 0
-    direction_x: int  # to where a seat points at angle zero, in float64: at float32 two rows each
-    direction_x_more: int
+    direction_x: int  # to where a seat points at angle zero, and what float32 rounds off
     direction_y: int
-    direction_y_more: int
+    direction_x_low: int
+    direction_y_low: int
     radial: int  # in a tooth gap: from the seat, along the seat's outward direction and across it [m]
     lateral: int
     outward_x: int  # that direction

@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import UNTOUCHED, after_teeth, in_gap, load_direction, tracked_seat, turned
+from ..physics.contact import UNTOUCHED, after_teeth, in_gap, load_direction, tracked_seat, turned_by
 from ..physics.tooth import beyond_tip, endless_gap, nearest_seat, on_tip, seat_step
 from ..rows import accessors, whole
 from ..structs import Pose, types
@@ -26,13 +26,19 @@ class TeethPasses:
 def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     """The passes for one sprocket, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    vec2, place = kinds.vec2, passes(Real, capacity).place
-    recall, touch = contacts(Real, capacity).recall, contacts(Real, capacity).touch
+    compensated = Real == wp.float32
+    place, contact = passes(Real, capacity).place, contacts(Real, capacity)
+    recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    load_double, store_double = accessors(Real).load_double, accessors(Real).store_double
     load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
-    X, Y, VX, VY, NEAR, DIRECTION_X, DIRECTION_Y = at.x, at.y, at.vx, at.vy, at.near, at.direction_x, at.direction_y
+    X, Y, VX, VY, NEAR = at.x, at.y, at.vx, at.vy, at.near
+    DIRECTION_X, DIRECTION_Y, DIRECTION_X_LOW, DIRECTION_Y_LOW = (
+        at.direction_x,
+        at.direction_y,
+        at.direction_x_low,
+        at.direction_y_low,
+    )
     RADIAL, LATERAL, OUTWARD_X, OUTWARD_Y = at.radial, at.lateral, at.outward_x, at.outward_y
     BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
 
@@ -63,6 +69,22 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             bits = next_bits(bits)
 
     @wp.func
+    def store_half(w: wp.array[Real], row: int, row_low: int, value: wp.float64):
+        """A value at the rows' precision, and at float32 what that rounds off."""
+        high = Real(value)
+        store_row(w, row, high)
+        if wp.static(compensated):
+            store_row(w, row_low, Real(value - wp.float64(high)))
+
+    @wp.func
+    def load_half(w: wp.array[Real], row: int, row_low: int):
+        """Such a value."""
+        value = wp.float64(load_row(w, row))
+        if wp.static(compensated):
+            value += wp.float64(load_row(w, row_low))
+        return value
+
+    @wp.func
     def find_directions(
         w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, seats: wp.array[wp.vec2d], memory: kinds.Memory
     ):
@@ -71,8 +93,8 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
             direction = load_direction(seats, sprocket.first_seat + load_seat(memory.seat, memory.first + i))
-            store_double(w, DIRECTION_X, i, direction[0])
-            store_double(w, DIRECTION_Y, i, direction[1])
+            store_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i, direction[0])
+            store_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i, direction[1])
             bits = next_bits(bits)
 
     @wp.func
@@ -91,8 +113,9 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         i = group.low
         while i < group.high:
             p = place(w, i) - body.center
-            direction = wp.vec2d(load_double(w, DIRECTION_X, i), load_double(w, DIRECTION_Y, i))
-            outward, radial, lateral_here = in_gap(p, direction, body.cosine, body.sine)
+            direction_x = load_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i)
+            direction_y = load_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i)
+            outward, radial, lateral_here = in_gap(p, wp.vec2d(direction_x, direction_y), body.cosine, body.sine)
             if seat_step(radial, lateral_here, tangent) != 0:
                 moved = moved | bit_of(i - group.first)
             xi = Real(radial - sprocket.exact_radius)
@@ -106,11 +129,11 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             penetration, along, across = endless_gap(xi, lateral, sprocket)
             depth = wp.where(is_near(group, i), penetration, Real(0.0))
             tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
-            arm = vec2(load_row(w, X + i) - center_x, load_row(w, Y + i) - center_y)
-            v = vec2(load_row(w, VX + i) - center_vx, load_row(w, VY + i) - center_vy)
-            normal = turned(vec2(outward_x, outward_y), along, across)
-            surface = vec2(-omega * Real(p[1]), omega * Real(p[0]))
-            touch(w, i, arm, depth, normal, surface - v)
+            relative_x = -omega * Real(p[1]) - (load_row(w, VX + i) - center_vx)
+            relative_y = omega * Real(p[0]) - (load_row(w, VY + i) - center_vy)
+            normal_x, normal_y = turned_by(outward_x, outward_y, along, across)
+            place_arm(w, i, load_row(w, X + i) - center_x, load_row(w, Y + i) - center_y)
+            touch(w, i, depth, normal_x, normal_y, relative_x, relative_y)
             store_row(w, OPEN + i, after_teeth(recall(w, i, group, memory)))
             i = i + 1
         return moved & group.near, tipped
@@ -153,10 +176,10 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             lateral = load_row(w, LATERAL + i)
             if beyond_tip(load_row(w, PENETRATION + i), xi, lateral, sprocket):
                 penetration, along, across = on_tip(xi, lateral, sprocket)
-                normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), along, across)
+                normal_x, normal_y = turned_by(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i), along, across)
                 store_row(w, PENETRATION + i, penetration)
-                store_row(w, NORMAL_X + i, normal[0])
-                store_row(w, NORMAL_Y + i, normal[1])
+                store_row(w, NORMAL_X + i, normal_x)
+                store_row(w, NORMAL_Y + i, normal_y)
             i = i + 1
 
     @wp.func
