@@ -24,7 +24,7 @@ def inverse_root(square: wp.float64) -> wp.float64:
 #if defined(__CUDA_ARCH__)
     return rsqrtf(square);
 #else
-    return 1.0f / sqrt(square);
+    return 1.0f / sqrtf(square);
 #endif
 """)
 def inverse_root(square: wp.float32) -> wp.float32:
@@ -51,7 +51,7 @@ def root(square: wp.float64) -> wp.float64:
 #if defined(__CUDA_ARCH__)
     return square * rsqrtf(square);
 #else
-    return sqrt(square);
+    return sqrtf(square);
 #endif
 """)
 def root(square: wp.float32) -> wp.float32:

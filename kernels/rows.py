@@ -24,13 +24,15 @@ class Accessors:
 
     load_row: wp.Function
     store_row: wp.Function
+    unlike: wp.Function
 
 
 @cache
 def accessors(Real: type) -> Accessors:
     """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride.
 
-    In Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
+    `unlike(array, first, count, value)` tells which of up to 64 values are not `value`, as bits, eight at a time; on the
+    CPU only. In Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
     """
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")
@@ -39,4 +41,27 @@ def accessors(Real: type) -> Accessors:
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); a.data[i] = value;")
     def store_row(a: wp.array[Real], i: int, value: Real): ...
 
-    return Accessors(load_row=load_row, store_row=store_row)
+    @wp.func_native("""
+        typedef decltype(value) Lanes __attribute__((ext_vector_type(8)));
+        typedef bool Bits __attribute__((ext_vector_type(8)));
+        assert(first >= 0 && first + count <= a.shape[0]);
+        unsigned long long bits = 0;
+        if (count < 8) {
+            for (int k = 0; k < count; ++k)
+                bits |= (unsigned long long)(a.data[first + k] != value) << k;
+            return bits;
+        }
+        for (int k = 0; k < count; k += 8) {
+            const int at = k + 8 <= count ? k : count - 8;
+            Lanes lanes;
+            __builtin_memcpy(&lanes, a.data + first + at, sizeof(lanes));
+            const Bits found = __builtin_convertvector(lanes != value, Bits);
+            unsigned char eight;
+            __builtin_memcpy(&eight, &found, 1);
+            bits |= (unsigned long long)eight << at;
+        }
+        return bits;
+    """)
+    def unlike(a: wp.array[Real], first: int, count: int, value: Real) -> wp.uint64: ...
+
+    return Accessors(load_row, store_row, unlike)

@@ -330,6 +330,16 @@ class Strand:
     links: wp.int32  # how many
 
 
+@wp.struct
+class Wanted:
+    """What is wanted of an evaluated step on the CPU beside forces and moments; 1: wanted."""
+
+    measures: wp.int32  # powers that contacts take, and how many begin
+    forces: wp.int32  # of them too, the sum and the largest of the contacts' magnitudes
+    energy: wp.int32  # of them too, elastic
+    sizes: wp.int32  # magnitudes of the contact forces on each roller
+
+
 DIVERGENCE_CHECK = wp.constant(32)  # steps between two checks of whether a variant has left its box
 
 
@@ -510,7 +520,7 @@ def types(Real: type) -> SimpleNamespace:
         impact_speed: wp.array[Real]
         first: wp.int32  # of this partner's rollers
         stage: wp.int32  # v0 is kept at stage 0 only, a step's start (rk4 has three more)
-        measured: wp.int32  # 1: what metrics want is added up too
+        wanted: Wanted  # what is added up too
         lag: Real  # how far the velocities are behind the forces [s]
 
     @wp.struct

@@ -10,9 +10,10 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import dissipated, reaction, respond, rub, rub_evenly
+from ..physics.contact import dissipated, pressed, reaction, rub, rub_evenly, stored
+from ..physics.impact import elastic_force
 from ..rows import LANES, accessors
-from ..structs import types
+from ..structs import Wanted, types
 from ..sum_structs import Totals
 from .rollers import passes, rows
 
@@ -26,6 +27,7 @@ class Group:
 
     first: wp.int32
     near: wp.uint64  # bit k: roller `first` + k is near
+    fresh: wp.uint64  # and has no seat, or piece, yet
     low: wp.int32  # the first that is near, or up to seven before
     high: wp.int32  # after the last that is near, by a multiple of eight from `low`
 
@@ -57,11 +59,12 @@ def is_near(group: Group, i: int):
 
 
 @wp.func
-def group_of(first: int, near: wp.uint64):
+def group_of(first: int, near: wp.uint64, fresh: wp.uint64):
     """The group that begins at roller `first`; `near` is not 0."""
     group = Group()
     group.first = first
     group.near = near
+    group.fresh = fresh
     group.low = first + (lowest_bit(near) & -LANES)
     group.high = first + (highest_bit(near) & -LANES) + LANES
     return group
@@ -73,8 +76,10 @@ class Contacts:
 
     leave_seats: wp.Function
     recall: wp.Function
+    place_arm: wp.Function
     touch: wp.Function
     answer: wp.Function
+    clear_sizes: wp.Function
     add_sizes: wp.Function
 
 
@@ -84,10 +89,11 @@ def contacts(Real: type, capacity: int) -> Contacts:
     kinds = types(Real)
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
+    store_seat, unlike_seat = accessors(wp.int32).store_row, accessors(wp.int32).unlike
     at = rows(capacity)
     FX, FY, BEFORE, OPEN, KEPT = at.fx, at.fy, at.before, at.open, at.kept
-    PENETRATION, SIZE, DAMPER, ENERGY = at.penetration, at.size, at.damper, at.energy
+    PENETRATION, SIZE, DAMPER = at.penetration, at.size, at.damper
+    SPROCKET_FORCE, GUIDE_FORCE = at.sprocket_force, at.guide_force
     ARM_X, ARM_Y, NORMAL_X, NORMAL_Y, RELATIVE_X, RELATIVE_Y = (
         at.arm_x,
         at.arm_y,
@@ -101,30 +107,24 @@ def contacts(Real: type, capacity: int) -> Contacts:
 
     @wp.func
     def leave_seats(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
-        """Forgets the seats, or pieces, and contacts of rollers that are no longer near."""
-        seated = wp.uint64(0)
-        k = int(0)
-        while k < count:
-            if load_seat(memory.seat, memory.first + first + k) >= 0:
-                seated = seated | bit_of(k)
-            k = k + 1
+        """Forgets the seats, or pieces, and contacts of rollers that are no longer near; who had one, as bits."""
+        seated = unlike_seat(memory.seat, memory.first + first, count, -1)
         left = seated & ~near
         while left != wp.uint64(0):
             i = memory.first + first + lowest_bit(left)
             store_seat(memory.seat, i, -1)
             store_row(memory.impact_speed, i, Real(0.0))
             left = next_bits(left)
+        return seated
 
     @wp.func
-    def recall(w: wp.array[Real], group: Group, memory: kinds.Memory):
-        """What contacts have kept until now."""
-        i = group.low
-        while i < group.high:
-            before = Real(0.0)
-            if is_near(group, i):
-                before = load_row(memory.impact_speed, memory.first + i)
-            store_row(w, BEFORE + i, before)
-            i = i + 1
+    def recall(w: wp.array[Real], i: int, group: Group, memory: kinds.Memory):
+        """What roller i's contact has kept until now [m/s]."""
+        before = Real(0.0)
+        if is_near(group, i):
+            before = load_row(memory.impact_speed, memory.first + i)
+        store_row(w, BEFORE + i, before)
+        return before
 
     @wp.func
     def keep(w: wp.array[Real], group: Group, memory: kinds.Memory):
@@ -136,15 +136,27 @@ def contacts(Real: type, capacity: int) -> Contacts:
             i = i + 1
 
     @wp.func
-    def touch(w: wp.array[Real], i: int, arm: vec2, penetration: Real, normal: vec2, relative: vec2):
-        """How roller i stands on the partner: `arm` from its body's center, 0 or less deep where it does not touch."""
-        store_row(w, ARM_X + i, arm[0])
-        store_row(w, ARM_Y + i, arm[1])
+    def place_arm(w: wp.array[Real], i: int, x: Real, y: Real):
+        """Where roller i is from the center of the partner's body."""
+        store_row(w, ARM_X + i, x)
+        store_row(w, ARM_Y + i, y)
+
+    @wp.func
+    def touch(
+        w: wp.array[Real],
+        i: int,
+        penetration: Real,
+        normal_x: Real,
+        normal_y: Real,
+        relative_x: Real,
+        relative_y: Real,
+    ):
+        """How roller i stands on the partner, 0 or less deep where it does not touch; in numbers, not vectors (`rollers`)."""
         store_row(w, PENETRATION + i, penetration)
-        store_row(w, NORMAL_X + i, normal[0])
-        store_row(w, NORMAL_Y + i, normal[1])
-        store_row(w, RELATIVE_X + i, relative[0])
-        store_row(w, RELATIVE_Y + i, relative[1])
+        store_row(w, NORMAL_X + i, normal_x)
+        store_row(w, NORMAL_Y + i, normal_y)
+        store_row(w, RELATIVE_X + i, relative_x)
+        store_row(w, RELATIVE_Y + i, relative_y)
 
     @wp.func
     def normal_of(w: wp.array[Real], i: int):
@@ -165,23 +177,32 @@ def contacts(Real: type, capacity: int) -> Contacts:
     def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw):
         """The normal force on roller i, and what its contact keeps."""
         penetration = load_row(w, PENETRATION + i)
+        normal_x = load_row(w, NORMAL_X + i)
+        normal_y = load_row(w, NORMAL_Y + i)
+        speed = load_row(w, RELATIVE_X + i) * normal_x + load_row(w, RELATIVE_Y + i) * normal_y
         x = Real(0.0)
         y = Real(0.0)
         size = Real(0.0)
         damper = Real(0.0)
-        energy = Real(0.0)
         kept = load_row(w, OPEN + i)
         if penetration > Real(0.0):
-            before = load_row(w, BEFORE + i)
-            force, size, kept, damper, energy = respond(penetration, normal_of(w, i), relative_of(w, i), before, law)
-            x = force[0]
-            y = force[1]
+            size, kept, damper, energy = pressed(penetration, speed, load_row(w, BEFORE + i), law)
+            x = size * normal_x
+            y = size * normal_y
         store_row(w, PRESS_X + i, x)
         store_row(w, PRESS_Y + i, y)
         store_row(w, SIZE + i, size)
         store_row(w, KEPT + i, kept)
         store_row(w, DAMPER + i, damper)
-        store_row(w, ENERGY + i, energy)
+
+    @wp.func
+    def add_force(w: wp.array[Real], i: int):
+        """Adds the force to that on roller i; its moment."""
+        force = vec2(load_row(w, PRESS_X + i), load_row(w, PRESS_Y + i))
+        arm = vec2(load_row(w, ARM_X + i), load_row(w, ARM_Y + i))
+        store_row(w, FX + i, load_row(w, FX + i) + force[0])
+        store_row(w, FY + i, load_row(w, FY + i) + force[1])
+        store_row(w, MOMENT + i, where_touching(w, i, reaction(arm, force)))
 
     @wp.func
     def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
@@ -196,6 +217,16 @@ def contacts(Real: type, capacity: int) -> Contacts:
             while i < group.high:
                 press_one(w, i, law)
                 i = i + 1
+
+    @wp.func
+    def press_smoothly(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
+        """Normal forces of a linear law where nothing rubs: all in one loop."""
+        law.exponent = Real(1.0)  # so that the compiler knows
+        i = group.low
+        while i < group.high:
+            press_one(w, i, law)
+            add_force(w, i)
+            i = i + 1
 
     @wp.func
     def add_drag(w: wp.array[Real], i: int, drag: vec2):
@@ -223,11 +254,16 @@ def contacts(Real: type, capacity: int) -> Contacts:
         """Adds the forces to those on rollers; the moments of each."""
         i = group.low
         while i < group.high:
-            force = vec2(load_row(w, PRESS_X + i), load_row(w, PRESS_Y + i))
-            arm = vec2(load_row(w, ARM_X + i), load_row(w, ARM_Y + i))
-            store_row(w, FX + i, load_row(w, FX + i) + force[0])
-            store_row(w, FY + i, load_row(w, FY + i) + force[1])
-            store_row(w, MOMENT + i, where_touching(w, i, reaction(arm, force)))
+            add_force(w, i)
+            i = i + 1
+
+    @wp.func
+    def clear_sizes(w: wp.array[Real], n: int):
+        """Begins the sums of the forces' magnitudes anew."""
+        i = int(0)
+        while i < n:
+            store_row(w, SPROCKET_FORCE + i, Real(0.0))
+            store_row(w, GUIDE_FORCE + i, Real(0.0))
             i = i + 1
 
     @wp.func
@@ -256,19 +292,23 @@ def contacts(Real: type, capacity: int) -> Contacts:
                 i = i + 1
 
     @wp.func
-    def add_up(w: wp.array[Real], group: Group, totals: Totals):
-        """`totals` with what the group's contacts add, roller by roller."""
+    def add_up(w: wp.array[Real], group: Group, totals: Totals, measured: bool):
+        """`totals` with what the group's contacts add, roller by roller; what dampers take where `measured`."""
         moment = totals.moment
         x = Real(totals.push[0])
         y = Real(totals.push[1])
+        damped = totals.dissipated
         i = group.low
         while i < group.high:
             moment += wp.float64(load_row(w, MOMENT + i))
             x -= load_row(w, PRESS_X + i)
             y -= load_row(w, PRESS_Y + i)
+            if measured:
+                damped += wp.float64(load_row(w, DAMPED + i))
             i = i + 1
         totals.moment = moment
         totals.push = wp.vec2d(wp.float64(x), wp.float64(y))
+        totals.dissipated = damped
         return totals
 
     @wp.func
@@ -283,24 +323,48 @@ def contacts(Real: type, capacity: int) -> Contacts:
         return count
 
     @wp.func
-    def add_measured(w: wp.array[Real], group: Group, sliding: kinds.Sliding, totals: Totals):
-        """`totals` with what only metrics want."""
+    def add_forces_of(w: wp.array[Real], group: Group, totals: Totals):
+        """`totals` with the magnitudes of the forces."""
         force = totals.force
         largest = totals.force_max
-        damped = totals.dissipated
-        energy = totals.energy
         i = group.low
         while i < group.high:
             size = wp.float64(load_row(w, SIZE + i))
             force += size
             largest = wp.max(largest, size)
-            damped += wp.float64(load_row(w, DAMPED + i))
-            energy += wp.float64(load_row(w, ENERGY + i))
             i = i + 1
         totals.force = force
         totals.force_max = largest
-        totals.dissipated = damped
+        return totals
+
+    @wp.func
+    def add_energies(w: wp.array[Real], group: Group, law: kinds.ContactLaw, totals: Totals):
+        """`totals` with elastic energies."""
+        energy = totals.energy
+        i = group.low
+        while i < group.high:
+            penetration = load_row(w, PENETRATION + i)
+            if penetration > Real(0.0):
+                elastic = elastic_force(penetration, law.stiffness, law.exponent)
+                energy += wp.float64(stored(penetration, elastic, law))
+            i = i + 1
         totals.energy = energy
+        return totals
+
+    @wp.func
+    def add_measured(
+        w: wp.array[Real],
+        group: Group,
+        law: kinds.ContactLaw,
+        sliding: kinds.Sliding,
+        wanted: Wanted,
+        totals: Totals,
+    ):
+        """`totals` with what only metrics want, but for what dampers take."""
+        if wanted.forces != 0:
+            totals = add_forces_of(w, group, totals)
+        if wanted.energy != 0:
+            totals = add_energies(w, group, law, totals)
         if sliding.rubs != 0:
             friction = totals.friction
             i = group.low
@@ -322,16 +386,21 @@ def contacts(Real: type, capacity: int) -> Contacts:
         totals: Totals,
     ):
         """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to."""
-        press(w, group, law)
-        if sliding.rubs != 0:
-            rub_rollers(w, group, sliding)
-        add_forces(w, group)
-        totals = add_up(w, group, totals)
+        if law.exponent == Real(1.0) and sliding.rubs == 0:
+            press_smoothly(w, group, law)
+        else:
+            press(w, group, law)
+            if sliding.rubs != 0:
+                rub_rollers(w, group, sliding)
+            add_forces(w, group)
         if memory.stage == 0:
             keep(w, group, memory)
-        if memory.measured != 0:
+        if memory.wanted.measures != 0:
             lose(w, group, sliding, memory, chain)
-            totals = add_measured(w, group, sliding, totals)
+            totals = add_up(w, group, totals, True)
+            totals = add_measured(w, group, law, sliding, memory.wanted, totals)
+        else:
+            totals = add_up(w, group, totals, False)
         return totals
 
-    return Contacts(leave_seats=leave_seats, recall=recall, touch=touch, answer=answer, add_sizes=add_sizes)
+    return Contacts(leave_seats, recall, place_arm, touch, answer, clear_sizes, add_sizes)

@@ -8,10 +8,10 @@ import warp as wp
 from ..physics.contact import MISSED, UNTOUCHED, misses, on_guide, surface_velocity, turned
 from ..physics.guide import at_face
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
-from ..rows import accessors
+from ..rows import accessors, whole
 from ..structs import Piece, Pose, types
 from ..sum_structs import Totals
-from .contacts import Group, bit_of, contacts, is_near, lowest_bit, next_bits
+from .contacts import Group, contacts, is_near, lowest_bit, next_bits
 from .rollers import passes, rows
 
 
@@ -19,10 +19,10 @@ from .rollers import passes, rows
 class GuidePasses:
     """The passes for one guide."""
 
-    over_bar: wp.Function
+    find_over_bar: wp.Function
     leave_bar: wp.Function
     touch_bar: wp.Function
-    over_profile: wp.Function
+    find_over_profile: wp.Function
     touch_profile: wp.Function
     count_missed: wp.Function
 
@@ -31,38 +31,34 @@ class GuidePasses:
 def guide_passes(Real: type, capacity: int) -> GuidePasses:
     """The passes for one guide, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    vec2, place, touch = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity).touch
+    vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity)
+    recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
-    VX, VY, BEFORE, OPEN, PENETRATION = at.vx, at.vy, at.before, at.open, at.penetration
+    VX, VY, NEAR, BEFORE, OPEN, PENETRATION = at.vx, at.vy, at.near, at.before, at.open, at.penetration
+    unlike = accessors(Real).unlike
 
     @wp.func
-    def over_bar(w: wp.array[Real], first: int, count: int, bar: kinds.Guide):
-        """Which of `count` rollers from `first` on are at a guide-bar's face or ends, as bits; only those touch it."""
+    def find_over_bar(w: wp.array[Real], n: int, bar: kinds.Guide):
+        """Which rollers are at a guide-bar's face or ends; only those touch it."""
         reach = wp.float64(bar.end_radius + bar.roller_radius)
         end = wp.float64(bar.length) + reach
-        near = wp.uint64(0)
-        k = int(0)
-        while k < count:
-            p = place(w, first + k) - bar.start
+        i = int(0)
+        while i < whole(n):
+            p = place(w, i) - bar.start
             along = wp.dot(p, bar.direction)
             across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
+            near = Real(0.0)
             if along > -reach and along < end and at_face(across, bar):
-                near = near | bit_of(k)
-            k = k + 1
-        return near
+                near = Real(1.0)
+            store_row(w, NEAR + i, near)
+            i = i + 1
 
     @wp.func
     def leave_bar(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
         """Forgets the contacts of rollers that are no longer over it."""
-        kept = wp.uint64(0)
-        k = int(0)
-        while k < count:
-            if load_row(memory.impact_speed, memory.first + first + k) != Real(UNTOUCHED):
-                kept = kept | bit_of(k)
-            k = k + 1
-        left = kept & ~near
+        left = unlike(memory.impact_speed, memory.first + first, count, Real(UNTOUCHED)) & ~near
         while left != wp.uint64(0):
             store_row(memory.impact_speed, memory.first + first + lowest_bit(left), Real(UNTOUCHED))
             left = next_bits(left)
@@ -76,11 +72,12 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         if penetration > Real(0.0) and misses(penetration, load_row(w, BEFORE + i), guide):
             kept = Real(MISSED)
             penetration = Real(0.0)
-        touch(w, i, arm, penetration, normal, relative)
+        place_arm(w, i, arm[0], arm[1])
+        touch(w, i, penetration, normal[0], normal[1], relative[0], relative[1])
         store_row(w, OPEN + i, kept)
 
     @wp.func
-    def touch_bar(w: wp.array[Real], group: Group, bar: kinds.Guide, body: Pose):
+    def touch_bar(w: wp.array[Real], group: Group, bar: kinds.Guide, body: Pose, memory: kinds.Memory):
         """How the rollers stand on a guide-bar, eq. (21)-(23)."""
         i = group.low
         while i < group.high:
@@ -89,6 +86,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
             v = vec2(load_row(w, VX + i), load_row(w, VY + i))
             moving = vec2(Real(surface[0]), Real(surface[1]))
             penetration, normal, relative = on_guide(place(w, i) - bar.start, v, moving, bar)
+            recall(w, i, group, memory)
             depth = wp.where(is_near(group, i), penetration, Real(0.0))
             touch_face(w, i, vec2(Real(arm[0]), Real(arm[1])), depth, normal, relative, bar)
             i = i + 1
@@ -107,15 +105,15 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         return totals
 
     @wp.func
-    def over_profile(w: wp.array[Real], first: int, count: int, guide: kinds.Guide, body: Pose):
-        """Which of `count` rollers from `first` on are near a profile, as bits."""
-        near = wp.uint64(0)
-        k = int(0)
-        while k < count:
-            if near_profile(in_frame(place(w, first + k) - body.center, body), guide):
-                near = near | bit_of(k)
-            k = k + 1
-        return near
+    def find_over_profile(w: wp.array[Real], n: int, guide: kinds.Guide, body: Pose):
+        """Which rollers are near a profile."""
+        i = int(0)
+        while i < whole(n):
+            near = Real(0.0)
+            if near_profile(in_frame(place(w, i) - body.center, body), guide):
+                near = Real(1.0)
+            store_row(w, NEAR + i, near)
+            i = i + 1
 
     @wp.func
     def touch_piece(
@@ -145,6 +143,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         """How the rollers stand on a profile; the guide's `first_piece` is its first among all `pieces`."""
         i = group.low
         while i < group.high:
+            recall(w, i, group, memory)
             store_row(w, PENETRATION + i, Real(0.0))
             i = i + 1
         bits = group.near
@@ -153,10 +152,10 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
             bits = next_bits(bits)
 
     return GuidePasses(
-        over_bar=over_bar,
+        find_over_bar=find_over_bar,
         leave_bar=leave_bar,
         touch_bar=touch_bar,
-        over_profile=over_profile,
+        find_over_profile=find_over_profile,
         touch_profile=touch_profile,
         count_missed=count_missed,
     )

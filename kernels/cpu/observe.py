@@ -13,7 +13,7 @@ from ..physics.body import body_energy, heading_of, held_by
 from ..physics.motion import load_moment, load_moment_at_speed
 from ..physics.tensioner import lost_power, tensioner_energy, touch_of
 from ..rows import accessors
-from ..structs import Drive, types
+from ..structs import Drive, Wanted, types
 from ..sum_structs import Sums
 from ..sums import (
     STRAND_EVERY,
@@ -61,6 +61,19 @@ def instant_of(drive: Drive, step: int):
     if step == drive.window_start or step == drive.window_end:
         at.weight = wp.float64(0.5) * at.weight
     return at
+
+
+@wp.func
+def wanted_at(drive: Drive, step: int):
+    """What is wanted of step `step` as it begins."""
+    wanted = Wanted()
+    if step >= drive.window_start and step <= drive.window_end:
+        wanted.measures = 1
+        wanted.forces = wp.where(step % WATCH_EVERY == 0, 1, 0)
+        wanted.energy = wp.where(step == drive.window_start or step == drive.window_end, 1, 0)
+    if drive.sample_every > 0:
+        wanted.sizes = wp.where(step % drive.sample_every == 0, 1, 0)
+    return wanted
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import warp as wp
 
 from ..physics.body import pose_of
 from ..physics.contact import carried
+from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, types
 from ..sum_structs import Totals
 from .contacts import GROUP, Group, contacts, group_of
@@ -27,8 +28,10 @@ def partners(Real: type, capacity: int) -> Partners:
     """The function that meets the partners of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     teeth, face, contact = teeth_passes(Real, capacity), guide_passes(Real, capacity), contacts(Real, capacity)
-    recall, answer, add_sizes, leave_seats = contact.recall, contact.answer, contact.add_sizes, contact.leave_seats
-    SPROCKET_FORCE, GUIDE_FORCE = rows(capacity).sprocket_force, rows(capacity).guide_force
+    answer, add_sizes, leave_seats = contact.answer, contact.add_sizes, contact.leave_seats
+    at = rows(capacity)
+    NEAR, SPROCKET_FORCE, GUIDE_FORCE = at.near, at.sprocket_force, at.guide_force
+    unlike = accessors(Real).unlike
 
     @wp.struct
     class Partner:
@@ -68,20 +71,24 @@ def partners(Real: type, capacity: int) -> Partners:
         return partner
 
     @wp.func
-    def near_partner(w: wp.array[Real], first: int, count: int, partner: Partner, memory: kinds.Memory):
-        """Which of `count` rollers from `first` on are near a partner, as bits; others' contacts are forgotten."""
-        near = wp.uint64(0)
+    def find_near(w: wp.array[Real], n: int, partner: Partner):
+        """Which rollers are near a partner."""
         if partner.teeth != 0:
-            near = teeth.engaged(w, first, count, partner.sprocket, partner.pose)
-            leave_seats(first, count, near, memory)
+            teeth.find_engaged(w, n, partner.sprocket, partner.pose)
         elif partner.guide.pieces == 0:
-            near = face.over_bar(w, first, count, partner.guide)
-            if memory.stage == 0:
-                face.leave_bar(first, count, near, memory)
+            face.find_over_bar(w, n, partner.guide)
         else:
-            near = face.over_profile(w, first, count, partner.guide, partner.pose)
-            leave_seats(first, count, near, memory)
-        return near
+            face.find_over_profile(w, n, partner.guide, partner.pose)
+
+    @wp.func
+    def leave_partner(first: int, count: int, near: wp.uint64, partner: Partner, memory: kinds.Memory):
+        """Forgets the contacts of those of `count` rollers that are not near; who had a seat or piece, as bits."""
+        seated = wp.uint64(0)
+        if partner.teeth != 0 or partner.guide.pieces != 0:
+            seated = leave_seats(first, count, near, memory)
+        elif memory.stage == 0:
+            face.leave_bar(first, count, near, memory)
+        return seated
 
     @wp.func
     def touch_partner(
@@ -89,10 +96,9 @@ def partners(Real: type, capacity: int) -> Partners:
     ):
         """How the rollers of a group stand on a partner."""
         if partner.teeth != 0:
-            teeth.seat_rollers(w, group, partner.sprocket, partner.pose, ensemble.seats, memory)
-            teeth.touch_teeth(w, group, partner.sprocket, partner.pose)
+            teeth.touch_teeth(w, group, partner.sprocket, partner.pose, ensemble.seats, memory)
         elif partner.guide.pieces == 0:
-            face.touch_bar(w, group, partner.guide, partner.pose)
+            face.touch_bar(w, group, partner.guide, partner.pose, memory)
         else:
             face.touch_profile(w, group, partner.guide, partner.pose, ensemble.pieces, memory)
 
@@ -110,21 +116,22 @@ def partners(Real: type, capacity: int) -> Partners:
         n = drive.rollers
         totals = Totals()
         partner = partner_of(ensemble, state, drive, p)
+        find_near(w, n, partner)
         first = int(0)
         while first < n:
-            near = near_partner(w, first, wp.min(n - first, GROUP), partner, memory)
+            count = wp.min(n - first, GROUP)
+            near = unlike(w, NEAR + first, count, Real(0.0))
+            seated = leave_partner(first, count, near, partner, memory)
             if near != wp.uint64(0):
-                group = group_of(first, near)
-                recall(w, group, memory)
+                group = group_of(first, near, near & ~seated)
                 touch_partner(w, ensemble, group, partner, memory)
                 totals = answer(w, group, partner.law, partner.sliding, memory, chain, totals)
-                if partner.teeth != 0:
-                    add_sizes(w, group, SPROCKET_FORCE)
-                    if memory.measured != 0:
+                if memory.wanted.sizes != 0:
+                    add_sizes(w, group, wp.where(partner.teeth != 0, SPROCKET_FORCE, GUIDE_FORCE))
+                if memory.wanted.measures != 0:
+                    if partner.teeth != 0:
                         totals.contacts += teeth.first_touches(w, group)
-                else:
-                    add_sizes(w, group, GUIDE_FORCE)
-                    if memory.measured != 0:
+                    else:
                         totals = face.count_missed(w, group, totals)
             first = first + GROUP
         return totals, partner.body

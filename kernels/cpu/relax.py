@@ -7,7 +7,7 @@ import warp as wp
 from ..modules import own_module
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..rows import STATE_ROWS, accessors
-from ..structs import Drive, types
+from ..structs import Drive, Wanted, types
 from .rollers import passes, rows
 from .steps import evaluating, moving
 
@@ -107,7 +107,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
-            evaluate(ensemble, state, variant, joint, w, 0, 0)
+            evaluate(ensemble, state, variant, joint, w, 0, Wanted())
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
                 beside = arms_acceleration(ensemble, state, drive, chain)

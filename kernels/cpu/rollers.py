@@ -51,6 +51,7 @@ class Rows:
     sum_vx: int
     sum_vy: int
     before: int  # of contacts with the partner at hand (`contacts`): v0 until now [m/s]
+    near: int  # 1: near the partner at hand, else 0
     direction_x: int  # to where a seat points at angle zero, and what float32 rounds off
     direction_y: int
     direction_x_low: int
@@ -72,7 +73,6 @@ class Rows:
     press_y: int
     size: int  # of the normal force [N]
     damper: int  # what of it damps [N]
-    energy: int  # elastic [J]
     drag_x: int  # friction [N]
     drag_y: int
     moment_of: int  # on the partner's body [N m]
@@ -91,7 +91,10 @@ ROWS = tuple(field.name for field in fields(Rows))
 @cache
 def rows(capacity: int) -> Rows:
     """The rows of a scratch whose rows hold `capacity` values."""
-    return Rows(*(wp.constant(k * capacity) for k in range(len(ROWS))))
+    firsts = {name: k * capacity for k, name in enumerate(ROWS)}
+    for name in ("link_x", "link_y"):
+        firsts[name] += 15  # so that what stands at i + 1 begins with a cache line, at both precisions
+    return Rows(**{name: wp.constant(first) for name, first in firsts.items()})
 
 
 @dataclass(frozen=True)
@@ -121,15 +124,7 @@ def passes(Real: type, capacity: int) -> Passes:
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     at = rows(capacity)
     X, Y, VX, VY, X_LOW, Y_LOW, LINK_X, LINK_Y = at.x, at.y, at.vx, at.vy, at.x_low, at.y_low, at.link_x, at.link_y
-    LENGTH, FX, FY, SPROCKET_FORCE, GUIDE_FORCE, TENSION, RATE = (
-        at.length,
-        at.fx,
-        at.fy,
-        at.sprocket_force,
-        at.guide_force,
-        at.tension,
-        at.rate,
-    )
+    LENGTH, FX, FY, TENSION, RATE = at.length, at.fx, at.fy, at.tension, at.rate
 
     @wp.func
     def fetch(rollers: wp.array[Real], lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
@@ -184,8 +179,6 @@ def passes(Real: type, capacity: int) -> Passes:
         store_row(w, LINK_Y + i + 1, tension * u[1])
         store_row(w, FX + i, Real(0.0))
         store_row(w, FY + i, Real(0.0))
-        store_row(w, SPROCKET_FORCE + i, Real(0.0))
-        store_row(w, GUIDE_FORCE + i, Real(0.0))
 
     @wp.func
     def move(w: wp.array[Real], i: int, dx: Real, dy: Real):

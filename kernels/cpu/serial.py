@@ -12,9 +12,9 @@ import warp as wp
 from ..integrate import leapfrog_kick, rk4_stage
 from ..modules import own_module
 from ..rows import STATE_ROWS
-from ..structs import DIVERGENCE_CHECK, types
+from ..structs import DIVERGENCE_CHECK, Wanted, types
 from ..sum_structs import Sums
-from .observe import instant_of, observing
+from .observe import instant_of, observing, wanted_at
 from .rollers import ROWS, passes
 from .steps import evaluating, moving, stepping
 
@@ -59,17 +59,18 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
             now = instant_of(drive, step)
             stage = int(0)
             while stage < 4:
-                measured = wp.where(stage == 0 and step >= drive.window_start and step <= drive.window_end, 1, 0)
+                wanted = Wanted()
+                if stage == 0:
+                    wanted = wanted_at(drive, step)
                 at_stage = rk4_stage(stage, now.time, drive.step)
-                evaluate(ensemble, state, variant, joint, w, stage, measured)
+                evaluate(ensemble, state, variant, joint, w, stage, wanted)
                 find_rates(ensemble, state, drive, at_stage.time)
                 if stage == 0:
-                    if measured != 0:
+                    if wanted.measures != 0:
                         observe.measure(ensemble, state, sums, variant, drive, chain, w, now)
-                    if drive.sample_every > 0:
-                        if step % drive.sample_every == 0:
-                            observe.sample(ensemble, state, variant, drive, w, frames, at, now)
-                            at = at + wp.int64(observe.width(n, drive.sprockets, drive.arms, drive.tensioners))
+                    if wanted.sizes != 0:
+                        observe.sample(ensemble, state, variant, drive, w, frames, at, now)
+                        at = at + wp.int64(observe.width(n, drive.sprockets, drive.arms, drive.tensioners))
                     if step % DIVERGENCE_CHECK == 0 or step == drive.steps:
                         if inside(w, n, drive.low, drive.high) == 0 or bodies_sound(state, drive) == 0:
                             progress.diverged = 1

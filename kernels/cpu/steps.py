@@ -11,8 +11,9 @@ from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_bod
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.tensioner import extension, push_by, tensioner_step, touch_of
 from ..rows import accessors
-from ..structs import GROUND, Drive, Wrench, types
+from ..structs import GROUND, Drive, Wanted, Wrench, types
 from ..sums import metered
+from .contacts import contacts
 from .joints import joint_passes
 from .partners import partners
 from .rollers import passes, rows
@@ -45,6 +46,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
     """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity).meet
+    clear_sizes = contacts(Real, capacity).clear_sizes
     joints = joint_passes(Real, capacity)
 
     @wp.func
@@ -55,11 +57,11 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         joint: kinds.Joint,
         w: wp.array[Real],
         stage: int,
-        measured: int,
+        wanted: Wanted,
     ):
         """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
 
-        Totals have what only metrics want where `measured` is 1.
+        Totals have what only metrics want as far as it is `wanted`.
         """
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
@@ -74,6 +76,8 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         if joint.rubs != 0:
             joints.rub_joints(w, n, joint)
             joints.bend_links(w, n)
+        if wanted.sizes != 0:
+            clear_sizes(w, n)
         for b in range(drive.bodies):
             state.wrenches[drive.first_body + b] = Wrench()
         memory = kinds.Memory()
@@ -81,7 +85,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         memory.impact_speed = state.impact_speed
         memory.first = drive.first_contact
         memory.stage = stage
-        memory.measured = measured
+        memory.wanted = wanted
         if drive.integrator == 0:
             memory.lag = Real(wp.float64(0.5) * drive.step)
         for p in range(drive.sprockets + drive.guides):

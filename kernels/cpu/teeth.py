@@ -5,9 +5,9 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import UNTOUCHED, after_teeth, in_gap, load_direction, tracked_seat, turned
+from ..physics.contact import UNTOUCHED, after_teeth, in_gap, load_direction, tracked_seat, turned_by
 from ..physics.tooth import beyond_tip, endless_gap, nearest_seat, on_tip, seat_step
-from ..rows import accessors
+from ..rows import accessors, whole
 from ..structs import Pose, types
 from .contacts import Group, bit_of, contacts, is_near, lowest_bit, next_bits
 from .rollers import passes, rows
@@ -17,8 +17,7 @@ from .rollers import passes, rows
 class TeethPasses:
     """The passes for one sprocket, in the order in which they are made."""
 
-    engaged: wp.Function
-    seat_rollers: wp.Function
+    find_engaged: wp.Function
     touch_teeth: wp.Function
     first_touches: wp.Function
 
@@ -28,11 +27,12 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     """The passes for one sprocket, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     compensated = Real == wp.float32
-    vec2, place, touch = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity).touch
+    place, contact = passes(Real, capacity).place, contacts(Real, capacity)
+    recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
-    X, Y, VX, VY = at.x, at.y, at.vx, at.vy
+    X, Y, VX, VY, NEAR = at.x, at.y, at.vx, at.vy, at.near
     DIRECTION_X, DIRECTION_Y, DIRECTION_X_LOW, DIRECTION_Y_LOW = (
         at.direction_x,
         at.direction_y,
@@ -43,132 +43,129 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
 
     @wp.func
-    def engaged(w: wp.array[Real], first: int, count: int, sprocket: kinds.Sprocket, body: Pose):
-        """Which of `count` rollers from `first` on are between the teeth, as bits."""
+    def find_engaged(w: wp.array[Real], n: int, sprocket: kinds.Sprocket, body: Pose):
+        """Which rollers are between the teeth."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
-        near = wp.uint64(0)
-        k = int(0)
-        while k < count:
-            x = load_row(w, X + first + k) - center_x
-            y = load_row(w, Y + first + k) - center_y
+        i = int(0)
+        while i < whole(n):
+            x = load_row(w, X + i) - center_x
+            y = load_row(w, Y + i) - center_y
             square = x * x + y * y
+            near = Real(0.0)
             if square > sprocket.near_square and square < sprocket.far_square:
-                near = near | bit_of(k)
-            k = k + 1
-        return near
+                near = Real(1.0)
+            store_row(w, NEAR + i, near)
+            i = i + 1
 
     @wp.func
-    def halves(value: wp.float64):
-        """A value at the rows' precision, and what that rounds off."""
-        high = Real(value)
-        return high, Real(value - wp.float64(high))
-
-    @wp.func
-    def seat_directions(
-        w: wp.array[Real],
-        group: Group,
-        sprocket: kinds.Sprocket,
-        body: Pose,
-        seats: wp.array[wp.vec2d],
-        memory: kinds.Memory,
-    ):
-        """To where the seats that rollers have kept point at angle zero; by angle, those of rollers that have none."""
-        bits = group.near
+    def find_seats(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
+        """The seats of rollers that have none yet, by angle."""
+        bits = group.fresh
         while bits != wp.uint64(0):
             i = group.first + lowest_bit(bits)
-            number = load_seat(memory.seat, memory.first + i)
-            if number < 0:
-                number = nearest_seat(place(w, i) - body.center, body.cosine, body.sine, sprocket.teeth)
-                store_seat(memory.seat, memory.first + i, number)
-            direction = load_direction(seats, sprocket.first_seat + number)
-            x, x_low = halves(direction[0])
-            y, y_low = halves(direction[1])
-            store_row(w, DIRECTION_X + i, x)
-            store_row(w, DIRECTION_Y + i, y)
-            if wp.static(compensated):
-                store_row(w, DIRECTION_X_LOW + i, x_low)
-                store_row(w, DIRECTION_Y_LOW + i, y_low)
+            number = nearest_seat(place(w, i) - body.center, body.cosine, body.sine, sprocket.teeth)
+            store_seat(memory.seat, memory.first + i, number)
             bits = next_bits(bits)
 
     @wp.func
-    def direction_of(w: wp.array[Real], i: int):
-        """To where roller i's seat points at angle zero."""
-        x = wp.float64(load_row(w, DIRECTION_X + i))
-        y = wp.float64(load_row(w, DIRECTION_Y + i))
+    def store_half(w: wp.array[Real], row: int, row_low: int, value: wp.float64):
+        """A value at the rows' precision, and at float32 what that rounds off."""
+        high = Real(value)
+        store_row(w, row, high)
         if wp.static(compensated):
-            x += wp.float64(load_row(w, DIRECTION_X_LOW + i))
-            y += wp.float64(load_row(w, DIRECTION_Y_LOW + i))
-        return wp.vec2d(x, y)
+            store_row(w, row_low, Real(value - wp.float64(high)))
 
     @wp.func
-    def store_gap(w: wp.array[Real], i: int, outward: wp.vec2d, radial: wp.float64, lateral: wp.float64):
-        """Where roller i is in its gap."""
-        store_row(w, RADIAL + i, Real(radial))
-        store_row(w, LATERAL + i, Real(lateral))
-        store_row(w, OUTWARD_X + i, Real(outward[0]))
-        store_row(w, OUTWARD_Y + i, Real(outward[1]))
+    def load_half(w: wp.array[Real], row: int, row_low: int):
+        """Such a value."""
+        value = wp.float64(load_row(w, row))
+        if wp.static(compensated):
+            value += wp.float64(load_row(w, row_low))
+        return value
 
     @wp.func
-    def gaps(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
-        """Where rollers are in the gaps of the seats that they have kept; who has come nearer to another, as bits."""
-        tangent = wp.float64(sprocket.half_pitch_tangent)
-        moved = wp.uint64(0)
-        i = group.low
-        while i < group.high:
-            p = place(w, i) - body.center
-            outward, radial, lateral = in_gap(p, direction_of(w, i), body.cosine, body.sine)
-            store_gap(w, i, outward, radial - sprocket.exact_radius, lateral)
-            if seat_step(radial, lateral, tangent) != 0:
-                moved = moved | bit_of(i - group.first)
-            i = i + 1
-        return moved & group.near
-
-    @wp.func
-    def seat_rollers(
-        w: wp.array[Real],
-        group: Group,
-        sprocket: kinds.Sprocket,
-        body: Pose,
-        seats: wp.array[wp.vec2d],
-        memory: kinds.Memory,
+    def find_directions(
+        w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, seats: wp.array[wp.vec2d], memory: kinds.Memory
     ):
-        """The seat of every roller near, and where it is in the seat's gap, as from `contact.tracked_seat`."""
-        seat_directions(w, group, sprocket, body, seats, memory)
-        moved = gaps(w, group, sprocket, body)
-        while moved != wp.uint64(0):
-            i = group.first + lowest_bit(moved)
-            kept = load_seat(memory.seat, memory.first + i)
-            seat = tracked_seat(place(w, i) - body.center, kept, body.cosine, body.sine, sprocket, seats)
-            store_seat(memory.seat, memory.first + i, seat.number)
-            store_gap(w, i, seat.outward, seat.radial - sprocket.exact_radius, seat.lateral)
-            moved = next_bits(moved)
+        """To where the rollers' seats point at angle zero."""
+        bits = group.near
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            direction = load_direction(seats, sprocket.first_seat + load_seat(memory.seat, memory.first + i))
+            store_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i, direction[0])
+            store_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i, direction[1])
+            bits = next_bits(bits)
 
     @wp.func
-    def touch_flanks(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
-        """How the rollers stand in their gaps, eq. (5)-(14), as `contact.in_teeth` but for tips; 1 if any is at one."""
+    def stand(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
+        """How the rollers stand in the gaps of the seats that they have kept, eq. (5)-(14), as `contact.in_teeth` but for
+        tips. Who has come nearer to another seat, as bits; 1 if any is at a tip.
+        """
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         center_vx = Real(body.velocity[0])
         center_vy = Real(body.velocity[1])
         omega = Real(body.speed)
+        tangent = wp.float64(sprocket.half_pitch_tangent)
+        moved = wp.uint64(0)
         tipped = int(0)
         i = group.low
         while i < group.high:
-            arm = vec2(load_row(w, X + i) - center_x, load_row(w, Y + i) - center_y)
             p = place(w, i) - body.center
-            v = vec2(load_row(w, VX + i) - center_vx, load_row(w, VY + i) - center_vy)
-            xi = load_row(w, RADIAL + i)
-            lateral = load_row(w, LATERAL + i)
+            direction_x = load_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i)
+            direction_y = load_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i)
+            outward, radial, lateral_here = in_gap(p, wp.vec2d(direction_x, direction_y), body.cosine, body.sine)
+            if seat_step(radial, lateral_here, tangent) != 0:
+                moved = moved | bit_of(i - group.first)
+            xi = Real(radial - sprocket.exact_radius)
+            lateral = Real(lateral_here)
+            outward_x = Real(outward[0])
+            outward_y = Real(outward[1])
+            store_row(w, RADIAL + i, xi)
+            store_row(w, LATERAL + i, lateral)
+            store_row(w, OUTWARD_X + i, outward_x)
+            store_row(w, OUTWARD_Y + i, outward_y)
             penetration, along, across = endless_gap(xi, lateral, sprocket)
             depth = wp.where(is_near(group, i), penetration, Real(0.0))
             tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
-            normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), along, across)
-            surface = vec2(-omega * Real(p[1]), omega * Real(p[0]))
-            touch(w, i, arm, depth, normal, surface - v)
-            store_row(w, OPEN + i, after_teeth(load_row(w, BEFORE + i)))
+            relative_x = -omega * Real(p[1]) - (load_row(w, VX + i) - center_vx)
+            relative_y = omega * Real(p[0]) - (load_row(w, VY + i) - center_vy)
+            normal_x, normal_y = turned_by(outward_x, outward_y, along, across)
+            place_arm(w, i, load_row(w, X + i) - center_x, load_row(w, Y + i) - center_y)
+            touch(w, i, depth, normal_x, normal_y, relative_x, relative_y)
+            store_row(w, OPEN + i, after_teeth(recall(w, i, group, memory)))
             i = i + 1
-        return tipped
+        return moved & group.near, tipped
+
+    @wp.func
+    def stand_in_gaps(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
+        """As `stand`, of straight flanks in a loop of its own."""
+        if sprocket.flank_curvature > Real(0.0):
+            moved, tipped = stand(w, group, sprocket, body, memory)
+            return moved, tipped
+        sprocket.flank_curvature = Real(0.0)  # so that the compiler knows
+        moved, tipped = stand(w, group, sprocket, body, memory)
+        return moved, tipped
+
+    @wp.func
+    def change_seats(
+        w: wp.array[Real],
+        group: Group,
+        moved: wp.uint64,
+        sprocket: kinds.Sprocket,
+        body: Pose,
+        seats: wp.array[wp.vec2d],
+        memory: kinds.Memory,
+    ):
+        """Brings rollers that have come nearer to another seat there, as `contact.tracked_seat` does."""
+        bits = moved
+        while bits != wp.uint64(0):
+            i = group.first + lowest_bit(bits)
+            kept = load_seat(memory.seat, memory.first + i)
+            seat = tracked_seat(place(w, i) - body.center, kept, body.cosine, body.sine, sprocket, seats)
+            store_seat(memory.seat, memory.first + i, seat.number)
+            bits = next_bits(bits)
 
     @wp.func
     def touch_tips(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket):
@@ -179,21 +176,29 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             lateral = load_row(w, LATERAL + i)
             if beyond_tip(load_row(w, PENETRATION + i), xi, lateral, sprocket):
                 penetration, along, across = on_tip(xi, lateral, sprocket)
-                normal = turned(vec2(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i)), along, across)
+                normal_x, normal_y = turned_by(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i), along, across)
                 store_row(w, PENETRATION + i, penetration)
-                store_row(w, NORMAL_X + i, normal[0])
-                store_row(w, NORMAL_Y + i, normal[1])
+                store_row(w, NORMAL_X + i, normal_x)
+                store_row(w, NORMAL_Y + i, normal_y)
             i = i + 1
 
     @wp.func
-    def touch_teeth(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose):
-        """How the rollers stand in their gaps, of straight flanks in a loop of its own."""
-        tipped = int(0)
-        if sprocket.flank_curvature > Real(0.0):
-            tipped = touch_flanks(w, group, sprocket, body)
-        else:
-            sprocket.flank_curvature = Real(0.0)  # so that the compiler knows
-            tipped = touch_flanks(w, group, sprocket, body)
+    def touch_teeth(
+        w: wp.array[Real],
+        group: Group,
+        sprocket: kinds.Sprocket,
+        body: Pose,
+        seats: wp.array[wp.vec2d],
+        memory: kinds.Memory,
+    ):
+        """The seats of the rollers, and how they stand in their gaps."""
+        find_seats(w, group, sprocket, body, memory)
+        find_directions(w, group, sprocket, seats, memory)
+        moved, tipped = stand_in_gaps(w, group, sprocket, body, memory)
+        if moved != wp.uint64(0):
+            change_seats(w, group, moved, sprocket, body, seats, memory)
+            find_directions(w, group, sprocket, seats, memory)
+            moved, tipped = stand_in_gaps(w, group, sprocket, body, memory)
         if tipped != 0:
             touch_tips(w, group, sprocket)
 
@@ -208,4 +213,4 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             i = i + 1
         return count
 
-    return TeethPasses(engaged=engaged, seat_rollers=seat_rollers, touch_teeth=touch_teeth, first_touches=first_touches)
+    return TeethPasses(find_engaged, touch_teeth, first_touches)

@@ -54,14 +54,25 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         Force on the roller (vector) and its magnitude [N], v0 [m/s], what of the magnitude damps [N], elastic energy
         [J].
     """
-    speed = wp.dot(relative, normal)
+    size, first, damper, energy = pressed(penetration, wp.dot(relative, normal), impact_speed, law)
+    return size * normal, size, first, damper, energy
+
+
+@wp.func
+def pressed(penetration: Any, speed: Any, impact_speed: Any, law: Any):
+    """As `respond`, from the approach speed [m/s] along the normal, without the force's direction."""
     first = impact_speed
     if first <= type(penetration)(0.0):
         first = wp.max(speed, law.speed_floor)
     elastic = elastic_force(penetration, law.stiffness, law.exponent)
     size = contact_force(elastic, speed, first, law)
-    energy = quotient(elastic * penetration, law.exponent + type(penetration)(1.0))
-    return size * normal, size, first, size - elastic, energy
+    return size, first, size - elastic, stored(penetration, elastic, law)
+
+
+@wp.func
+def stored(penetration: Any, elastic: Any, law: Any):
+    """Energy [J] of a closed contact: `elastic` [N] is the force without damping."""
+    return quotient(elastic * penetration, law.exponent + type(penetration)(1.0))
 
 
 @wp.func
@@ -134,11 +145,16 @@ def surface_velocity(body: Pose, arm: wp.vec2d):
 
 
 @wp.func
+def turned_by(x: Any, y: Any, cosine: Any, sine: Any):
+    """As `turned`, of a direction's components."""
+    return products(x, cosine, -y, sine), products(x, sine, y, cosine)
+
+
+@wp.func
 def turned(direction: Any, cosine: Any, sine: Any):
     """`direction` turned by the angle whose cosine and sine are given."""
-    return type(direction)(
-        products(direction[0], cosine, -direction[1], sine), products(direction[0], sine, direction[1], cosine)
-    )
+    x, y = turned_by(direction[0], direction[1], cosine, sine)
+    return type(direction)(x, y)
 
 
 @wp.struct
