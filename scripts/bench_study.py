@@ -14,6 +14,7 @@ import argparse
 import statistics
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -109,12 +110,38 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def main() -> None:
-    """Times both and prints what a study costs."""
-    arguments = parser().parse_args()
+@dataclass(frozen=True)
+class Times:
+    """Seconds of each round: `simulate` and its table, the study, the study outside `simulate`; CPU time of both."""
 
-    wp.config.log_level = wp.LOG_ERROR
-    *_, rows = study_seconds(arguments, arguments.count)
+    asked: argparse.Namespace
+    bare: list[float]
+    study: list[float]
+    own: list[float]
+    busy: tuple[float, float]
+
+    @property
+    def overhead(self) -> float:
+        """What the study takes more, as a part of `simulate`."""
+        return statistics.median(self.study) / statistics.median(self.bare) - 1.0
+
+    def lines(self) -> list[str]:
+        """For the reader."""
+        count, (alone, whole) = self.asked.count, (statistics.median(s) for s in (self.bare, self.study))
+        part = statistics.median(own / (study - own) for own, study in zip(self.own, self.study, strict=True))
+        each = 1e3 * statistics.median(self.own) / count
+        bare, study = self.busy
+        return [
+            f"simulate: {' '.join(f'{s:.2f}' for s in self.bare)} s, median {count / alone:.1f} variants/s",
+            f"study: {' '.join(f'{s:.2f}' for s in self.study)} s, median {count / whole:.1f} variants/s",
+            f"overhead: {100.0 * self.overhead:+.1f} % of simulate",
+            f"CPU time: {bare:.2f} s, {study:.2f} s: {100.0 * (study / bare - 1.0):+.1f} %",
+            f"outside simulate: {100.0 * part:.1f} % of it, {each:.2f} ms a variant",
+        ]
+
+
+def same_drives(arguments: argparse.Namespace, rows: list[dict]) -> list:
+    """The drives of a study's rows."""
     base = load_drive(drive_path("marine"))
     places = {
         "torque": "sprockets.camshaft.load.torque",
@@ -127,27 +154,38 @@ def main() -> None:
         if arguments.adjust:
             values["sprockets.tightener.center.0"] = base.sprockets[1].center[0] + row["adjusted_travel"]
         drives.append(base.with_values(values))
-    assert all(row["status"] == "ok" for row in rows)
+    return drives
+
+
+def times_of(arguments: argparse.Namespace) -> Times:
+    """Runs both in turns, after a short study that compiles and tells the rows."""
+    short = argparse.Namespace(**vars(arguments) | {"duration": min(arguments.duration, 0.001)})
+    *_, rows = study_seconds(short, arguments.count)
+    drives = same_drives(arguments, rows)
     bare, study, own, busy = [], [], [], [0.0, 0.0]
     for _ in range(arguments.repeats):
         marks = [time.process_time()]
         bare.append(bare_seconds(arguments, drives))
         marks.append(time.process_time())
-        seconds, outside, _ = study_seconds(arguments, arguments.count)
+        seconds, outside, rows = study_seconds(arguments, arguments.count)
         marks.append(time.process_time())
         study.append(seconds)
         own.append(outside)
         busy = [total + end - begun for total, begun, end in zip(busy, marks, marks[1:], strict=False)]
-    alone, whole = statistics.median(bare), statistics.median(study)
+    assert all(row["status"] != "infeasible" for row in rows)
+    return Times(arguments, bare, study, own, (busy[0], busy[1]))
+
+
+def main() -> None:
+    """Times both and prints what a study costs."""
+    arguments = parser().parse_args()
+
+    wp.config.log_level = wp.LOG_ERROR
+    times = times_of(arguments)
     print(f"{arguments.count} marine variants of {arguments.duration:g} s, {arguments.shards} shards, "
           f"{arguments.precision}, {arguments.device or 'default device'}")  # fmt: skip
-    print("simulate:", " ".join(f"{s:.2f}" for s in bare), f"s; median {arguments.count / alone:.1f} variants/s")
-    print("study:   ", " ".join(f"{s:.2f}" for s in study), f"s; median {arguments.count / whole:.1f} variants/s")
-    print(f"overhead: {100.0 * (whole / alone - 1.0):+.1f} % of simulate")
-    part = statistics.median(own[i] / (study[i] - own[i]) for i in range(arguments.repeats))
-    each = 1e3 * statistics.median(own) / arguments.count
-    print(f"CPU time: {busy[0]:.2f} s, {busy[1]:.2f} s: {100.0 * (busy[1] / busy[0] - 1.0):+.1f} %")
-    print(f"outside simulate: {100.0 * part:.1f} % of it, {each:.2f} ms a variant")
+    for line in times.lines():
+        print(line)
 
 
 if __name__ == "__main__":

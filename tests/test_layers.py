@@ -38,7 +38,8 @@ KERNEL_LEVELS = (
     ("cpu", "gpu"),
 )
 STUDY_LEVELS = (
-    ("columns", "reasons", "store"),
+    ("reasons",),
+    ("columns", "store"),
     ("results",),
     ("spec",),
     ("design",),

@@ -26,6 +26,7 @@ from warpchain.study.run import merge_study, run_study, study_status
 from warpchain.study.run.folder import Folder, open_folder
 from warpchain.study.run.prepare import prepare, shard_size
 from warpchain.study.run.recordings import recorded_variants, with_recorded_objectives
+from warpchain.study.run.tasks import Block, Part
 from warpchain.study.spec import Study
 
 ANY_ENERGY = Limits(energy_residual=math.inf)
@@ -337,7 +338,7 @@ def test_shards_fill_the_device_and_fit_the_memory(seconds, rows, parts, memory,
 )
 def test_shards_hold_every_row_once(seconds, rows, parts, cores, memory):
     size = shard_size(study_of(seconds), tiny_drive(), rows, parts, cores, memory)
-    folder = Folder(Path("out"), study_of(seconds), tiny_drive(), rows, size)
+    folder = Folder(Path("out"), rows, (Part((Block((0, rows)),), size),))
     sizes = [folder.size(shard) for shard in folder.shards]
     assert sum(sizes) == rows and min(sizes) >= 1
     assert len(set(sizes[:-1])) <= 1 and sizes[-1] <= sizes[0]  # alike, but for what is left for the last one

@@ -6,9 +6,8 @@ new limit is a row of `RULES` and a field of `Limits`; the table in `docs/judged
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -18,10 +17,7 @@ from pydantic import Field
 
 from warpchain.drive import Drive
 from warpchain.drive.part import Part, Value
-
-OK, SUSPECT, DIVERGED = "ok", "suspect", "diverged"
-STATUSES = (OK, SUSPECT, DIVERGED)
-"""What a variant can be, from good to bad."""
+from warpchain.results.reasons import DIVERGED, OK, STATUSES, SUSPECT, common_reasons
 
 NAMED = 6
 """Most variants that a warning names."""
@@ -240,23 +236,6 @@ def judge(
         status[v] = DIVERGED if diverged[v] else SUSPECT
         reason[v] = "; ".join(reasons)
     return Judgement(status, reason)
-
-
-_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
-
-
-def common_reasons(found: Iterable[tuple[str, str]]) -> list[tuple[str, str, int]]:
-    """(status, reason, how many), the most frequent first, from the (status, reason) of each variant.
-
-    Reasons that differ in their numbers only count as one, named by its first.
-    """
-    counts: Counter[tuple[str, str]] = Counter()
-    first: dict[tuple[str, str], str] = {}
-    for status, reason in found:
-        alike = status, _NUMBER.sub("#", reason)
-        counts[alike] += 1
-        first.setdefault(alike, reason)
-    return [(alike[0], first[alike], count) for alike, count in counts.most_common()]
 
 
 def told(status: Sequence[str], reason: Sequence[str]) -> str | None:

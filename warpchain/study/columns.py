@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from warpchain.results.columns import RUN, SETTLING
+from warpchain.study.reasons import OUTCOME
 
-OUTCOME = ("status", "reason")
-"""How a variant ended, and why where that is not "ok"."""
 ARCHIVED = ("archive", "archive_variant")
 """File of a recorded variant in the study's folder, and its number there."""
 ADJUSTED = ("adjusted_links", "adjusted_travel")

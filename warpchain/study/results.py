@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from warpchain.errors import StudyError
 from warpchain.files import refusals, whole_file
-from warpchain.results.judgement import STATUSES as JUDGED
-from warpchain.results.judgement import common_reasons
+from warpchain.results.reasons import common_reasons
 from warpchain.results.replicates import COUNT, ERROR, ROLE_OF_ERRORS
 from warpchain.study.columns import BOOKKEEPING
+from warpchain.study.reasons import STATUSES
 from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 DISTRIBUTION = "distribution"
 """Key of a factor's distribution in its field's metadata: the keys of the study file, as JSON."""
-STATUSES = (*JUDGED, "infeasible")
-"""What a row can be: a variant as it is judged, or a row that gives none."""
 SHOWN = 6
 """Metrics that notebooks show."""
 

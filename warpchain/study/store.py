@@ -3,21 +3,26 @@
 The pages of a Parquet file have checksums. What they leave open, a note in the schema's metadata (key `warpchain`,
 JSON) covers: `table`, the name that the file was written under, `study`, which one it belongs to, and `digest`, the
 SHA-256 of names, types, metadata and values. A table under another name is somebody's own, and its note counts for
-nothing.
+nothing. Of a table that tells how its rows ended, the note has that in short (`ended`), so that how a study stands is
+read without the tables.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from warpchain import files
 from warpchain.errors import StudyError
 from warpchain.files import PATIENCE, reason, refusals, whole_file
+from warpchain.results.reasons import alike_reasons
+from warpchain.study.reasons import OUTCOME
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -25,6 +30,28 @@ if TYPE_CHECKING:
 
 NOTE = b"warpchain"
 """Key of the note in a table's metadata."""
+PAIR = b"\x18" + bytes([len(NOTE)]) + NOTE + b"\x18"
+"""Beginning of the note in a file's footer: a pair of strings in Thrift's compact protocol, each after its length."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How the rows of a table ended.
+
+    Attributes:
+        counts: number of rows by status.
+        reasons: (status, reason, how many), those that differ in their numbers only as one, the earliest first.
+    """
+
+    counts: dict[str, int]
+    reasons: list[tuple[str, str, int]]
+
+    @staticmethod
+    def of(table: pa.Table) -> Ended:
+        """How the rows of a table with the columns `OUTCOME` ended."""
+        pairs = list(zip(*(table[name].to_pylist() for name in OUTCOME), strict=True))
+        told = ((status, reason, 1) for status, reason in pairs if reason is not None)
+        return Ended(dict(Counter(status for status, _ in pairs)), alike_reasons(told))
 
 
 def read_table(path: Path, columns: list[str] | None = None, study: str | None = None) -> pa.Table:
@@ -79,6 +106,51 @@ def _known(table: pa.Table, path: Path, whole: bool, study: str | None) -> pa.Ta
 AGAIN = "remove it, and run the study again"
 
 
+def read_ended(path: Path, study: str, rows: int) -> Ended:
+    """How the rows of one of a study's tables ended, from its note; from the table itself where that has none.
+
+    Args:
+        study: the study that it must belong to; "" takes any table.
+        rows: how many it must have.
+
+    Raises:
+        StudyError: a file that is missing, another one's, or damaged; one line.
+    """
+    note = _note(path) if study else {}
+    try:
+        held = note["ended"]
+        known = note["mark"] == _mark(note) and (note["table"], note["study"]) == (path.stem, study)
+        ended = Ended(dict(held["counts"]), [(status, text, int(n)) for status, text, n in held["reasons"]])
+    except (KeyError, TypeError, ValueError):  # of an earlier version, or damaged
+        known = False
+    if not known:
+        ended = Ended.of(read_table(path, list(OUTCOME), study or None))
+    if sum(ended.counts.values()) != rows:
+        raise StudyError(f"{path}: has {sum(ended.counts.values())} rows, its shard {rows}")
+    return ended
+
+
+def _note(path: Path) -> dict[str, Any]:
+    """The note in a Parquet file's footer, found without reading the file; empty where there is none."""
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, 2)
+            file.seek(max(size - 8, 0))
+            length = int.from_bytes(file.read(4), "little")
+            file.seek(max(size - 8 - length, 0))
+            footer = file.read(length)
+        at = footer.rindex(PAIR) + len(PAIR)
+        return dict(json.JSONDecoder().raw_decode(footer[footer.index(b"{", at) :].decode("utf-8", "replace"))[0])
+    except (OSError, ValueError, TypeError):  # said when the table is read
+        return {}
+
+
+def _mark(note: Mapping[str, Any]) -> str:
+    """Digest of a note, without itself."""
+    held = {name: value for name, value in note.items() if name != "mark"}
+    return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
+
+
 def digest_of(table: pa.Table) -> str:
     """SHA-256 of a table's names, types, metadata and values, however they lie in memory."""
     import numpy as np
@@ -110,7 +182,10 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
     from pyarrow import parquet
 
     held = {key: value for key, value in (table.schema.metadata or {}).items() if key != NOTE}
-    note = {"table": path.stem, "study": study, "digest": digest_of(table)}
+    note: dict[str, Any] = {"table": path.stem, "study": study, "digest": digest_of(table)}
+    if study and set(OUTCOME) <= set(table.column_names):
+        note["ended"] = asdict(Ended.of(table))
+        note["mark"] = _mark(note)
     noted = table.replace_schema_metadata(held | {NOTE: json.dumps(note).encode()})
     with _kept(path, keep), whole_file(path, not keep, PATIENCE) as file:
         parquet.write_table(noted, file, compression="zstd", write_page_checksum=True)

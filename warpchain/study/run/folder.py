@@ -21,18 +21,20 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.errors import StudyError
 from warpchain.study.run.tasks import Block, Numbers, Part
-from warpchain.study.spec import Study, dumps_study, load_study
-from warpchain.study.store import AGAIN, file_digest, read_table, write_table, write_text
+from warpchain.study.store import AGAIN, Ended, file_digest, read_ended, read_table, write_table, write_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from warpchain.drive import Drive
+    from warpchain.study.spec import Study
 
 FORMAT = 1
 FIXED = ("study.toml", "drive.toml", "design.parquet")
@@ -51,32 +53,49 @@ class Folder:
 
     Attributes:
         path: where it is.
-        study: the study.
-        drive: its base drive.
         rows: number of rows of the design.
-        shard: number of runs of a shard; the last one may have fewer.
-        identity: the plan's digest, which the study's tables bear; "" in folders of earlier versions.
-        digests: SHA-256 of the files that the plan stands on.
-        grown: what the plans run, where there is more than one or each row is run several times.
+        parts: what the plans run.
         plans: number of plans.
         before: what ran before the study began anew, with another duration or window.
     """
 
     path: Path
-    study: Study
-    drive: Drive
     rows: int
-    shard: int
-    identity: str = ""
-    digests: Mapping[str, str] = field(default_factory=dict)
-    grown: tuple[Part, ...] = ()
+    parts: tuple[Part, ...]
     plans: int = 1
     before: tuple[Part, ...] = ()
 
+    @cached_property
+    def study(self) -> Study:
+        """The study.
+
+        Raises:
+            StudyError: its file is damaged.
+        """
+        from warpchain.study.spec import load_study
+
+        return load_study(self.path / plan_file("study.toml", self.plans - 1))
+
+    @cached_property
+    def drive(self) -> Drive:
+        """Its base drive.
+
+        Raises:
+            DriveError: its file is damaged.
+        """
+        from warpchain.drive import load_drive
+
+        return load_drive(self.path / "drive.toml")
+
     @property
-    def parts(self) -> tuple[Part, ...]:
-        """What the plans run."""
-        return self.grown or (Part((Block((0, self.rows)),), self.shard, 0, self.identity, self.digests),)
+    def shard(self) -> int:
+        """Number of runs of a shard of the last plan; the last one may have fewer."""
+        return self.parts[-1].shard
+
+    @property
+    def identity(self) -> str:
+        """The last plan's digest, which the study's tables bear; "" in folders of earlier versions."""
+        return self.parts[-1].identity
 
     @property
     def shards(self) -> Sequence[int]:
@@ -146,7 +165,7 @@ class Folder:
             StudyError: it is missing, damaged, or has another number of rows.
         """
         name = plan_file("design.parquet", self.plans - 1)
-        _check(self.path, self.digests, name)
+        _check(self.path, self.parts[-1].digests, name)
         table = read_table(self.path / name)
         if table.num_rows != self.rows:
             raise StudyError(f"{self.path / name}: has {table.num_rows} rows, the plan {self.rows}")
@@ -164,6 +183,14 @@ class Folder:
         if isinstance(shard, int) and table.num_rows != self.size(shard):
             raise StudyError(f"{path}: has {table.num_rows} rows, its shard {self.size(shard)}")
         return table
+
+    def ended(self, shard: int) -> Ended:
+        """How the runs of a shard that is done ended.
+
+        Raises:
+            StudyError: its table is missing, damaged, or another one's.
+        """
+        return read_ended(self.table_path(shard), self.part(shard).identity, self.size(shard))
 
     def write(self, path: Path, table: pa.Table, shard: int | None = None) -> None:
         """Writes one of the study's tables, or a shard's.
@@ -226,6 +253,9 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
     Raises:
         StudyError: the folder holds another study, or cannot be written.
     """
+    from warpchain.drive import dumps_drive
+    from warpchain.study.spec import dumps_study
+
     try:
         (path / "shards").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -251,7 +281,7 @@ def make_folder(path: Path, study: Study, drive: Drive, design: pa.Table, shard:
 
 def differences(known: Study, other: Study) -> list[str]:
     """In which of its tables a study differs from one that a folder holds, but for the size of shards."""
-    differing = [name for name in Study.model_fields if getattr(known, name) != getattr(other, name)]
+    differing = [name for name in type(known).model_fields if getattr(known, name) != getattr(other, name)]
     if "run" in differing and known.run.model_copy(update={"shard": other.run.shard}) == other.run:
         differing.remove("run")  # the size of shards is decided already
     return differing
@@ -285,12 +315,9 @@ def open_folder(path: Path) -> Folder:
         before = parts if restart else before
         parts = [part] if restart else [*parts, part]
         number += 1
-    names = {name: plan_file(name, number - 1) for name in ("study.toml", "drive.toml")} | {"drive.toml": "drive.toml"}
-    for name in names.values():
+    for name in (plan_file("study.toml", number - 1), "drive.toml"):
         _check(path, part.digests, name)
-    study, drive = load_study(path / names["study.toml"]), load_drive(path / "drive.toml")
-    grown = () if number == 1 and study.design.copies == 1 else tuple(parts)
-    return Folder(path, study, drive, rows, part.shard, part.identity, part.digests, grown, number, tuple(before))
+    return Folder(path, rows, tuple(parts), number, tuple(before))
 
 
 def _read_plan(path: Path, number: int, before: Sequence[Part]) -> tuple[int, Part, bool]:

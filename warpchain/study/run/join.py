@@ -28,7 +28,8 @@ from warpchain.study.columns import ARCHIVED
 from warpchain.study.design import make_design
 from warpchain.study.run.folder import Folder, open_folder, plan_file, write_plan
 from warpchain.study.run.joinable import joined_study, start_of
-from warpchain.study.run.merge import Outcome, finish, runs_of, study_status
+from warpchain.study.run.merge import finish, runs_of
+from warpchain.study.run.status import Outcome, study_status
 from warpchain.study.run.stood import states_of, write_joined
 from warpchain.study.run.tasks import blocks_of
 from warpchain.study.spec import Study, dumps_study

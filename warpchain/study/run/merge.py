@@ -1,4 +1,4 @@
-"""How a study stands, and its end: the second pass for the worst variants, and the whole table."""
+"""The end of a study: the second pass for the worst variants, and the whole table."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,82 +16,21 @@ from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
 from warpchain.results.fatigue import Woehler
-from warpchain.results.judgement import common_reasons
 from warpchain.results.replicates import COPY, summary
-from warpchain.study.columns import ARCHIVED, OUTCOME
-from warpchain.study.results import STATUSES, read_results
+from warpchain.study.columns import ARCHIVED
+from warpchain.study.results import read_results
 from warpchain.study.run.folder import REPLICATES, Folder, open_folder
 from warpchain.study.run.recordings import with_recorded_objectives
 from warpchain.study.run.shards import run_worst
-from warpchain.study.run.stood import went_on
+from warpchain.study.run.status import Outcome, study_status
 from warpchain.study.spec import Study
 from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-LATEST = 20
-"""Shards that the rate of a study is taken from."""
 PARTIAL = "partial.parquet"
 """The table of an unfinished study, as far as it is."""
-REASONS = 3
-"""Most reasons that an outcome tells."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a study stands.
-
-    Attributes:
-        folder: its folder.
-        counts: number of variants by status, of the shards that are done.
-        reasons: the most frequent (reason, how many) of variants that are not ok; alike in all but numbers is one.
-        shards: (done, all).
-        left: number of variants of the shards that are not done.
-        rate: variants a second, as the latest shards came in; None where too few are there to tell.
-        table: the whole table's file, once there is one.
-        went_on: of a study with another duration or window than before, (runs that went on from where the ones before
-            stood, runs that began anew); None of others.
-    """
-
-    folder: Path
-    counts: Mapping[str, int]
-    reasons: tuple[tuple[str, int], ...]
-    shards: tuple[int, int]
-    left: int
-    rate: float | None
-    table: Path | None
-    went_on: tuple[int, int] | None = None
-
-
-def study_status(out: str | os.PathLike[str]) -> Outcome:
-    """How a study's folder stands.
-
-    Raises:
-        StudyError: no such folder, or a damaged one.
-    """
-    folder = open_folder(Path(out))
-    done = [shard for shard in folder.shards if folder.done(shard)]
-    counts = dict.fromkeys(STATUSES, 0)
-    ended: list[tuple[str, str]] = []
-    for shard in done:
-        for row in folder.table(shard, list(OUTCOME)).to_pylist():
-            counts[row["status"]] = counts.get(row["status"], 0) + 1
-            if row["reason"] is not None:
-                ended.append((row["status"], row["reason"]))
-    table = folder.results if folder.results.exists() else None
-    often = tuple((reason, number) for _, reason, number in common_reasons(ended)[:REASONS])
-    left = folder.runs - sum(folder.size(shard) for shard in done)
-    shards = len(done), len(folder.shards)
-    return Outcome(folder.path, counts, often, shards, left, _rate(folder, done), table, went_on(folder))
-
-
-def _rate(folder: Folder, done: Sequence[int]) -> float | None:
-    """Variants a second of the shards that came in last, by the times of their files."""
-    landed = sorted((folder.table_path(shard).stat().st_mtime, folder.size(shard)) for shard in done)[-LATEST:]
-    if len(landed) < 3 or landed[-1][0] <= landed[0][0]:
-        return None
-    return sum(size for _, size in landed[1:]) / (landed[-1][0] - landed[0][0])
 
 
 def merge_study(out: str | os.PathLike[str], *, workers: int | None = None, memory: int = MEMORY) -> Outcome:

@@ -16,9 +16,10 @@ from warpchain.engine.progress import bar as bar_of
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.study.run.folder import Folder
-from warpchain.study.run.merge import Outcome, finish, merge_study, study_status, workers_named
+from warpchain.study.run.merge import finish, merge_study, workers_named
 from warpchain.study.run.prepare import prepare
 from warpchain.study.run.shards import run_shard
+from warpchain.study.run.status import Outcome, study_status
 
 __all__ = ["Outcome", "merge_study", "run_study", "study_status"]
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
-Numbers = NDArray[np.int64]
+Numbers: TypeAlias = "NDArray[np.int64]"
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,8 @@ class Block:
 
     def tasks(self, begin: int, end: int) -> tuple[Numbers, Numbers]:
         """Row and copy of the runs from `begin` to `end`."""
+        import numpy as np
+
         number, width = np.arange(begin, end), self.copies[1] - self.copies[0]
         return self.rows[0] + number // width, self.copies[0] + number % width
 
@@ -66,6 +70,8 @@ class Part:
 
     def tasks(self, shard: int) -> tuple[Numbers, Numbers]:
         """Row and copy of each run of a shard."""
+        import numpy as np
+
         begin = (shard - self.first) * self.shard
         end, before = begin + self.size(shard), 0
         found = []
