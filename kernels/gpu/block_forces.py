@@ -19,6 +19,7 @@ from ..physics.contact import (
     reaction,
     respond,
     rub,
+    rub_evenly,
     surface_velocity,
     tracked_seat,
     turned,
@@ -133,6 +134,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             left = left & (left - 1)
             state.seat[at] = -1
             state.impact_speed[at] = Real(0.0)
+
+    @wp.func
+    def drag_of(size: Real, normal: vec2, relative: vec2, what: kinds.Sliding):
+        """Friction on a roller [N], as `rub`."""
+        if wp.static(kind.stribeck):
+            return rub(size, normal, relative, what)
+        else:
+            return rub_evenly(size, normal, relative, what)
 
     @wp.func
     def keep(state: kinds.State, now: Now, at: int, before: Real, first: Real):
@@ -300,7 +309,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
             drag = vec2(Real(0.0), Real(0.0))
             if wp.static(sliding):
-                drag = rub(size, normal, relative, shared.sliding[s])
+                drag = drag_of(size, normal, relative, shared.sliding[s])
                 force = force + drag
             set_force(shared, j, force_on(shared, j) + force)
             keep(state, now, at, before, first)
@@ -390,7 +399,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 state.extra[extra].guide_force = state.extra[extra].guide_force + size
             drag = vec2(Real(0.0), Real(0.0))
             if wp.static(sliding):
-                drag = rub(size, normal, relative, shared.sliding[wp.static(sprockets) + g])
+                drag = drag_of(size, normal, relative, shared.sliding[wp.static(sprockets) + g])
                 force = force + drag
             set_force(shared, j, force_on(shared, j) + force)
             if wp.static(profiles):

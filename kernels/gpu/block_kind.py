@@ -26,6 +26,7 @@ class BlockKind:
         rk4: the classical Runge-Kutta scheme instead of leapfrog.
         sliding: rollers rub on teeth or guide-bars.
         bending: the joints rub.
+        stribeck: a coefficient of friction may depend on the speed.
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
@@ -51,6 +52,7 @@ class BlockKind:
     crewed: bool = False
     shared_bytes: int = DECLARED
     curved: bool = True
+    stribeck: bool = True
 
     @property
     def paired(self) -> bool:

@@ -266,7 +266,8 @@ def room(kind: BlockKind) -> Room:
     kinds = types(kind.Real)
     size = wp.types.type_size_in_bytes(kind.Real)
     parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
-    rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
+    joints_rows = kind.bending and (kind.measuring or kind.threads > WARP)
+    rows = (shared_rows(kind.Real) + 2 * joints_rows) * kind.slots
     seen = kind.threads // WARP * extremes(kind) + (1 + kind.bending) * kind.slots if kind.measuring else 1
     strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
