@@ -65,9 +65,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         for s in range(wp.static(sprockets)):
             if wp.static(moving):
                 mask = mask | (1 << s)
-            elif wp.static(kind.spinning):
-                mask = mask | wp.where(shared.spins[s].prescribed == 0, (1 << s), 0)
-            elif shared.motions[s].prescribed == 0:
+            elif not bodies.is_led(shared, s):
                 mask = mask | (1 << s)
         return mask
 

@@ -67,7 +67,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     X, Y, X_LOW, Y_LOW, group_sum = row.X, row.Y, row.X_LOW, row.Y_LOW, row.sharing.group_sum
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
-    load_part, store_part = accessors(wp.float64).load_row, accessors(wp.float64).store_row
     load_gear, store_gear = gears(kind).load_gear, gears(kind).store_gear
     load_bar, store_bar = gears(kind).load_bar, gears(kind).store_bar
     SPROCKETS = wp.constant((1 << sprockets) - 1)

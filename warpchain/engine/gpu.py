@@ -184,12 +184,12 @@ def curved(packed: Packed) -> NDArray[np.bool_]:
 
 
 def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
-    """Values, integers and doubles that blocks too large for shared memory keep in global memory."""
+    """Values, integers and values of parts that blocks too large for shared memory keep in global memory."""
     needs = np.zeros(3, dtype=int)
     for bucket in buckets:
         for name in ("advance", "measure", "relax"):
             of = room(kernel_kind(name, real, bucket))
-            needs = np.maximum(needs, bucket.count * np.array([of.values, of.integers, of.doubles]))
+            needs = np.maximum(needs, bucket.count * np.array([of.values, of.integers, of.part_values]))
     return int(needs[0]), int(needs[1]), int(needs[2])
 
 
