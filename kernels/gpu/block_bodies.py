@@ -153,14 +153,15 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
                 store_wheel(shared.wheels, s, wheel_of(pose, ensemble.sprockets[at].exact_radius))
         if wp.static(moving):
             shared.mounts[s] = ensemble.mounts[b]
-            shared.mount_sums[s] = sums.mount[at]
-        if wp.static(kind.spinning):
-            if wp.static(kind.measuring):
+        if wp.static(kind.measuring):
+            if wp.static(moving):
+                shared.mount_sums[s] = sums.mount[at]
+            if wp.static(kind.spinning):
                 shared.spin_sums[s] = spin_sums_of(sums.sprocket[at])
-        else:
-            shared.sprocket_sums[s] = sums.sprocket[at]
-        shared.strand_sums[s] = sums.strand[at]
-        shared.strands[s] = state.strands[at]
+            else:
+                shared.sprocket_sums[s] = sums.sprocket[at]
+            shared.strand_sums[s] = sums.strand[at]
+            shared.strands[s] = state.strands[at]
 
     @wp.func
     def end_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, mine: Mine):
@@ -173,15 +174,15 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             state.bodies[b] = with_spin(state.bodies[b], load_wheel(shared.wheels, s))
         else:
             state.bodies[drive.first_body + s] = state_of(shared.poses[s])
-        if wp.static(moving):
-            sums.mount[at] = shared.mount_sums[s]
-        if wp.static(kind.spinning):
-            if wp.static(kind.measuring):
+        if wp.static(kind.measuring):
+            if wp.static(moving):
+                sums.mount[at] = shared.mount_sums[s]
+            if wp.static(kind.spinning):
                 sums.sprocket[at] = sprocket_sums_of(shared.spin_sums[s])
-        else:
-            sums.sprocket[at] = shared.sprocket_sums[s]
-        sums.strand[at] = shared.strand_sums[s]
-        state.strands[at] = shared.strands[s]
+            else:
+                sums.sprocket[at] = shared.sprocket_sums[s]
+            sums.strand[at] = shared.strand_sums[s]
+            state.strands[at] = shared.strands[s]
 
     @wp.func
     def is_led(shared: kinds.Shared, s: int):

@@ -270,7 +270,8 @@ def room(kind: BlockKind) -> Room:
     rows = (shared_rows(kind.Real) + 2 * joints_rows) * kind.slots
     seen = kind.threads // WARP * extremes(kind) + (1 + kind.bending) * kind.slots if kind.measuring else 1
     strand_of = kind.slots if kind.measuring else 1
-    of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
+    of_each = [kinds.Sprocket, kinds.Band]
+    of_each += [Strand, SprocketSums, StrandSums] if kind.measuring else []
     of_each += [Mount, MountSums] if kind.moving else []
     of_each += [wp.vec4f] * (WHEEL_ROWS + GEAR_ROWS) if kind.paired else []
     of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
@@ -474,13 +475,14 @@ def exchange(kind: BlockKind) -> Exchange:
         else:
             shared.parts = view(state.parts, block * wp.static(of.parts), wp.static(of.parts))
         shared.mounts = mounts(shared)
-        shared.strands = strands(shared)
-        shared.mount_sums = mount_sums(shared)
-        if wp.static(kind.spinning):
-            shared.spin_sums = spin_sums(shared)
-        else:
-            shared.sprocket_sums = sprocket_sums(shared)
-        shared.strand_sums = strand_sums(shared)
+        if wp.static(kind.measuring):
+            shared.strands = strands(shared)
+            shared.mount_sums = mount_sums(shared)
+            if wp.static(kind.spinning):
+                shared.spin_sums = spin_sums(shared)
+            else:
+                shared.sprocket_sums = sprocket_sums(shared)
+            shared.strand_sums = strand_sums(shared)
         return shared
 
     return Exchange(
