@@ -40,7 +40,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
-    vec2 = kinds.vec2
+    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
     sampling, partners = block_sampling(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
@@ -55,6 +55,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # what rollers may touch unless that depends on where the bodies are
     ahead = threads > 32
     early = ahead and not (moving or kind.profiles)
+    # a warp without rollers adds up the forces on hubs of a watched step while the next one's contacts are worked out
+    late = measuring and kind.crewed and int(WATCH_EVERY) > 1 and not (moving or rk4)
     # contacts without what frames want stand in the code a second time, where a thread's registers bear that
     lean = not measuring and (ahead or per <= (6 if Real == wp.float32 else 4))
 
@@ -65,9 +67,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         for s in range(wp.static(sprockets)):
             if wp.static(moving):
                 mask = mask | (1 << s)
-            elif wp.static(kind.spinning):
-                mask = mask | wp.where(shared.spins[s].prescribed == 0, (1 << s), 0)
-            elif shared.motions[s].prescribed == 0:
+            elif not bodies.is_led(shared, s):
                 mask = mask | (1 << s)
         return mask
 
@@ -75,6 +75,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def wanted(now: Now):
         """What is wanted of this evaluation: metrics at a step's start, and whose moments."""
         now.measured = 0
+        now.owed = now.watched
         now.watched = 0
         if wp.static(measuring) and now.stage == 0:
             now.measured = now.window
@@ -93,7 +94,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         return now
 
     @wp.func
-    def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: wp.types.vector(3, Real)):
+    def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: of_three):
         """Adds the chain's force on the thread's sprocket to its sums; all threads together."""
         hub = vec2(acting[1], acting[2])
         if wp.static(not moving):
@@ -123,7 +124,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         All threads together work out what the chain does to it.
         """
         acting = acting_on(shared, mine.thread)
-        if wp.static(measuring) and now.watched != 0:
+        if wp.static(measuring and not late) and now.watched != 0:
             add_hub(shared, mine, now, acting)
         if mine.sprocket >= 0:
             if wp.static(kind.spinning):
@@ -172,7 +173,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
-        """Works out the load on the thread's sprocket."""
+        """Works out the load on the thread's sprocket; adds the force on its hub of the step before, where it is owed."""
+        if wp.static(late) and now.owed != 0:
+            add_hub(shared, mine, now, of_three())
         if mine.sprocket >= 0 and now.stage == 0:
             bodies.weigh(ensemble, shared, mine, now.step)
 
@@ -247,6 +250,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now: Now,
     ):
         """Everything back into the state."""
+        if wp.static(late) and now.watched != 0:
+            add_hub(shared, mine, now, of_three())
         if wp.static(measuring):
             observe.flush(tallies, shared, mine)
             forces.close_sums(tallies, mine)
@@ -324,8 +329,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
                 weigh(ensemble, shared, mine, now)
                 if wp.static(ahead):
-                    barrier()  # others may still be at rollers beside theirs
-                    sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                    if wp.static(kind.bending) or now.flags != 0:
+                        barrier()  # others may still be at rollers beside theirs
+                        sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
                     advance_rollers(state, shared, mine, now)
             barrier()
             if wp.static(not ahead):

@@ -24,6 +24,7 @@ from .exchange import COURSE, lanes
 class BodyFunctions:
     """What is done about bodies, as functions of kernels."""
 
+    is_led: wp.Function
     body_gone: wp.Function
     set_heading: wp.Function
     start_body: wp.Function
@@ -71,8 +72,8 @@ def state_of(pose: Pose):
 
 @wp.func
 def course_of(s: int, step: int):
-    """Where the prescribed angle and speed of body s at `step` stand."""
-    return 2 * (s * wp.static(COURSE) + step % wp.static(COURSE))
+    """Which place the prescribed angle and speed of body s at `step` have."""
+    return s * wp.static(COURSE) + step % wp.static(COURSE)
 
 
 @cache
@@ -152,14 +153,15 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
                 store_wheel(shared.wheels, s, wheel_of(pose, ensemble.sprockets[at].exact_radius))
         if wp.static(moving):
             shared.mounts[s] = ensemble.mounts[b]
-            shared.mount_sums[s] = sums.mount[at]
-        if wp.static(kind.spinning):
-            if wp.static(kind.measuring):
+        if wp.static(kind.measuring):
+            if wp.static(moving):
+                shared.mount_sums[s] = sums.mount[at]
+            if wp.static(kind.spinning):
                 shared.spin_sums[s] = spin_sums_of(sums.sprocket[at])
-        else:
-            shared.sprocket_sums[s] = sums.sprocket[at]
-        shared.strand_sums[s] = sums.strand[at]
-        shared.strands[s] = state.strands[at]
+            else:
+                shared.sprocket_sums[s] = sums.sprocket[at]
+            shared.strand_sums[s] = sums.strand[at]
+            shared.strands[s] = state.strands[at]
 
     @wp.func
     def end_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, mine: Mine):
@@ -172,48 +174,45 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             state.bodies[b] = with_spin(state.bodies[b], load_wheel(shared.wheels, s))
         else:
             state.bodies[drive.first_body + s] = state_of(shared.poses[s])
-        if wp.static(moving):
-            sums.mount[at] = shared.mount_sums[s]
-        if wp.static(kind.spinning):
-            if wp.static(kind.measuring):
+        if wp.static(kind.measuring):
+            if wp.static(moving):
+                sums.mount[at] = shared.mount_sums[s]
+            if wp.static(kind.spinning):
                 sums.sprocket[at] = sprocket_sums_of(shared.spin_sums[s])
-        else:
-            sums.sprocket[at] = shared.sprocket_sums[s]
-        sums.strand[at] = shared.strand_sums[s]
-        state.strands[at] = shared.strands[s]
+            else:
+                sums.sprocket[at] = shared.sprocket_sums[s]
+            sums.strand[at] = shared.strand_sums[s]
+            state.strands[at] = shared.strands[s]
 
     @wp.func
-    def plan_spins(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
-        """As `plan`, in pairs of float32."""
-        i = mine.thread
-        s = i // lanes()
-        while s < wp.static(sprockets):
-            if shared.spins[s].prescribed == 1:
-                ahead = 1 + i % lanes()
-                while ahead <= wp.static(COURSE):
-                    shared.led[course_of(s, step + ahead) // 2] = led_to(ensemble, shared, mine, s, step + ahead)
-                    ahead = ahead + lanes()
-            s = s + wp.static(threads) // lanes()
+    def is_led(shared: kinds.Shared, s: int):
+        """Whether the angle of sprocket s is prescribed."""
+        if wp.static(kind.spinning):
+            return shared.spins[s].prescribed == 1
+        else:
+            return shared.motions[s].prescribed == 1
+
+    @wp.func
+    def foresee(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
+        """Puts where sprocket s is led at a step in its place."""
+        at = course_of(s, step)
+        if wp.static(kind.spinning):
+            shared.led[at] = led_to(ensemble, shared, mine, s, step)
+        else:
+            angle, speed = prescribed_at(wp.float64(step) * mine.h, shared.motions[s], ensemble.curves)
+            shared.course[2 * at] = angle
+            shared.course[2 * at + 1] = speed
 
     @wp.func
     def plan(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
         """Prescribed angles and speeds of the next `COURSE` steps: each warp its own bodies', a step a thread."""
-        if wp.static(kind.spinning):
-            plan_spins(ensemble, shared, mine, step)
-            return
         i = mine.thread
-        drive = ensemble.drives[mine.variant]
         s = i // lanes()
         while s < wp.static(sprockets):
-            motion = shared.motions[s]
-            if motion.prescribed == 1:
+            if is_led(shared, s):
                 ahead = 1 + i % lanes()
                 while ahead <= wp.static(COURSE):
-                    time = wp.float64(step + ahead) * drive.step
-                    angle, speed = prescribed_at(time, motion, ensemble.curves)
-                    at = course_of(s, step + ahead)
-                    shared.course[at] = angle
-                    shared.course[at + 1] = speed
+                    foresee(ensemble, shared, mine, s, step + ahead)
                     ahead = ahead + lanes()
             s = s + wp.static(threads) // lanes()
 
@@ -275,7 +274,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             rate = (moment + wheel.load) * spin.inverse_inertia
             seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate
         if now.going != 0:
-            ahead = shared.led[course_of(s, now.step + 1) // 2]  # which stands for nothing where the angle is free
+            ahead = shared.led[course_of(s, now.step + 1)]  # which stands for nothing where the angle is free
             store_turn(shared.wheels, s, spun(wheel, leapfrog_kick(now.step, h), h, moment, ahead, spin))
         return seen
 
@@ -296,8 +295,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         observed = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
         if now.going != 0:
             at = course_of(s, now.step + 1)  # which stands for nothing where the angle is free
-            ahead = shared.course[at]
-            pose.exact_speed = shared.course[at + 1]
+            ahead = shared.course[2 * at]
+            pose.exact_speed = shared.course[2 * at + 1]
             body = leapfrog_body(time, leapfrog_kick(now.step, h), h, body, rates, ahead, motion, mount)
             heading = rotated(heading, body.angle - pose.angle)
             pose.cosine = heading[0]
@@ -353,6 +352,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             return leapfrog(ensemble, shared, mine, now, wrench)
 
     return BodyFunctions(
+        is_led=is_led,
         body_gone=body_gone,
         set_heading=set_heading,
         start_body=start_body,

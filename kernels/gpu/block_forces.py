@@ -19,6 +19,7 @@ from ..physics.contact import (
     reaction,
     respond,
     rub,
+    rub_evenly,
     surface_velocity,
     tracked_seat,
     turned,
@@ -66,7 +67,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     X, Y, X_LOW, Y_LOW, group_sum = row.X, row.Y, row.X_LOW, row.Y_LOW, row.sharing.group_sum
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
-    load_part, store_part = accessors(wp.float64).load_row, accessors(wp.float64).store_row
     load_gear, store_gear = gears(kind).load_gear, gears(kind).store_gear
     load_bar, store_bar = gears(kind).load_bar, gears(kind).store_bar
     SPROCKETS = wp.constant((1 << sprockets) - 1)
@@ -133,6 +133,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             left = left & (left - 1)
             state.seat[at] = -1
             state.impact_speed[at] = Real(0.0)
+
+    @wp.func
+    def drag_of(size: Real, normal: vec2, relative: vec2, what: kinds.Sliding):
+        """Friction on a roller [N], as `rub`."""
+        if wp.static(kind.stribeck):
+            return rub(size, normal, relative, what)
+        else:
+            return rub_evenly(size, normal, relative, what)
 
     @wp.func
     def keep(state: kinds.State, now: Now, at: int, before: Real, first: Real):
@@ -300,7 +308,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 state.extra[extra].sprocket_force = state.extra[extra].sprocket_force + size
             drag = vec2(Real(0.0), Real(0.0))
             if wp.static(sliding):
-                drag = rub(size, normal, relative, shared.sliding[s])
+                drag = drag_of(size, normal, relative, shared.sliding[s])
                 force = force + drag
             set_force(shared, j, force_on(shared, j) + force)
             keep(state, now, at, before, first)
@@ -390,7 +398,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 state.extra[extra].guide_force = state.extra[extra].guide_force + size
             drag = vec2(Real(0.0), Real(0.0))
             if wp.static(sliding):
-                drag = rub(size, normal, relative, shared.sliding[wp.static(sprockets) + g])
+                drag = drag_of(size, normal, relative, shared.sliding[wp.static(sprockets) + g])
                 force = force + drag
             set_force(shared, j, force_on(shared, j) + force)
             if wp.static(profiles):

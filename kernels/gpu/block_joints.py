@@ -1,7 +1,8 @@
-"""Friction of the joints on blocks of threads: it takes one barrier more, and two more rows of rollers.
+"""Friction of the joints on blocks of threads.
 
-Those rows hold each link's tension and rate of turning until its neighbors have worked out their joints' moments; where
-metrics are taken then the force of its joints' couple, for the step's friction work.
+Each link's tension and rate of turning lie in two rows until its neighbors have worked out their joints' moments. On a
+block of one warp, whose barriers cost little, these are the rows of forces, and each moment is worked out once; on
+several warps two more, and twice. Where metrics are taken two more rows keep the couples' forces, for the friction work.
 """
 
 from dataclasses import dataclass
@@ -9,16 +10,12 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.joint import couple_force, joint_friction_power, joint_moment, turning
+from ..physics.joint import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
 from ..rows import accessors
 from ..structs import types
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .exchange import WARP, extremes, shared_rows
-
-REGISTERED = 4
-"""Rollers of a thread whose link forces wait in registers; of more they wait in their rows, which spills less."""
-
 
 @dataclass(frozen=True)
 class JointFunctions:
@@ -36,24 +33,51 @@ def block_joints(kind: BlockKind) -> JointFunctions:
     kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
     of_each = wp.types.vector(per, Real)
-    crowded = per > REGISTERED
     row = block_rows(kind)
     barrier, link_of, across, before = row.sharing.barrier, row.link_of, row.across, row.before
+    link_between = row.link_between
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
+    alone = threads == WARP
+    COUPLE_X, COUPLE_Y = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
+    TENSION, TURN = (row.FORCE_X, row.FORCE_Y) if alone else (COUPLE_X, COUPLE_Y)
     FRICTION = wp.constant(threads // WARP * extremes(kind) + slots)
 
     @wp.func
-    def moment_between(rows: wp.array[Real], i: int, j: int, joint: kinds.Joint):
-        """Moment of the joint between link i and the next, j, from the rows of tensions and rates of turning."""
-        return joint_moment(
-            load_row(rows, FIRST + i),
-            load_row(rows, SECOND + i),
-            load_row(rows, FIRST + j),
-            load_row(rows, SECOND + j),
-            joint,
-        )
+    def moment_between(before: vec2, after: vec2, joint: kinds.Joint):
+        """Moment [N m] of the joint between two links, given tension [N] and rate of turning [rad/s] of each."""
+        if wp.static(kind.stribeck):
+            return joint_moment(before[0], before[1], after[0], after[1], joint)
+        else:
+            return rubbing_moment(joint.law.mu_dynamic, before[0], before[1], after[0], after[1], joint)
+
+    @wp.func
+    def bent(rows: wp.array[Real], j: int):
+        """Tension [N] of link j and the rate at which it turns [rad/s], from their rows."""
+        return vec2(load_row(rows, TENSION + j), load_row(rows, TURN + j))
+
+    @wp.func
+    def share_moments(rows: wp.array[Real], n: int, i: int, joint: kinds.Joint):
+        """Puts the moment of each joint of the thread in place of the rate at which the link after it turns."""
+        moment = of_each()
+        for k in range(wp.static(per)):
+            j = k * wp.static(threads) + i
+            moment[k] = moment_between(bent(rows, before(j, n)), bent(rows, j), joint)
+        barrier()
+        for k in range(wp.static(per)):
+            store_row(rows, TURN + k * wp.static(threads) + i, moment[k])
+        barrier()
+
+    @wp.func
+    def couple_on(rows: wp.array[Real], n: int, j: int, lever: vec2, joint: kinds.Joint):
+        """Force [N] of the couple of link j's joints."""
+        next = wp.where(j + 1 < n, j + 1, 0)
+        if wp.static(alone):
+            return couple_force(load_row(rows, TURN + j), load_row(rows, TURN + next), lever)
+        else:
+            after = bent(rows, j)
+            moment = moment_between(bent(rows, before(j, n)), after, joint)
+            return couple_force(moment, moment_between(after, bent(rows, next), joint), lever)
 
     @wp.func
     def pull(shared: kinds.Shared, lengths: wp.array[Real], n: int, i: int):
@@ -61,52 +85,43 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         rows = shared.rows
         tension = of_each()
         rate = of_each()
-        bend_x = of_each()
-        bend_y = of_each()
+        lever_x = of_each()
+        lever_y = of_each()
         pull_x = of_each()
         pull_y = of_each()
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
-            tension_k, rate_k, force = link_of(shared, j, n, load_row(lengths, j))
-            if wp.static(crowded):
-                set_force(shared, j, force)
-            else:
-                pull_x[k] = force[0]
-                pull_y[k] = force[1]
             d, w = across(shared, j, n)
+            tension_k, rate_k, force = link_between(shared, j, d, w, load_row(lengths, j))
             lever, turn = turning(d, w)
-            store_row(rows, FIRST + j, tension_k)
-            store_row(rows, SECOND + j, turn)
+            store_row(rows, TENSION + j, tension_k)
+            store_row(rows, TURN + j, turn)
             tension[k] = tension_k
             rate[k] = rate_k
-            bend_x[k] = lever[0]
-            bend_y[k] = lever[1]
+            lever_x[k] = lever[0]
+            lever_y[k] = lever[1]
+            pull_x[k] = force[0]
+            pull_y[k] = force[1]
         barrier()
-        joint = shared.joint[0]
+        if wp.static(alone):
+            share_moments(rows, n, i, shared.joint[0])
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
-            moment = moment_between(rows, before(j, n), j, joint)
-            next_moment = moment_between(rows, j, wp.where(j + 1 < n, j + 1, 0), joint)
-            force = couple_force(moment, next_moment, vec2(bend_x[k], bend_y[k]))
-            bend_x[k] = force[0]
-            bend_y[k] = force[1]
-            if wp.static(crowded):
-                force = force + force_on(shared, j)
-            else:
-                force = force + vec2(pull_x[k], pull_y[k])
-                pull_x[k] = force[0]
-                pull_y[k] = force[1]
-            set_force(shared, j, force)
+            couple = couple_on(rows, n, j, vec2(lever_x[k], lever_y[k]), shared.joint[0])
+            lever_x[k] = couple[0]
+            lever_y[k] = couple[1]
+            pull_x[k] = pull_x[k] + couple[0]
+            pull_y[k] = pull_y[k] + couple[1]
+        if wp.static(alone):
+            barrier()
+        for k in range(wp.static(per)):
+            set_force(shared, k * wp.static(threads) + i, vec2(pull_x[k], pull_y[k]))
         barrier()
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
             if wp.static(kind.measuring):
-                store_row(rows, FIRST + j, bend_x[k])
-                store_row(rows, SECOND + j, bend_y[k])
-            if wp.static(crowded):
-                own = force_on(shared, j)
-                pull_x[k] = own[0]
-                pull_y[k] = own[1]
+                store_row(rows, COUPLE_X + j, lever_x[k])
+                store_row(rows, COUPLE_Y + j, lever_y[k])
             force = force_on(shared, before(j, n))
             pull_x[k] = pull_x[k] - force[0]
             pull_y[k] = pull_y[k] - force[1]
@@ -123,8 +138,8 @@ def block_joints(kind: BlockKind) -> JointFunctions:
             j = k * wp.static(threads) + mine.thread
             i = before(j, mine.rollers)
             force = vec2(
-                load_row(rows, FIRST + j) - load_row(rows, FIRST + i),
-                load_row(rows, SECOND + j) - load_row(rows, SECOND + i),
+                load_row(rows, COUPLE_X + j) - load_row(rows, COUPLE_X + i),
+                load_row(rows, COUPLE_Y + j) - load_row(rows, COUPLE_Y + i),
             )
             v = velocity(rows, j)
             if wp.static(not kind.rk4):
@@ -148,7 +163,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         """Power that joint j dissipates [W], worked out anew from the links beside it, at rates from `lag` later."""
         tension_before, turn_before, later_before = pulled(ensemble, shared, mine, before(j, mine.rollers), lag)
         tension, turn, later = pulled(ensemble, shared, mine, j, lag)
-        moment = joint_moment(tension_before, turn_before, tension, turn, shared.joint[0])
+        moment = moment_between(vec2(tension_before, turn_before), vec2(tension, turn), shared.joint[0])
         return joint_friction_power(moment, later_before, later)
 
     return JointFunctions(pull=pull, add_friction=add_friction, joint_power=joint_power)

@@ -26,6 +26,7 @@ class BlockKind:
         rk4: the classical Runge-Kutta scheme instead of leapfrog.
         sliding: rollers rub on teeth or guide-bars.
         bending: the joints rub.
+        stribeck: a coefficient of friction may depend on the speed.
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
@@ -51,6 +52,7 @@ class BlockKind:
     crewed: bool = False
     shared_bytes: int = DECLARED
     curved: bool = True
+    stribeck: bool = True
 
     @property
     def paired(self) -> bool:
@@ -134,6 +136,7 @@ def now_struct(Real: type) -> type:
         weight: Real  # time that this step stands for in the window's sums [s]
         watch_weight: Real  # time that a watched step stands for [s]
         watched: wp.int32  # 1 where forces are watched (`sums.WATCH_EVERY`)
+        owed: wp.int32  # 1 after a watched step
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
         driven: wp.int32  # sprockets that their moment moves, as bits

@@ -30,12 +30,15 @@ class RowFunctions:
     sharing: Exchange
     X: int
     Y: int
+    FORCE_X: int
+    FORCE_Y: int
     X_LOW: int
     Y_LOW: int
     step_of: wp.Function
     place: wp.Function
     velocity: wp.Function
     across: wp.Function
+    link_between: wp.Function
     link_of: wp.Function
     before: wp.Function
     pull: wp.Function
@@ -104,10 +107,12 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         return d, v
 
     @wp.func
-    def link_of(shared: kinds.Shared, j: int, n: int, length: Real):
-        """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it, eq. (2), (3)."""
+    def link_between(shared: kinds.Shared, j: int, d: vec2, v: vec2, length: Real):
+        """Tension [N], rate of elongation [m/s] and force on roller j [N] of the link after it, eq. (2), (3).
+
+        `d` and `v` are from `across`.
+        """
         chain = shared.chain[0]
-        d, v = across(shared, j, n)
         if wp.static(kind.uneven):
             links = shared.links[0]
             tension, rate, u = played_force(d, v, length, links.play, link_chain(j, chain, links))
@@ -115,6 +120,12 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         else:
             tension, rate, u = link_force(d, v, length, chain.stiffness, chain.damping)
             return tension, rate, tension * u
+
+    @wp.func
+    def link_of(shared: kinds.Shared, j: int, n: int, length: Real):
+        """The same, of where the rollers are."""
+        d, v = across(shared, j, n)
+        return link_between(shared, j, d, v, length)
 
     @wp.func
     def before(j: int, n: int):
@@ -255,12 +266,15 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         sharing=sharing,
         X=X,
         Y=Y,
+        FORCE_X=FORCE_X,
+        FORCE_Y=FORCE_Y,
         X_LOW=X_LOW,
         Y_LOW=Y_LOW,
         step_of=step_of,
         place=place,
         velocity=velocity,
         across=across,
+        link_between=link_between,
         link_of=link_of,
         before=before,
         pull=pull,

@@ -1,9 +1,9 @@
 """What the threads of a block share: the rollers' states and forces, and what they have in common of a variant.
 
-The only native code of the block kernel. On CUDA the arrays lie in the block's shared memory, those of large blocks in
-global memory; elsewhere they are static. (On the CPU a block's threads are cooperative fibers of one thread, a warp is
-one thread, and blocks follow each other.) What each thread does between two barriers touches nothing that another one
-reads.
+Where that lies, and how threads wait for each other and add up together, is native code. On CUDA the arrays lie in the
+block's shared memory, those of large blocks in global memory; elsewhere they are static. (On the CPU a block's threads
+are cooperative fibers of one thread, a warp is one thread, and blocks follow each other.) What each thread does between
+two barriers touches nothing that another one reads.
 """
 
 from dataclasses import dataclass
@@ -234,7 +234,7 @@ class Room:
     asks: bool  # each launch asks for what is shared of these
 
     @property
-    def doubles(self) -> int:
+    def part_values(self) -> int:
         """Values of `parts` of a block in global memory."""
         return self.parts * (not self.shares_parts)
 
@@ -266,10 +266,12 @@ def room(kind: BlockKind) -> Room:
     kinds = types(kind.Real)
     size = wp.types.type_size_in_bytes(kind.Real)
     parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
-    rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
+    joints_rows = kind.bending and (kind.measuring or kind.threads > WARP)
+    rows = (shared_rows(kind.Real) + 2 * joints_rows) * kind.slots
     seen = kind.threads // WARP * extremes(kind) + (1 + kind.bending) * kind.slots if kind.measuring else 1
     strand_of = kind.slots if kind.measuring else 1
-    of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
+    of_each = [kinds.Sprocket, kinds.Band]
+    of_each += [Strand, SprocketSums, StrandSums] if kind.measuring else []
     of_each += [Mount, MountSums] if kind.moving else []
     of_each += [wp.vec4f] * (WHEEL_ROWS + GEAR_ROWS) if kind.paired else []
     of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
@@ -348,9 +350,6 @@ def exchange(kind: BlockKind) -> Exchange:
     def view(all: wp.array[Real], first: int, count: int) -> wp.array[Real]:
         """`count` values from `first` on."""
         ...
-
-    @wp.func_native(OWN)
-    def own_parts(all: wp.array[Real], first: int, count: int) -> wp.array[Real]: ...
 
     @wp.func_native(OWN)
     def own_held(all: wp.array[wp.int32], first: int, count: int) -> wp.array[wp.int32]: ...
@@ -474,15 +473,16 @@ def exchange(kind: BlockKind) -> Exchange:
         if wp.static(of.shares_parts):
             shared.parts = parts(shared)
         else:
-            shared.parts = own_parts(state.parts, block * wp.static(of.parts), wp.static(of.parts))
+            shared.parts = view(state.parts, block * wp.static(of.parts), wp.static(of.parts))
         shared.mounts = mounts(shared)
-        shared.strands = strands(shared)
-        shared.mount_sums = mount_sums(shared)
-        if wp.static(kind.spinning):
-            shared.spin_sums = spin_sums(shared)
-        else:
-            shared.sprocket_sums = sprocket_sums(shared)
-        shared.strand_sums = strand_sums(shared)
+        if wp.static(kind.measuring):
+            shared.strands = strands(shared)
+            shared.mount_sums = mount_sums(shared)
+            if wp.static(kind.spinning):
+                shared.spin_sums = spin_sums(shared)
+            else:
+                shared.sprocket_sums = sprocket_sums(shared)
+            shared.strand_sums = strand_sums(shared)
         return shared
 
     return Exchange(

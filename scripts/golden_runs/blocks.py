@@ -65,7 +65,7 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
     kind, blocks = kind_of(packed, shape, measuring), len(drives)
     of = room(kind)
     with fibers():
-        large = blocks * of.values, blocks * of.integers, blocks * of.doubles
+        large = blocks * of.values, blocks * of.integers, blocks * of.part_values
         ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large)
         sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
         frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")

@@ -142,7 +142,7 @@ def test_every_kernel_finds_its_rows(room_, most, moves):
         assert shape.room >= room_
         allowed = most if room_ > 512 else DECLARED
         of = room(BlockKind(wp.float64, shape.threads, shape.per, 3, 1, moving, measuring, shared_bytes=allowed))
-        assert there[0] >= 7 * of.values and there[1] >= 7 * of.integers and there[2] >= 7 * of.doubles
+        assert there[0] >= 7 * of.values and there[1] >= 7 * of.integers and there[2] >= 7 * of.part_values
     # a roller has 6 values and an int, 52 bytes: 1,024 need 53,248 of 47,000 bytes, 4,096 need 212,992 of 232,448
     assert (there[0] >= 7 * 6 * room_, there[1] == 7 * room_) == (room_ >= 1024 and most == DECLARED,) * 2
 

@@ -98,7 +98,7 @@ def moving_sprockets():
 def large(packed, shape, blocks):
     """What `upload_state` is to keep in global memory for such blocks."""
     of = room_of(packed, shape)
-    return blocks * of.values, blocks * of.integers, blocks * of.doubles
+    return blocks * of.values, blocks * of.integers, blocks * of.part_values
 
 
 def room_of(packed, shape):

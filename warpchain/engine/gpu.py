@@ -135,6 +135,7 @@ class Bucket:
     curved: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
+    stribeck: bool = True
 
     @property
     def count(self) -> int:
@@ -169,6 +170,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         tensioners=bucket.tensioners,
         profiles=bucket.profiles,
         curved=bucket.curved,
+        stribeck=bucket.stribeck,
         crewed=shape.crewed,
         shared_bytes=shape.shared_bytes,
     )
@@ -182,12 +184,12 @@ def curved(packed: Packed) -> NDArray[np.bool_]:
 
 
 def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
-    """Values, integers and doubles that blocks too large for shared memory keep in global memory."""
+    """Values, integers and values of parts that blocks too large for shared memory keep in global memory."""
     needs = np.zeros(3, dtype=int)
     for bucket in buckets:
         for name in ("advance", "measure", "relax"):
             of = room(kernel_kind(name, real, bucket))
-            needs = np.maximum(needs, bucket.count * np.array([of.values, of.integers, of.doubles]))
+            needs = np.maximum(needs, bucket.count * np.array([of.values, of.integers, of.part_values]))
     return int(needs[0]), int(needs[1]), int(needs[2])
 
 
@@ -243,7 +245,7 @@ class GpuEngine:
         partners = [slots, drives["sprockets"], drives["guides"]]
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
-        kinds = [*kinds, curved(self.packed)]
+        kinds = [*kinds, curved(self.packed), self.packed.stribeck]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
         processors = self._processors
         most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
@@ -251,12 +253,12 @@ class GpuEngine:
         for key in _distinct(keys):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles, curves = key
+            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles, curves, law = key
             shape = block_shape(slots, len(order) // processors, most_shared)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
             bodies = arms, tensioners, bool(profiles), bool(curves)
-            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array))
+            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, bool(law)))
         return buckets
 
     def _blocks(self, name: str, bucket: Bucket) -> int:

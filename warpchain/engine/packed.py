@@ -199,6 +199,16 @@ class Packed:
             found[owner[sliding["rubs"][: len(owner)] != 0]] = True
         return found
 
+    @property
+    def stribeck(self) -> NDArray[np.bool_]:
+        """(variants,) whether a coefficient of friction depends on the speed."""
+        found = self.joints["law"]["mu_static"] != self.joints["law"]["mu_dynamic"]
+        for sliding, counts in ((self.tooth_sliding, "sprockets"), (self.guide_sliding, "guides")):
+            owner = np.repeat(np.arange(self.variants), self.drives[counts])
+            law = sliding["law"][: len(owner)]
+            found[owner[law["mu_static"] != law["mu_dynamic"]]] = True
+        return np.asarray(found)
+
     def first_value(self, v: int) -> int:
         """Where variant v's rows begin in `rollers`."""
         return STATE_ROWS * int(self.drives["first_roller"][v])
