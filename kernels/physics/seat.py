@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from ..pairs import Pair, cross, fused, pair_of, rounded_sum, two_difference
+from ..pairs import Pair, cross, fused, pair, pair_of, rounded_sum, two_difference
 from ..structs import Line, Wheel
 from .contact import turned
 from .guide import guide_gap
@@ -74,10 +74,9 @@ def gridded(value: wp.float32, magic: wp.float32):
 @wp.func
 def reach_of(part: Pair, radius: Pair, magic: wp.float32):
     """R times a cosine or sine, its high part on the grid that `magic` stands for (`grid_of`) [m]."""
-    reach = Pair()
-    reach.high = gridded(radius.high * part.high, magic)
-    reach.low = fused(radius.high, part.high, -reach.high) + (radius.high * part.low + radius.low * part.high)
-    return reach
+    high = gridded(radius.high * part.high, magic)
+    low = fused(radius.high, part.high, -high) + (radius.high * part.low + radius.low * part.high)
+    return pair(high, low)
 
 
 @wp.func

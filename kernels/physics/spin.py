@@ -12,7 +12,7 @@ import math
 
 import warp as wp
 
-from ..pairs import Pair, apart, exact_product, minus, pair_of, plus, rounded, settled, times, trimmed, whole
+from ..pairs import Pair, apart, exact_product, minus, pair, pair_of, plus, rounded, settled, times, trimmed, whole
 from ..root import reciprocal
 from ..structs import BodyState, Led, Motion, Pose, Spin, Wheel
 from ..trigonometry import HALF_PI, sine_cosine
@@ -79,9 +79,7 @@ def quick_cosine(angle: wp.float32) -> wp.float32:
 def cosine_of(angle: Pair):
     """cos(angle) to 5e-7, whole turns taken off before it is rounded."""
     turns = wp.rint(angle.high * wp.static(0.5 / math.pi))
-    turn = Pair()
-    turn.high = wp.static(4.0 * HALF_PI[0])
-    turn.low = wp.static(4.0 * HALF_PI[1])
+    turn = pair(wp.static(4.0 * HALF_PI[0]), wp.static(4.0 * HALF_PI[1]))
     return quick_cosine(rounded(plus(angle, minus(times(turn, turns)))))
 
 
