@@ -265,6 +265,19 @@ class Spin:
 
 
 @wp.struct
+class SplitTable:
+    """`Tabulated` on blocks at float32."""
+
+    cells: wp.int32  # 0: no table
+    first: wp.int32
+    over_angle: wp.int32
+    repeats: wp.int32
+    start: Pair  # [rad] or [s]
+    spacing: Pair  # [rad] or [s]
+    rate: Pair  # 1 / spacing
+
+
+@wp.struct
 class Wheel:
     """A sprocket on blocks at float32, as `Pose` and for `physics.seat`; thread s writes it, all read it."""
 
@@ -463,6 +476,8 @@ def types(Real: type) -> SimpleNamespace:
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
         split_seats: wp.array[wp.vec4f]  # the same for blocks at float32, else (1,): high parts of 12 bits, low parts
         split_harmonics: wp.array[wp.vec4f]  # `curves.harmonics` for blocks at float32, and the sine of the phase
+        split_tables: wp.array[SplitTable]  # (2 * all bodies,) for blocks at float32, else (1,): of motion, of load
+        split_values: wp.array[wp.vec2f]  # `curves.tables` for blocks at float32, else (1,)
         tooth_sliding: wp.array[Sliding]  # (all sprockets,)
         guide_sliding: wp.array[Sliding]  # (all guide-bars,)
         joints: wp.array[Joint]  # (variants,)

@@ -6,10 +6,23 @@ from functools import cache
 import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
-from ..pairs import counted, pair_of, rounded, whole
+from ..pairs import counted, rounded
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
+from ..physics.curve import integral_at, value_at
 from ..physics.motion import load_moment, prescribed_at
-from ..physics.spin import faced, led_at, spin_load, spin_of, spun, wheel_at, wheel_of, wheel_with, with_spin
+from ..physics.spin import (
+    faced,
+    forward_of,
+    led_along,
+    ramped_course,
+    spin_load,
+    spin_of,
+    spun,
+    wheel_at,
+    wheel_of,
+    wheel_with,
+    with_spin,
+)
 from ..structs import BodyState, Drive, Mount, Pose, Spin, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
@@ -117,15 +130,16 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     def led_to(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
         """Where sprocket s is led at a step, at float32."""
         spin = shared.spins[s]
-        led = led_at(counted(step, mine.step), spin, ensemble.split_harmonics)
+        time = counted(step, mine.step)
+        course, rate = ramped_course(time, spin)
         if wp.static(kind.curved):
             if spin.curved == 1:
-                b = ensemble.drives[mine.variant].first_body + s
-                time = wp.float64(step) * mine.h
-                angle, speed = prescribed_at(time, ensemble.motions[b], ensemble.curves)
-                led.angle = pair_of(angle)
-                led.speed = wp.float32(speed)
-        return led
+                table = ensemble.split_tables[2 * (ensemble.drives[mine.variant].first_body + s)]
+                if table.cells > 0:
+                    speed, way = integral_at(time, table, ensemble.split_values)
+                    course = way
+                    rate = rounded(speed)
+        return led_along(course, rate, spin, ensemble.split_harmonics)
 
     @wp.func
     def start_body(
@@ -220,14 +234,17 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def load_on(ensemble: kinds.Ensemble, mine: Mine, step: int, wheel: Wheel, spin: Spin):
         """The load moment on the thread's sprocket [N m], in float32."""
-        load = spin_load(float(step) * mine.step.high, wheel, spin, ensemble.split_harmonics)
+        torque = spin.load[0]
         if wp.static(kind.curved):
             if spin.curved == 1:
-                motion = ensemble.motions[ensemble.drives[mine.variant].first_body + mine.sprocket]
-                time = wp.float64(step) * mine.h
-                speed = wp.float64(wheel.speed.high)
-                load = wp.float32(load_moment(time, whole(wheel.angle), speed, motion, ensemble.curves))
-        return load
+                b = ensemble.drives[mine.variant].first_body + mine.sprocket
+                table = ensemble.split_tables[2 * b + 1]
+                if table.cells > 0:
+                    x = counted(step, mine.step)
+                    if table.over_angle == 1:
+                        x = forward_of(wheel, spin)
+                    torque = torque + value_at(x, table, ensemble.split_values)
+        return spin_load(float(step) * mine.step.high, torque, wheel, spin, ensemble.split_harmonics)
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):

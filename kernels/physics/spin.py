@@ -41,15 +41,20 @@ def spin_of(motion: Motion):
 
 
 @wp.func
-def led_at(time: Pair, spin: Spin, harmonics: wp.array[wp.vec4f]):
-    """Where a prescribed motion without a table leads, as `motion.prescribed_at`."""
+def ramped_course(time: Pair, spin: Spin):
+    """phi [rad] and phi' [rad/s] of a prescribed motion without a table, as `motion.ramped`."""
     phi = plus(time, minus(times(spin.ramp_time, 0.5)))
     if time.high < spin.ramp_time.high:
         u = times(time, spin.ramp_rate)
         cube = times(times(u, u), u)
         phi = times(spin.ramp_time, times(cube, plus(times(u, -0.5), 1.0)))
+    return times(spin.speed, phi), rounded(spin.speed) * ramp(rounded(time), spin.ramp_time.high)
+
+
+@wp.func
+def led_along(course: Pair, rate: wp.float32, spin: Spin, harmonics: wp.array[wp.vec4f]):
+    """Where a prescribed motion leads, as `motion.prescribed_at`, from phi [rad] and phi' [rad/s]."""
     led = Led()
-    course = times(spin.speed, phi)
     angle = course
     factor = float(1.0)
     rows = spin.drive_harmonics
@@ -59,7 +64,7 @@ def led_at(time: Pair, spin: Spin, harmonics: wp.array[wp.vec4f]):
         angle = plus(angle, times(plus(sine, -row[3]), row[1] / row[0]))
         factor = factor + row[1] * cosine.high
     led.angle = plus(spin.start_angle, times(angle, spin.sign))
-    led.speed = spin.sign * rounded(spin.speed) * ramp(rounded(time), spin.ramp_time.high) * factor
+    led.speed = spin.sign * rate * factor
     return led
 
 
@@ -84,12 +89,17 @@ def cosine_of(angle: Pair):
 
 
 @wp.func
-def spin_load(time: wp.float32, wheel: Wheel, spin: Spin, harmonics: wp.array[wp.vec4f]):
-    """Load moment [N m] without a table, as `motion.load_moment`."""
-    torque = spin.load[0]
+def forward_of(wheel: Wheel, spin: Spin):
+    """The forward angle [rad] of a wheel."""
+    return times(plus(wheel.angle, minus(spin.start_angle)), spin.sign)
+
+
+@wp.func
+def spin_load(time: wp.float32, torque: wp.float32, wheel: Wheel, spin: Spin, harmonics: wp.array[wp.vec4f]):
+    """Load moment [N m], as `motion.load_moment`; `torque` against forward motion is constant or from a table [N m]."""
     rows = spin.load_harmonics
     if rows.count > 0:
-        forward = times(plus(wheel.angle, minus(spin.start_angle)), spin.sign)
+        forward = forward_of(wheel, spin)
         for j in range(rows.first, rows.first + rows.count):
             row = harmonics[j]
             torque = torque + row[1] * cosine_of(plus(times(forward, row[0]), row[2]))

@@ -7,15 +7,17 @@ import pytest
 import warp as wp
 from ptx import compiled, float64_arithmetic, time_loop
 
-from warpchain.engine.arrays import split_seats
+from warpchain.engine.arrays import split, split_seats, split_tables
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.pairs import apart, counted, cross, pair_of, plus, times, trimmed, whole
 from warpchain.kernels.physics.contact import in_teeth, on_guide, tracked_seat
+from warpchain.kernels.physics.curve import integral_at, value_at
 from warpchain.kernels.physics.motion import load_moment, prescribed_at
 from warpchain.kernels.physics.seat import away, in_teeth_gap, line_of, on_line, tracked_gap
-from warpchain.kernels.physics.spin import led_at, spin_load, spin_of, spun, wheel_at
-from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Spin, Wheel, types
+from warpchain.kernels.physics.spin import led_along, ramped_course, spin_load, spin_of, spun, wheel_at
+from warpchain.kernels.physics.table import table_at
+from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Spin, SplitTable, Tabulated, Wheel, types
 from warpchain.kernels.trigonometry import sine_cosine
 from warpchain.results.channels import FRAME
 
@@ -202,7 +204,8 @@ def led(
     i = wp.tid()
     angle, speed = prescribed_at(wp.float64(i * every) * h, motion, curves)
     spin = spin_of(motion)
-    to = led_at(counted(i * every, pair_of(h)), spin, rows)
+    course, rate = ramped_course(counted(i * every, pair_of(h)), spin)
+    to = led_along(course, rate, spin, rows)
     out[i, 0] = whole(to.angle) - angle
     out[i, 1] = wp.float64(to.speed) - speed
     wheel = Wheel()
@@ -212,7 +215,7 @@ def led(
     spin.prescribed = 0
     time = wp.float64(i * every) * h
     load = load_moment(time, angle, speed, motion, curves)
-    out[i, 2] = wp.float64(spin_load(wp.float32(time), wheel, spin, rows)) - load
+    out[i, 2] = wp.float64(spin_load(wp.float32(time), spin.load[0], wheel, spin, rows)) - load
 
 
 def motion_of(**values):
@@ -236,6 +239,50 @@ def test_prescribed_angles_in_pairs(ramp):
     assert found[:, 0].max() <= 16 * EPS**2 * 178 + 3 * EPS * (0.002 / 6 + 0.03 / 0.5)
     assert found[:, 1].max() <= 8 * EPS * 52.36
     assert found[:, 2].max() <= 8 * EPS * 14_800  # all parts of the moment at once
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def tabled(
+    points: wp.array[wp.float64],
+    table: Tabulated,
+    values: wp.array[wp.float64],
+    pairs: wp.array[SplitTable],
+    parts: wp.array[wp.vec2f],
+    out: wp.array2d[wp.float64],
+):
+    i = wp.tid()
+    value, integral, slope = table_at(points[i], table, values)
+    ours, way = integral_at(pair_of(points[i]), pairs[0], parts)
+    out[i, 0] = whole(ours) - value
+    out[i, 1] = wp.float64(value_at(pair_of(points[i]), pairs[0], parts)) - value
+    out[i, 2] = whole(way) - integral
+
+
+@pytest.mark.parametrize("repeats", [0, 1])
+def test_tables_in_pairs_are_those_of_float64(repeats):
+    # a speed of 50 rad/s with a ripple, 40 cells of 0.7 rad; the points go beyond both ends, by a round and a half
+    cells, first, start, spacing = 40, 5, -3.3, 0.7
+    generator = np.random.default_rng(4)
+    values = 50.0 + generator.uniform(-9.0, 9.0, (cells, 5))
+    c0, c1, c2, c3 = values[:, :4].T
+    each = spacing * (c0 + c1 / 2 + c2 / 3 + c3 / 4)
+    values[:, 4] = np.append(0.0, np.cumsum(each)[:-1])
+    flat = np.concatenate([np.zeros(5), values.ravel(), [each.sum()]])
+    points = generator.uniform(start - 1.5 * cells * spacing, start + 2.5 * cells * spacing, 20_000)
+    table = Tabulated()
+    table.cells, table.first, table.repeats, table.start, table.spacing = cells, first, repeats, start, spacing
+    motions = np.zeros(1, dtype=Motion.numpy_dtype())
+    for name in ("cells", "first", "repeats", "start", "spacing"):
+        motions["drive_table"][name] = getattr(table, name)
+    inputs = [table, given(flat), given(split_tables(motions), SplitTable), given(split(flat), wp.vec2f)]
+    found = np.abs(launched(tabled, len(points), given(points), *inputs, width=3))
+    inside = np.abs((points - start) / spacing - np.rint((points - start) / spacing)) > 1e-9  # off the cells' edges,
+    if not repeats:  # where these values jump
+        inside |= (points < start) | (points > start + cells * spacing)
+    largest, bit = 50.0 + 9.0 + 3 * 59.0, EPS**2
+    assert found[inside, 0].max() <= 64 * bit * largest * cells  # the place in the table is rounded in cells
+    assert found[inside, 1].max() <= 8 * EPS * largest
+    assert found[inside, 2].max() <= 64 * bit * np.abs(each).sum() * 2.5
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -274,6 +321,7 @@ LOOPS = {
     "two sprockets": BlockKind(wp.float32, 32, 4, 2, 0, curved=False),
     "guide-bar, friction": BlockKind(wp.float32, 32, 6, 2, 1, sliding=True, bending=True, uneven=True, curved=False),
     "few": BlockKind(wp.float32, 128, 1, 2, 1, curved=False),
+    "tables": BlockKind(wp.float32, 32, 4, 2, 0),
 }
 
 
