@@ -477,6 +477,7 @@ def types(Real: type) -> SimpleNamespace:
         split_seats: wp.array[wp.vec4f]  # the same for blocks at float32, else (1,): high parts of 12 bits, low parts
         split_harmonics: wp.array[wp.vec4f]  # `curves.harmonics` for blocks at float32, and the sine of the phase
         split_tables: wp.array[SplitTable]  # (2 * all bodies,) for blocks at float32, else (1,): of motion, of load
+        split_pieces: wp.array[wp.vec4f]  # three rows a piece for blocks at float32, else (1,) (`physics.face`)
         split_values: wp.array[wp.vec2f]  # `curves.tables` for blocks at float32, else (1,)
         tooth_sliding: wp.array[Sliding]  # (all sprockets,)
         guide_sliding: wp.array[Sliding]  # (all guide-bars,)

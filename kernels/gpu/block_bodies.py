@@ -20,7 +20,6 @@ from ..physics.spin import (
     spun,
     wheel_at,
     wheel_of,
-    wheel_with,
     with_spin,
 )
 from ..structs import BodyState, Drive, Mount, Pose, Spin, Wheel, Wrench, types
@@ -29,7 +28,7 @@ from ..trigonometry import sine_cosine
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, now_struct
 from .block_spin_sums import spin_sums_of, sprocket_sums_of
-from .block_wheels import load_wheel, store_turn, store_wheel
+from .block_wheels import follow, load_wheel, store_turn, store_wheel
 from .exchange import COURSE, lanes
 
 
@@ -110,11 +109,6 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         return gone
 
     @wp.func
-    def follow_pose(shared: kinds.Shared, s: int):
-        """Makes what contacts see of sprocket s at float32 go with its pose."""
-        store_wheel(shared.wheels, s, wheel_with(load_wheel(shared.wheels, s), shared.poses[s]))
-
-    @wp.func
     def set_heading(shared: kinds.Shared, s: int):
         """Cosine and sine of body s from its angle."""
         if wp.static(kind.spinning):
@@ -124,7 +118,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         shared.poses[s].cosine = cosine
         shared.poses[s].sine = sine
         if wp.static(kind.paired):
-            follow_pose(shared, s)
+            follow(shared.wheels, s, shared.poses[s])
 
     @wp.func
     def led_to(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
@@ -270,7 +264,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.poses[s].speed = pose.speed
             shared.poses[s].exact_speed = pose.exact_speed
         if wp.static(kind.paired):
-            follow_pose(shared, s)
+            follow(shared.wheels, s, shared.poses[s])
 
     @wp.func
     def spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, moment: wp.float32):

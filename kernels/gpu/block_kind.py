@@ -54,7 +54,7 @@ class BlockKind:
 
     @property
     def paired(self) -> bool:
-        """Whether contacts see sprockets and straight guide-bars in pairs of float32."""
+        """Whether contacts see bodies and guides in pairs of float32."""
         return bool(self.Real == wp.float32)
 
     @property
@@ -65,7 +65,12 @@ class BlockKind:
     @property
     def poses(self) -> bool:
         """Whether bodies have poses in float64: all but sprockets that are `spinning`."""
-        return not self.spinning or self.arms > 0 or self.profiles
+        return not self.spinning or self.arms > 0
+
+    @property
+    def wheels(self) -> int:
+        """Bodies that contacts see in pairs of float32: sprockets, and of guides with profiles arms and the ground."""
+        return self.bodies + 1 if self.profiles else self.sprockets
 
     @property
     def bodies(self) -> int:

@@ -1,4 +1,4 @@
-"""What contacts at float32 want of sprockets and straight guide-bars, in rows of four values: all threads read them,
+"""What contacts at float32 want of bodies and guides, in rows of four values: all threads read them,
 and a row is one access.
 
 wheel  0  R cos theta, R sin theta, each high and low      gear  0  tan(pi/z), R, clearance, tip reach
@@ -10,7 +10,7 @@ wheel  0  R cos theta, R sin theta, each high and low      gear  0  tan(pi/z), R
 
 line   0  start, high parts (x, y) and low parts                 3  of the law K, n, damping, v_min
        1  direction, the same                                    4  of the law m_e / h, form; slack
-       2  length, end's and roller's radius, deepest entry
+       2  length, end's and roller's radius, deepest entry       5  of a profile: the box along and across its chord
 """
 
 from dataclasses import dataclass
@@ -20,12 +20,13 @@ import warp as wp
 
 from ..pairs import pair
 from ..physics.seat import line_of
-from ..structs import Line, Wheel, types
+from ..physics.spin import wheel_with
+from ..structs import Line, Pose, Wheel, types
 from .block_kind import BlockKind
 
 WHEEL_ROWS = wp.constant(6)
 GEAR_ROWS = wp.constant(4)
-LINE_ROWS = wp.constant(5)
+LINE_ROWS = wp.constant(6)
 
 
 @wp.func_native("""
@@ -132,6 +133,12 @@ def store_wheel(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
 
 
 @wp.func
+def follow(rows: wp.array[wp.vec4f], b: int, pose: Pose):
+    """Makes body b go with its pose in float64."""
+    store_wheel(rows, b, wheel_with(load_wheel(rows, b), pose))
+
+
+@wp.func
 def load_line(rows: wp.array[wp.vec4f], g: int):
     """Where guide-bar g is."""
     start = load_four(rows, LINE_ROWS * g)
@@ -143,6 +150,12 @@ def load_line(rows: wp.array[wp.vec4f], g: int):
     line.direction_low = wp.vec2f(along[2], along[3])
     line.slack = load_four(rows, LINE_ROWS * g + 4)[2]
     return line
+
+
+@wp.func
+def box_of(rows: wp.array[wp.vec4f], g: int):
+    """The box about the chord of guide g, a profile, in which rollers are looked after: low, high [m]."""
+    return load_four(rows, LINE_ROWS * g + 5)
 
 
 @dataclass(frozen=True)
@@ -231,5 +244,7 @@ def gears(kind: BlockKind) -> GearFunctions:
         store_four(rows, at + 1, wp.vec4f(along[0], along[1], along_low[0], along_low[1]))
         store_four(rows, at + 2, wp.vec4f(bar.length, bar.end_radius, bar.roller_radius, bar.deepest_entry))
         store_law(rows, at + 3, bar.law, line.slack)
+        low = wp.vec2f(wp.float32(bar.low[0]), wp.float32(bar.low[1]))
+        store_four(rows, at + 5, wp.vec4f(low[0], low[1], wp.float32(bar.high[0]), wp.float32(bar.high[1])))
 
     return GearFunctions(load_gear=load_gear, store_gear=store_gear, load_bar=load_bar, store_bar=store_bar)

@@ -271,7 +271,7 @@ def room(kind: BlockKind) -> Room:
     strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
-    of_each += [wp.vec4f] * (WHEEL_ROWS + GEAR_ROWS) if kind.paired else []
+    of_each += [wp.vec4f] * GEAR_ROWS if kind.paired else []
     of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
     used = kind.sprockets * (16 * COURSE * (not kind.spinning) + sum(map(_bytes, of_each)))
     used += (kind.bodies + kind.profiles) * _bytes(Pose) * kind.poses
@@ -280,7 +280,7 @@ def room(kind: BlockKind) -> Room:
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + strand_of + 1000
     if kind.paired:
-        used += kind.guides * LINE_ROWS * _bytes(wp.vec4f)
+        used += (kind.guides * LINE_ROWS + kind.wheels * WHEEL_ROWS) * _bytes(wp.vec4f)
     needs = (rows * size + 4 * kind.slots, size * parts, seen * size)
     asks = used + sum(needs) > DECLARED and kind.shared_bytes > DECLARED
     used += 4 * kind.threads * asks  # Warp's own
@@ -358,7 +358,7 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("poses", kind.bodies + kind.profiles))
     def poses(like: kinds.Shared) -> wp.array[Pose]: ...
 
-    @wp.func_native(_shared_snippet("wheels", WHEEL_ROWS * sprockets))
+    @wp.func_native(_shared_snippet("wheels", WHEEL_ROWS * kind.wheels))
     def wheels(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
 
     @wp.func_native(_shared_snippet("gears", GEAR_ROWS * sprockets))

@@ -7,17 +7,20 @@ import pytest
 import warp as wp
 from ptx import compiled, float64_arithmetic, time_loop
 
-from warpchain.engine.arrays import split, split_seats, split_tables
+from warpchain.engine.arrays import split, split_pieces, split_seats, split_tables
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.pairs import apart, counted, cross, pair_of, plus, times, trimmed, whole
+from warpchain.kernels.physics.body import pose_of
 from warpchain.kernels.physics.contact import in_teeth, on_guide, tracked_seat
 from warpchain.kernels.physics.curve import integral_at, value_at
+from warpchain.kernels.physics.face import in_body, on_face, tracked_face
 from warpchain.kernels.physics.motion import load_moment, prescribed_at
+from warpchain.kernels.physics.profile import in_frame, on_profile, tracked_piece
 from warpchain.kernels.physics.seat import away, in_teeth_gap, line_of, on_line, tracked_gap
-from warpchain.kernels.physics.spin import led_along, ramped_course, spin_load, spin_of, spun, wheel_at
+from warpchain.kernels.physics.spin import led_along, ramped_course, spin_load, spin_of, spun, wheel_at, wheel_of
 from warpchain.kernels.physics.table import table_at
-from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Spin, SplitTable, Tabulated, Wheel, types
+from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Piece, Spin, SplitTable, Tabulated, Wheel, types
 from warpchain.kernels.trigonometry import sine_cosine
 from warpchain.results.channels import FRAME
 
@@ -198,6 +201,71 @@ def test_guide_bars_in_pairs_are_those_of_float64():
 
 
 @wp.kernel(enable_backward=False, module="unique")
+def faces(
+    points: wp.array[wp.vec2d],
+    body: BodyState,
+    exact: EXACT.Guide,
+    guide: GEAR.Guide,
+    pieces: wp.array[Piece],
+    rows: wp.array[wp.vec4f],
+    out: wp.array2d[wp.float64],
+):
+    i = wp.tid()
+    x, y = pair_of(points[i][0]), pair_of(points[i][1])
+    pose = pose_of(body)
+    carrier = wheel_of(pose, wp.float64(0.0))
+    q = in_frame(wp.vec2d(whole(x), whole(y)) - pose.center, pose)
+    number = tracked_piece(q, -1, exact, pieces)
+    penetration, normal = on_profile(q, number, exact, pieces)
+    at = away(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low), carrier.center, carrier.center_low)
+    p = in_body(at, carrier)
+    ours = tracked_face(p, -1, guide, rows)
+    deep, facing = on_face(p, ours, guide, rows)
+    out[i, 0] = wp.float64(wp.abs(tracked_face(p, wp.max(ours - 1, 0), guide, rows) - ours))
+    out[i, 1] = wp.float64(wp.abs(ours - number))
+    out[i, 2] = wp.float64(deep) - penetration
+    out[i, 3] = wp.float64(facing[0]) - normal[0]
+    out[i, 4] = wp.float64(facing[1]) - normal[1]
+
+
+def face_of(kinds, count):
+    """A guide of either precision with `count` pieces."""
+    guide = kinds.Guide()
+    guide.pieces, guide.first_piece, guide.length = count, 1, 0.5
+    guide.end_radius, guide.roller_radius = 0.02, 0.004
+    return guide
+
+
+def test_profiles_in_pairs_are_those_of_float64():
+    # an arc, a straight piece and a hollow one, on a body 4 m away that has turned by 0.4 rad; points over them all
+    lengths, curvatures, heading = [0.15, 0.1, 0.2], [-4.0, 0.0, 2.5], 0.3
+    pieces = np.zeros(len(lengths) + 2, dtype=Piece.numpy_dtype())
+    generator, place, points = np.random.default_rng(5), np.array([0.21, -0.13]), []
+    body = BodyState()
+    body.angle, body.center = 0.4, wp.vec2d(3.9, 1.3)
+    turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+    for k, (length, curvature) in enumerate([*zip(lengths, curvatures, strict=True), (0.0, 0.0)], start=1):
+        pieces[k]["start"], pieces[k]["direction"] = place, (np.cos(heading), np.sin(heading))
+        pieces[k]["curvature"] = curvature
+        for s, height in generator.uniform((1e-6, -0.004), (1.0 - 1e-6, 0.0039), (3000 * (length > 0), 2)):
+            middle, over = heading + 0.5 * curvature * s * length, heading + curvature * s * length
+            chord = s * length * np.sinc(0.5 * curvature * s * length / np.pi)
+            foot = place + chord * np.array([np.cos(middle), np.sin(middle)])
+            points.append(foot + height * np.array([-np.sin(over), np.cos(over)]))
+        middle = heading + 0.5 * curvature * length
+        place = place + length * np.sinc(0.5 * curvature * length / np.pi) * np.array([np.cos(middle), np.sin(middle)])
+        heading += curvature * length
+    points = np.array([3.9, 1.3]) + np.array(points) @ turn.T
+    guides = [face_of(kinds, len(lengths)) for kinds in (EXACT, GEAR)]
+    tables = [given(pieces, Piece), given(split_pieces(pieces), wp.vec4f)]
+    found = np.abs(launched(faces, len(points), given(points, wp.vec2d), body, *guides, *tables, width=5))
+    assert not found[:, :2].any()
+    # along and across a piece are rounded, and k u^2 / 2 <= 0.05 with what is made of them
+    assert found[:, 2].max() <= 8 * EPS * 0.1
+    assert found[:, 3:].max() <= 16 * EPS
+
+
+@wp.kernel(enable_backward=False, module="unique")
 def led(
     motion: Motion, curves: Curves, rows: wp.array[wp.vec4f], h: wp.float64, every: int, out: wp.array2d[wp.float64]
 ):
@@ -322,6 +390,7 @@ LOOPS = {
     "guide-bar, friction": BlockKind(wp.float32, 32, 6, 2, 1, sliding=True, bending=True, uneven=True, curved=False),
     "few": BlockKind(wp.float32, 128, 1, 2, 1, curved=False),
     "tables": BlockKind(wp.float32, 32, 4, 2, 0),
+    "profiles": BlockKind(wp.float32, 32, 4, 2, 2, profiles=True, sliding=True, curved=False),
 }
 
 

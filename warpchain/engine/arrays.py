@@ -43,6 +43,15 @@ def split_tables(motions: NDArray[Any]) -> NDArray[Any]:
     return made
 
 
+def split_pieces(pieces: NDArray[Any]) -> NDArray[np.float32]:
+    """Pieces of profiles as rows of four (`physics.face`), (3 * pieces, 4)."""
+    made = np.zeros((len(pieces), 3, 4), dtype=np.float32)
+    for k, name in enumerate(("start", "direction")):
+        made[:, k] = np.moveaxis(split(pieces[name]), 2, 1).reshape(-1, 4)
+    made[:, 2, 0] = pieces["curvature"]
+    return made.reshape(-1, 4)
+
+
 def upload_ensemble(packed: Packed, device: str) -> Any:
     """What does not change during a run (`kernels.structs.types(...).Ensemble`), copied to `device`."""
     kinds = structs.types(packed.real)
@@ -64,6 +73,7 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("split_harmonics", np.column_stack([packed.harmonics, np.sin(packed.harmonics[:, 2])]), wp.vec4f),
         ("split_tables", split_tables(packed.motions[: None if tabulated else 0]), structs.SplitTable),
         ("split_values", split(packed.tables[: None if tabulated else 0]), wp.vec2f),
+        ("split_pieces", split_pieces(packed.pieces[: None if packed.precision == "float32" else 0]), wp.vec4f),
         ("tooth_sliding", packed.tooth_sliding, kinds.Sliding),
         ("guide_sliding", packed.guide_sliding, kinds.Sliding),
         ("joints", packed.joints, kinds.Joint),
