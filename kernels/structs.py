@@ -297,6 +297,46 @@ class Wheel:
 
 
 @wp.struct
+class Hub:
+    """`Mount` on blocks at float32, and how its sprocket's center moves."""
+
+    active: wp.int32
+    moves: wp.int32
+    home: wp.vec2f  # high parts [m]
+    home_low: wp.vec2f
+    direction: wp.vec2f
+    offset: Pair  # [m]
+    amplitude: Pair  # [m]
+    frequency: Pair  # [rad/s]
+    phase: Pair  # [rad]
+    mass: wp.float32  # [kg]
+    inverse_mass: wp.mat22f  # [1/kg]
+    stiffness: wp.mat22f  # [N/m]
+    damping: wp.mat22f  # [N s/m]
+    preload: wp.vec2f  # [N]
+    gravity: wp.vec2f  # [m/s^2]
+    wheel: wp.vec2f  # [kg m]
+    inertia: wp.float32  # [kg m^2]
+    velocity_low: wp.vec2f  # of the center, what its high parts (`Wheel`) round off [m/s]
+
+
+@wp.struct
+class SpinRates:
+    """Angular velocity of a sprocket and velocity of its center, in float32."""
+
+    speed: wp.float32  # [rad/s]
+    velocity: wp.vec2f  # [m/s]
+
+
+@wp.struct
+class SpinWrench:
+    """`Wrench` in float32."""
+
+    moment: wp.float32  # [N m]
+    force: wp.vec2f  # [N]
+
+
+@wp.struct
 class SpinSums:
     """`SprocketSums` of a sprocket that is moved in pairs of float32."""
 
@@ -542,6 +582,7 @@ def types(Real: type) -> SimpleNamespace:
         gears: wp.array[wp.vec4f]
         spins: wp.array[Spin]  # (S,), the same
         led: wp.array[Led]  # (S, steps), the same
+        hubs: wp.array[Hub]  # (S,), the same where sprockets' centers move
         lines: wp.array[wp.vec4f]  # rows of straight guide-bars, the same
         box: wp.array[wp.vec4f]  # (1,), the same: low and high corner beyond which a roller has left the drive [m]
         teeth: wp.array[Sprocket]  # (S,)

@@ -30,6 +30,7 @@ class BlockKind:
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
         curved: motions or loads may be tabulated, which matters at float32 only.
+        pushing: tensioners may push sprockets, not arms alone, which matters at float32 only.
         crewed: the last warp has no rollers, but moves the bodies.
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
@@ -51,6 +52,7 @@ class BlockKind:
     crewed: bool = False
     shared_bytes: int = DECLARED
     curved: bool = True
+    pushing: bool = True
 
     @property
     def paired(self) -> bool:
@@ -59,8 +61,8 @@ class BlockKind:
 
     @property
     def spinning(self) -> bool:
-        """Whether sprockets, which then only turn, are moved in pairs of float32 too."""
-        return self.paired and not (self.moving or self.rk4 or self.tensioners)
+        """Whether sprockets are moved in pairs of float32 too."""
+        return self.paired and not (self.rk4 or (self.tensioners and self.pushing))
 
     @property
     def poses(self) -> bool:

@@ -62,6 +62,16 @@ def value_at(x: Pair, table: SplitTable, values: wp.array[wp.vec2f]):
 
 
 @wp.func
+def slope_at(x: Pair, table: SplitTable, values: wp.array[wp.vec2f]):
+    """Slope of a table at `x`."""
+    cell, place, beyond, rounds = cell_at(x, table)
+    at = table.first + CELL_VALUES * cell
+    w = place.high
+    slope = (values[at + 1][0] + w * (2.0 * values[at + 2][0] + 3.0 * w * values[at + 3][0])) * table.rate.high
+    return wp.where(beyond.high == 0.0, slope, 0.0)
+
+
+@wp.func
 def integral_at(x: Pair, table: SplitTable, values: wp.array[wp.vec2f]):
     """Value and integral from x = 0 of a table at `x`, as pairs."""
     cell, w, beyond, rounds = cell_at(x, table)

@@ -89,6 +89,20 @@ def cosine_of(angle: Pair):
 
 
 @wp.func
+def led_acceleration(course: Pair, rate: wp.float32, growth: wp.float32, spin: Spin, harmonics: wp.array[wp.vec4f]):
+    """Angular acceleration [rad/s^2], as `motion.prescribed_acceleration`, from phi, phi' and phi''."""
+    factor = float(1.0)
+    slope = float(0.0)
+    rows = spin.drive_harmonics
+    for j in range(rows.first, rows.first + rows.count):
+        row = harmonics[j]
+        sine, cosine = sine_cosine(plus(times(course, row[0]), row[2]))
+        factor = factor + row[1] * cosine.high
+        slope = slope - row[0] * row[1] * sine.high
+    return spin.sign * (growth * factor + rate * rate * slope)
+
+
+@wp.func
 def forward_of(wheel: Wheel, spin: Spin):
     """The forward angle [rad] of a wheel."""
     return times(plus(wheel.angle, minus(spin.start_angle)), spin.sign)
@@ -185,13 +199,13 @@ def swung(wheel: Wheel, turn: wp.float32):
 
 
 @wp.func
-def spun(wheel: Wheel, kick: wp.float32, h: wp.float32, moment: wp.float32, ahead: Led, spin: Spin):
-    """A wheel a leapfrog step on, as `body.leapfrog_body` takes a body whose center is fixed.
+def spun(wheel: Wheel, change: wp.float32, h: wp.float32, ahead: Led, spin: Spin):
+    """A wheel a leapfrog step on, as `body.leapfrog_body` takes a body's angle.
 
     Args:
-        wheel: with the load on it.
-        kick, h: time over which its speed is accelerated, and the step's [s].
-        moment: of the chain on it [N m].
+        wheel: before it.
+        change: of its speed in this step [rad/s].
+        h: the step [s].
         ahead: where it is led, if its angle is prescribed.
         spin: how it is turned.
     """
@@ -202,7 +216,6 @@ def spun(wheel: Wheel, kick: wp.float32, h: wp.float32, moment: wp.float32, ahea
         wheel.angle = ahead.angle
         wheel.exact_speed = ahead.speed
     else:
-        change = kick * (moment + wheel.load) * spin.inverse_inertia
         wheel.speed = settled(wheel.speed.high, wheel.speed.low + change)
         way = exact_product(h, wheel.speed.high)
         turn = way.high + (way.low + h * wheel.speed.low)

@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import warp as wp
-from ptx import compiled, float64_arithmetic, time_loop
+from ptx import compiled, float64_arithmetic, loop_without_float64, time_loop
 
 from warpchain.engine.arrays import split, split_pieces, split_seats, split_tables
 from warpchain.kernels.gpu.block import block_kernel
@@ -359,7 +359,7 @@ def turning(spin: Spin, moment: wp.float64, h: wp.float64, steps: int, out: wp.a
     wheel = wheel_at(body, wp.float64(0.4))
     nowhere = Led()
     for _ in range(steps):
-        wheel = spun(wheel, wp.float32(h), wp.float32(h), wp.float32(moment), nowhere, spin)
+        wheel = spun(wheel, wp.float32(h) * wp.float32(moment) * spin.inverse_inertia, wp.float32(h), nowhere, spin)
     out[0, 0] = whole(wheel.angle)
     out[0, 1] = whole(wheel.speed)
     sine, cosine = sine_cosine(whole(wheel.angle))
@@ -390,6 +390,7 @@ LOOPS = {
     "guide-bar, friction": BlockKind(wp.float32, 32, 6, 2, 1, sliding=True, bending=True, uneven=True, curved=False),
     "few": BlockKind(wp.float32, 128, 1, 2, 1, curved=False),
     "tables": BlockKind(wp.float32, 32, 4, 2, 0),
+    "moving": BlockKind(wp.float32, 32, 4, 2, 0, moving=True),
     "profiles": BlockKind(wp.float32, 32, 4, 2, 2, profiles=True, sliding=True, curved=False),
 }
 
@@ -403,6 +404,25 @@ def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
     kinds = float64_arithmetic(every)
     assert sum(kinds.values()) < 120, kinds
     assert not any(name.startswith(("mul", "fma", "div", "sqrt")) for name in kinds), kinds
+
+
+MEASURING = {
+    "two sprockets": BlockKind(wp.float32, 32, 4, 2, 1, measuring=True, curved=False),
+    "friction": BlockKind(wp.float32, 32, 6, 2, 1, measuring=True, sliding=True, bending=True, curved=False),
+}
+
+
+@pytest.mark.parametrize("name", MEASURING)
+def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
+    ptx = compiled(block_kernel(MEASURING[name], 12, FRAME), tmp_path)
+    every, loop = time_loop(ptx)
+    free, branches = loop_without_float64(ptx)
+    # contacts' sums, watched forces and all of the motion are in what goes around without float64
+    assert len(free) > 0.7 * len(loop)
+    assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
+    # beside it: looks (every 32 steps), and the energies of rollers and bodies at the window's ends
+    counts = sorted(sum(float64_arithmetic(branch).values()) for branch in branches)
+    assert len(counts) <= 3 and counts[-1] <= 160 and sum(counts[:-1]) <= 40, counts
 
 
 def test_float64_is_found_where_it_is(tmp_path):
