@@ -261,13 +261,12 @@ class GpuEngine:
         for key in _distinct(keys):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles, curves, pushes = (
-                key
-            )
+            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, *others = key
             shape = block_shape(slots, len(order) // processors, most_shared)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
-            bodies = arms, tensioners, *map(bool, others)
+            profiles, curves, pushes = map(bool, others)
+            bodies = arms, tensioners, profiles, curves, pushes
             buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array))
         return buckets
 
