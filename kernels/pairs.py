@@ -106,40 +106,40 @@ def fused(a: wp.float32, b: wp.float32, c: wp.float32) -> wp.float32:
 
 
 @wp.func
+def pair(high: wp.float32, low: wp.float32):
+    """`high` + `low`."""
+    made = Pair()
+    made.high = high
+    made.low = low
+    return made
+
+
+@wp.func
 def exact_sum(a: wp.float32, b: wp.float32):
     """a + b."""
     sum = two_sum(a, b)
-    pair = Pair()
-    pair.high = sum[0]
-    pair.low = sum[1]
-    return pair
+    return pair(sum[0], sum[1])
 
 
 @wp.func
 def exact_product(a: wp.float32, b: wp.float32):
     """a b."""
     product = two_product(a, b)
-    pair = Pair()
-    pair.high = product[0]
-    pair.low = product[1]
-    return pair
+    return pair(product[0], product[1])
 
 
 @wp.func
 def settled(high: wp.float32, low: wp.float32):
     """A pair whose `low` may have grown, but is smaller than `high` (fast two-sum)."""
-    pair = Pair()
-    pair.high = high + low
-    pair.low = low - (pair.high - high)
-    return pair
+    sum = high + low
+    return pair(sum, low - (sum - high))
 
 
 @wp.func
-def trimmed(pair: Pair):
+def trimmed(a: Pair):
     """A pair to 2^-48 of itself, which float64 holds exactly; trimmed again it stays as it is."""
-    anchor = pair.high * wp.static(1.5 / 2.0**25)
-    pair.low = rounded_sum(rounded_sum(pair.low, anchor), -anchor)
-    return pair
+    anchor = a.high * wp.static(1.5 / 2.0**25)
+    return pair(a.high, rounded_sum(rounded_sum(a.low, anchor), -anchor))
 
 
 @wp.func
@@ -159,10 +159,7 @@ def plus(a: Pair, b: wp.float32):
 @wp.func
 def minus(a: Pair):
     """-a."""
-    pair = Pair()
-    pair.high = -a.high
-    pair.low = -a.low
-    return pair
+    return pair(-a.high, -a.low)
 
 
 @wp.func
@@ -195,24 +192,20 @@ def rounded(a: Pair):
 @wp.func
 def pair_of(value: wp.float64):
     """A float64, rounded to 48 bits."""
-    pair = Pair()
-    pair.high = wp.float32(value)
-    pair.low = wp.float32(value - wp.float64(pair.high))
-    return pair
+    high = wp.float32(value)
+    return pair(high, wp.float32(value - wp.float64(high)))
 
 
 @wp.func
 def pair_of(value: wp.float32):
     """A float32 as a pair."""
-    pair = Pair()
-    pair.high = value
-    return pair
+    return pair(value, 0.0)
 
 
 @wp.func
-def whole(pair: Pair):
+def whole(a: Pair):
     """A pair as float64."""
-    return wp.float64(pair.high) + wp.float64(pair.low)
+    return wp.float64(a.high) + wp.float64(a.low)
 
 
 @wp.func

@@ -265,6 +265,19 @@ class Spin:
 
 
 @wp.struct
+class SplitTable:
+    """`Tabulated` on blocks at float32."""
+
+    cells: wp.int32  # 0: no table
+    first: wp.int32
+    over_angle: wp.int32
+    repeats: wp.int32
+    start: Pair  # [rad] or [s]
+    spacing: Pair  # [rad] or [s]
+    rate: Pair  # 1 / spacing
+
+
+@wp.struct
 class Wheel:
     """A sprocket on blocks at float32, as `Pose` and for `physics.seat`; thread s writes it, all read it."""
 
@@ -281,6 +294,46 @@ class Wheel:
     angle: Pair  # [rad]
     exact_speed: wp.float32  # prescribed: angular velocity at the step's instant [rad/s]
     load: wp.float32  # free: load moment [N m]
+
+
+@wp.struct
+class Hub:
+    """`Mount` on blocks at float32, and how its sprocket's center moves."""
+
+    active: wp.int32
+    moves: wp.int32
+    home: wp.vec2f  # high parts [m]
+    home_low: wp.vec2f
+    direction: wp.vec2f
+    offset: Pair  # [m]
+    amplitude: Pair  # [m]
+    frequency: Pair  # [rad/s]
+    phase: Pair  # [rad]
+    mass: wp.float32  # [kg]
+    inverse_mass: wp.mat22f  # [1/kg]
+    stiffness: wp.mat22f  # [N/m]
+    damping: wp.mat22f  # [N s/m]
+    preload: wp.vec2f  # [N]
+    gravity: wp.vec2f  # [m/s^2]
+    wheel: wp.vec2f  # [kg m]
+    inertia: wp.float32  # [kg m^2]
+    velocity_low: wp.vec2f  # of the center, what its high parts (`Wheel`) round off [m/s]
+
+
+@wp.struct
+class SpinRates:
+    """Angular velocity of a sprocket and velocity of its center, in float32."""
+
+    speed: wp.float32  # [rad/s]
+    velocity: wp.vec2f  # [m/s]
+
+
+@wp.struct
+class SpinWrench:
+    """`Wrench` in float32."""
+
+    moment: wp.float32  # [N m]
+    force: wp.vec2f  # [N]
 
 
 @wp.struct
@@ -473,6 +526,9 @@ def types(Real: type) -> SimpleNamespace:
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
         split_seats: wp.array[wp.vec4f]  # the same for blocks at float32, else (1,): high parts of 12 bits, low parts
         split_harmonics: wp.array[wp.vec4f]  # `curves.harmonics` for blocks at float32, and the sine of the phase
+        split_tables: wp.array[SplitTable]  # (2 * all bodies,) for blocks at float32, else (1,): of motion, of load
+        split_pieces: wp.array[wp.vec4f]  # three rows a piece for blocks at float32, else (1,) (`physics.face`)
+        split_values: wp.array[wp.vec2f]  # `curves.tables` for blocks at float32, else (1,)
         tooth_sliding: wp.array[Sliding]  # (all sprockets,)
         guide_sliding: wp.array[Sliding]  # (all guide-bars,)
         joints: wp.array[Joint]  # (variants,)
@@ -536,6 +592,7 @@ def types(Real: type) -> SimpleNamespace:
         gears: wp.array[wp.vec4f]
         spins: wp.array[Spin]  # (S,), the same
         led: wp.array[Led]  # (S, steps), the same
+        hubs: wp.array[Hub]  # (S,), the same where sprockets' centers move
         lines: wp.array[wp.vec4f]  # rows of straight guide-bars, the same
         box: wp.array[wp.vec4f]  # (1,), the same: low and high corner beyond which a roller has left the drive [m]
         teeth: wp.array[Sprocket]  # (S,)

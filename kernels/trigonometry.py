@@ -11,7 +11,7 @@ import math
 
 import warp as wp
 
-from .pairs import Pair, minus, pair_of, plus, split, times
+from .pairs import Pair, minus, pair, pair_of, plus, split, times
 
 TWO_OVER_PI = wp.constant(wp.float64(0.6366197723675814))
 HALF_PI_1 = wp.constant(wp.float64(1.5707963267341256))
@@ -56,10 +56,7 @@ SPLIT = {n: split(1.0 / n) for n in (6, 12, 20, 30, 42, 56)}
 @wp.func
 def series_term(q: Pair, rest: Pair, high: wp.float32, low: wp.float32):
     """1 - c q `rest`, c given as high and low part."""
-    factor = Pair()
-    factor.high = high
-    factor.low = low
-    return plus(minus(times(times(q, rest), factor)), 1.0)
+    return plus(minus(times(times(q, rest), pair(high, low))), 1.0)
 
 
 @wp.func
@@ -69,9 +66,7 @@ def sine_cosine(angle: Pair):
     The same series as in float64; of its terms, what is below 1e-3 of the result needs no low part.
     """
     k = wp.rint(angle.high * wp.static(float(TWO_OVER_PI)))
-    quarter = Pair()
-    quarter.high = wp.static(HALF_PI[0])
-    quarter.low = wp.static(HALF_PI[1])
+    quarter = pair(wp.static(HALF_PI[0]), wp.static(HALF_PI[1]))
     r = plus(angle, minus(times(quarter, k)))
     q = times(r, r)
     t = 1.0 - q.high * wp.static(1.0 / 110.0) * (1.0 - q.high * wp.static(1.0 / 156.0))

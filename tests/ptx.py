@@ -50,16 +50,42 @@ def reached(start: int, ways: list[list[int]]) -> set[int]:
     return found
 
 
-def time_loop(ptx: str) -> tuple[list[str], list[str]]:
-    """All instructions of the kernel, and those of its largest loop: whatever can come to itself again by way of it."""
-    blocks, after = basic_blocks(ptx)
-    before: list[list[int]] = [[] for _ in blocks]
+def largest_loop(after: list[list[int]]) -> set[int]:
+    """The blocks of the largest loop: all that can come to themselves again by way of each other."""
+    before: list[list[int]] = [[] for _ in after]
     for number, ways in enumerate(after):
         for way in ways:
             before[way].append(number)
-    loops = [reached(number, after) & reached(number, before) for number in range(len(blocks))]
-    within = [blocks[number] for number in sorted(max(loops, key=len))]
+    return max((reached(number, after) & reached(number, before) for number in range(len(after))), key=len)
+
+
+def time_loop(ptx: str) -> tuple[list[str], list[str]]:
+    """All instructions of the kernel, and those of its largest loop."""
+    blocks, after = basic_blocks(ptx)
+    within = [blocks[number] for number in sorted(largest_loop(after))]
     return list(chain(*blocks)), list(chain(*within))
+
+
+def loop_without_float64(ptx: str) -> tuple[list[str], list[list[str]]]:
+    """What of the time loop one can go around without float64, and the instructions beside it, branch by branch.
+
+    A branch is what begins where the loop can be left for blocks with float64, up to where it comes back: blocks
+    among these that have none are left out.
+    """
+    blocks, after = basic_blocks(ptx)
+    loop = largest_loop(after)
+    with_it = {number for number in loop if float64_arithmetic(blocks[number])}
+    free = loop - with_it
+    clean = largest_loop([[way for way in ways if way in free and n in free] for n, ways in enumerate(after)])
+    rest = loop - clean
+    beside = [[way for way in ways if way in rest] for ways in after]
+    branches: list[set[int]] = []
+    for start in sorted({way for number in clean for way in after[number] if way in rest}):
+        branch = reached(start, beside) | {start}
+        joined = [other for other in branches if other & branch]
+        branches = [other for other in branches if not other & branch] + [branch.union(*joined)]
+    lines = [[line for number in sorted(branch) for line in blocks[number]] for branch in branches]
+    return [line for number in sorted(clean) for line in blocks[number]], lines
 
 
 def float64_arithmetic(lines: list[str]) -> Counter[str]:

@@ -129,9 +129,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         if mine.sprocket >= 0:
             if wp.static(kind.spinning):
                 wheel = seen_wheel(shared.wheels, mine.sprocket)
-                seen = bodies.spin(ensemble, shared, mine, now, acting[0])
+                seen = bodies.spin(ensemble, shared, mine, now, acting)
                 if wp.static(measuring) and now.measured != 0:
-                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting[0], wheel)
+                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
                 sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
             else:
                 before = shared.poses[mine.sprocket]

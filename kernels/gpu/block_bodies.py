@@ -6,17 +6,31 @@ from functools import cache
 import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
-from ..pairs import counted, pair_of, rounded, whole
+from ..pairs import Pair, counted, rounded
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
-from ..physics.motion import load_moment, prescribed_at
-from ..physics.spin import faced, led_at, spin_load, spin_of, spun, wheel_at, wheel_of, wheel_with, with_spin
-from ..structs import BodyState, Drive, Mount, Pose, Spin, Wheel, Wrench, types
+from ..physics.curve import integral_at, slope_at, value_at
+from ..physics.hub import hub_moved, hub_of, hub_rates, hub_trimmed, hub_velocity, with_hub
+from ..physics.motion import load_moment, prescribed_at, ramp_slope
+from ..physics.spin import (
+    faced,
+    forward_of,
+    led_acceleration,
+    led_along,
+    ramped_course,
+    spin_load,
+    spin_of,
+    spun,
+    wheel_at,
+    wheel_of,
+    with_spin,
+)
+from ..structs import BodyState, Drive, Mount, Pose, Spin, SpinWrench, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, now_struct
 from .block_spin_sums import spin_sums_of, sprocket_sums_of
-from .block_wheels import load_wheel, store_turn, store_wheel
+from .block_wheels import follow, load_wheel, store_turn, store_wheel, velocity_of, within
 from .exchange import COURSE, lanes
 
 
@@ -43,6 +57,14 @@ class Seen:
     speed: wp.float32  # [rad/s]
     center: wp.vec2f  # [m]
     load: wp.float32  # moment [N m], at the speed that was known then
+    exact: BodyState  # the same in float64, where sums of a mount want it
+
+
+@wp.func
+def with_velocity(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
+    """Sprocket s with the velocity of its center."""
+    wheel.velocity = velocity_of(rows, s)
+    return wheel
 
 
 @wp.func
@@ -91,42 +113,63 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         if wp.static(kind.spinning) and s < wp.static(sprockets):
             wheel = load_wheel(shared.wheels, s)
             gone = int(not (wp.abs(wheel.angle.low + wheel.speed.high) < 1.0e38))
+            if wp.static(moving):
+                gone = wp.max(gone, int(not within(shared.box[0], wheel.center)))
         elif wp.static(kind.poses):
             gone = int(not turns_soundly(shared.poses[s].angle, shared.poses[s].speed))
-        if wp.static(moving):
+        if wp.static(moving and not kind.spinning):
             gone = wp.max(gone, int(not in_box(drive, shared.poses[s].center)))
         return gone
-
-    @wp.func
-    def follow_pose(shared: kinds.Shared, s: int):
-        """Makes what contacts see of sprocket s at float32 go with its pose."""
-        store_wheel(shared.wheels, s, wheel_with(load_wheel(shared.wheels, s), shared.poses[s]))
 
     @wp.func
     def set_heading(shared: kinds.Shared, s: int):
         """Cosine and sine of body s from its angle."""
         if wp.static(kind.spinning):
-            store_turn(shared.wheels, s, faced(load_wheel(shared.wheels, s)))
+            wheel = faced(load_wheel(shared.wheels, s))
+            if wp.static(moving):
+                wheel, hub = hub_trimmed(with_velocity(shared.wheels, s, wheel), shared.hubs[s])
+                shared.hubs[s] = hub
+                store_wheel(shared.wheels, s, wheel)
+            else:
+                store_turn(shared.wheels, s, wheel)
             return
         sine, cosine = sine_cosine(shared.poses[s].angle)
         shared.poses[s].cosine = cosine
         shared.poses[s].sine = sine
         if wp.static(kind.paired):
-            follow_pose(shared, s)
+            follow(shared.wheels, s, shared.poses[s])
+
+    @wp.func
+    def course_to(ensemble: kinds.Ensemble, mine: Mine, s: int, time: Pair, spin: Spin):
+        """phi [rad] and phi' [rad/s] of a sprocket that is led, at float32."""
+        course, rate = ramped_course(time, spin)
+        if wp.static(kind.curved):
+            if spin.curved == 1:
+                table = ensemble.split_tables[2 * (ensemble.drives[mine.variant].first_body + s)]
+                if table.cells > 0:
+                    speed, way = integral_at(time, table, ensemble.split_values)
+                    course = way
+                    rate = rounded(speed)
+        return course, rate
+
+    @wp.func
+    def led_growth(ensemble: kinds.Ensemble, mine: Mine, s: int, time: Pair, spin: Spin):
+        """Angular acceleration of a sprocket that is led [rad/s^2], at float32."""
+        course, rate = course_to(ensemble, mine, s, time, spin)
+        growth = spin.speed.high * ramp_slope(rounded(time), spin.ramp_time.high)
+        if wp.static(kind.curved):
+            if spin.curved == 1:
+                table = ensemble.split_tables[2 * (ensemble.drives[mine.variant].first_body + s)]
+                if table.cells > 0:
+                    growth = slope_at(time, table, ensemble.split_values)
+        return led_acceleration(course, rate, growth, spin, ensemble.split_harmonics)
 
     @wp.func
     def led_to(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
         """Where sprocket s is led at a step, at float32."""
         spin = shared.spins[s]
-        led = led_at(counted(step, mine.step), spin, ensemble.split_harmonics)
-        if wp.static(kind.curved):
-            if spin.curved == 1:
-                b = ensemble.drives[mine.variant].first_body + s
-                time = wp.float64(step) * mine.h
-                angle, speed = prescribed_at(time, ensemble.motions[b], ensemble.curves)
-                led.angle = pair_of(angle)
-                led.speed = wp.float32(speed)
-        return led
+        course, rate = course_to(ensemble, mine, s, counted(step, mine.step), spin)
+        return led_along(course, rate, spin, ensemble.split_harmonics)
 
     @wp.func
     def start_body(
@@ -143,6 +186,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             wheel = wheel_at(state.bodies[b], ensemble.sprockets[at].exact_radius)
             wheel.exact_speed = led_to(ensemble, shared, mine, s, step).speed
             store_wheel(shared.wheels, s, wheel)
+            if wp.static(moving):
+                shared.hubs[s] = hub_of(ensemble.mounts[b], state.bodies[b])
         else:
             pose = pose_of(state.bodies[b])
             angle, exact = prescribed_at(wp.float64(step) * drive.step, ensemble.motions[b], ensemble.curves)
@@ -152,7 +197,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             if wp.static(kind.paired):
                 store_wheel(shared.wheels, s, wheel_of(pose, ensemble.sprockets[at].exact_radius))
         if wp.static(moving):
-            shared.mounts[s] = ensemble.mounts[b]
+            if wp.static(not kind.spinning):
+                shared.mounts[s] = ensemble.mounts[b]
         if wp.static(kind.measuring):
             if wp.static(moving):
                 shared.mount_sums[s] = sums.mount[at]
@@ -171,7 +217,11 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         at = drive.first_sprocket + s
         if wp.static(kind.spinning):
             b = drive.first_body + s
-            state.bodies[b] = with_spin(state.bodies[b], load_wheel(shared.wheels, s))
+            wheel = load_wheel(shared.wheels, s)
+            state.bodies[b] = with_spin(state.bodies[b], wheel)
+            if wp.static(moving):
+                wheel = with_velocity(shared.wheels, s, wheel)
+                state.bodies[b] = with_hub(state.bodies[b], wheel, shared.hubs[s])
         else:
             state.bodies[drive.first_body + s] = state_of(shared.poses[s])
         if wp.static(kind.measuring):
@@ -219,14 +269,17 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def load_on(ensemble: kinds.Ensemble, mine: Mine, step: int, wheel: Wheel, spin: Spin):
         """The load moment on the thread's sprocket [N m], in float32."""
-        load = spin_load(float(step) * mine.step.high, wheel, spin, ensemble.split_harmonics)
+        torque = spin.load[0]
         if wp.static(kind.curved):
             if spin.curved == 1:
-                motion = ensemble.motions[ensemble.drives[mine.variant].first_body + mine.sprocket]
-                time = wp.float64(step) * mine.h
-                speed = wp.float64(wheel.speed.high)
-                load = wp.float32(load_moment(time, whole(wheel.angle), speed, motion, ensemble.curves))
-        return load
+                b = ensemble.drives[mine.variant].first_body + mine.sprocket
+                table = ensemble.split_tables[2 * b + 1]
+                if table.cells > 0:
+                    x = counted(step, mine.step)
+                    if table.over_angle == 1:
+                        x = forward_of(wheel, spin)
+                    torque = torque + value_at(x, table, ensemble.split_values)
+        return spin_load(float(step) * mine.step.high, torque, wheel, spin, ensemble.split_harmonics)
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
@@ -252,18 +305,64 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.poses[s].speed = pose.speed
             shared.poses[s].exact_speed = pose.exact_speed
         if wp.static(kind.paired):
-            follow_pose(shared, s)
+            follow(shared.wheels, s, shared.poses[s])
 
     @wp.func
-    def spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, moment: wp.float32):
+    def spin_on_mount(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, acting: wp.vec3f, wheel: Wheel
+    ):
+        """As `spin`, of a sprocket whose center moves or that has a balance wheel."""
+        s = mine.sprocket
+        h = mine.step.high
+        time = counted(now.step, mine.step)
+        wheel = with_velocity(shared.wheels, s, wheel)
+        hub = shared.hubs[s]
+        spin = shared.spins[s]
+        wrench = SpinWrench()
+        wrench.moment = acting[0]
+        wrench.force = wp.vec2f(acting[1], acting[2])
+        seen = Seen()
+        turning = wp.vec3f()
+        if spin.prescribed == 0:
+            wheel.load = load_on(ensemble, mine, now.step, wheel, spin)
+            turning[2] = wheel.load
+        else:
+            turning[0] = 1.0
+            turning[1] = led_growth(ensemble, mine, s, time, spin)
+        rates = hub_rates(time, wheel, hub, wrench, turning)
+        lag = leapfrog_lag(now.step, h)
+        seen.angle = rounded(wheel.angle)
+        seen.center = wheel.center
+        seen.load = wheel.load
+        seen.speed = wp.where(spin.prescribed == 1, wheel.exact_speed, wheel.speed.high + lag * rates[2])
+        if wp.static(kind.measuring) and now.measured != 0:
+            seen.exact = with_hub(with_spin(seen.exact, wheel), wheel, hub)
+            seen.exact.speed = wp.float64(seen.speed)
+            velocity = hub_velocity(time, lag, wheel, hub, rates)
+            seen.exact.velocity = wp.vec2d(wp.float64(velocity[0]), wp.float64(velocity[1]))
+        if now.going != 0:
+            ahead = shared.led[course_of(s, now.step + 1) // 2]
+            kick = leapfrog_kick(now.step, h)
+            wheel, hub = hub_moved(counted(now.step + 1, mine.step), kick, h, wheel, hub, rates)
+            store_wheel(shared.wheels, s, spun(wheel, kick * rates[2], h, ahead, spin))
+            shared.hubs[s].velocity_low = hub.velocity_low
+            shared.bands[s].center = wheel.center
+        return seen
+
+    @wp.func
+    def spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, acting: wp.vec3f):
         """Takes the thread's sprocket one step on if the run goes on; returns it with its rates at the step's instant.
 
-        In pairs of float32; `moment` is the chain's on it [N m].
+        In pairs of float32; `acting` are the chain's moment on it [N m] and, if centers move, its force [N].
         """
         s = mine.sprocket
         h = mine.step.high
+        moment = acting[0]
         wheel = load_wheel(shared.wheels, s)
         spin = shared.spins[s]
+        if wp.static(moving):
+            if shared.hubs[s].active != 0:
+                return spin_on_mount(ensemble, shared, mine, now, acting, wheel)
         seen = Seen()
         seen.angle = rounded(wheel.angle)
         seen.speed = wheel.exact_speed
@@ -275,7 +374,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate
         if now.going != 0:
             ahead = shared.led[course_of(s, now.step + 1)]  # which stands for nothing where the angle is free
-            store_turn(shared.wheels, s, spun(wheel, leapfrog_kick(now.step, h), h, moment, ahead, spin))
+            change = leapfrog_kick(now.step, h) * (moment + wheel.load) * spin.inverse_inertia
+            store_turn(shared.wheels, s, spun(wheel, change, h, ahead, spin))
         return seen
 
     @wp.func

@@ -24,8 +24,10 @@ from ..physics.contact import (
     tracked_seat,
     turned,
 )
+from ..physics.face import in_body, near_face, on_face, tracked_face
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
 from ..physics.seat import away, in_teeth_gap, near_line, on_line, tracked_gap
+from ..physics.spin import wheel_of
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
@@ -33,7 +35,7 @@ from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_spin_sums import add_to_cell, close_cell, open_cell, raise_cell
-from .block_wheels import gears, load_line, seen_wheel, velocity_of
+from .block_wheels import box_of, gears, load_line, load_wheel, seen_wheel, store_wheel, velocity_of
 from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to
 
 
@@ -90,6 +92,32 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return shared.bars[g]
 
     @wp.func
+    def away_from(rows: wp.array[Real], j: int, center: vec2, low: vec2):
+        """Roller j from a center, at float32."""
+        high = vec2(load_row(rows, X + j), load_row(rows, Y + j))
+        return away(high, vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
+
+    @wp.func
+    def in_carrier(shared: kinds.Shared, j: int, b: int):
+        """Roller j from the center of body b that carries a guide, and in that body's frame, at float32."""
+        carrier = load_wheel(shared.wheels, b)
+        arm = away_from(shared.rows, j, carrier.center, carrier.center_low)
+        q = arm
+        if b < wp.static(bodies):  # the ground has not turned
+            q = in_body(arm, carrier)
+        return arm, q
+
+    @wp.func
+    def in_box_of(shared: kinds.Shared, j: int, g: int, bar: kinds.Guide):
+        """Whether roller j is in the box about the chord of guide g, a profile."""
+        if wp.static(kind.paired):
+            arm, q = in_carrier(shared, j, bar.body)
+            return near_face(q, load_line(shared.lines, g), box_of(shared.lines, g))
+        else:
+            pose = shared.poses[bar.body]
+            return near_profile(in_frame(place(shared.rows, j, pose.center), pose), bar)
+
+    @wp.func
     def near(shared: kinds.Shared, j: int, n: int):
         """The partners that roller j may touch, as bits: sprockets whose band it is in, guide-bars it is on."""
         rows = shared.rows
@@ -106,8 +134,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         for g in range(wp.static(guides)):
             bar = bar_of(shared, g)
             if by_profile(bar):
-                pose = shared.poses[bar.body]
-                if near_profile(in_frame(place(rows, j, pose.center), pose), bar):
+                if in_box_of(shared, j, g, bar):
                     mask = mask | (1 << (wp.static(sprockets) + g))
             elif wp.static(kind.paired):
                 line = load_line(shared.lines, g)
@@ -241,12 +268,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store_row(shared.parts, y, load_row(shared.parts, y) - force[1])
 
     @wp.func
-    def away_from(rows: wp.array[Real], j: int, center: vec2, low: vec2):
-        """Roller j from a center, at float32."""
-        high = vec2(load_row(rows, X + j), load_row(rows, Y + j))
-        return away(high, vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
-
-    @wp.func
     def teeth_of(shared: kinds.Shared, s: int):
         """Teeth of sprocket s."""
         if wp.static(kind.paired):
@@ -324,15 +345,35 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             put(state, now, at, before, after_teeth(before))
 
     @wp.func
+    def at_face(
+        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, at: int, kept: int, j: int, bar: kinds.Guide
+    ):
+        """As `at_profile`, in pairs of float32; the piece `kept` is kept at `at`."""
+        arm, q = in_carrier(shared, j, bar.body)
+        number = tracked_face(q, kept, bar, ensemble.split_pieces)
+        if number != kept:
+            store_whole(state.seat, at, number)
+        penetration, facing = on_face(q, number, bar, ensemble.split_pieces)
+        relative = -velocity(shared.rows, j)
+        if bar.body < wp.static(bodies):
+            body = load_wheel(shared.wheels, bar.body)
+            facing = turned(facing, body.cosine.high, body.sine.high)
+            way = vec2(-body.speed.high * arm.high[1], body.speed.high * arm.high[0])
+            relative = relative + way + velocity_of(shared.wheels, bar.body)
+        return penetration, facing, relative
+
+    @wp.func
     def at_profile(
         ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, g: int, bar: kinds.Guide
     ):
         """Penetration [m], normal and relative velocity [m/s] of roller j on the profile of guide g."""
+        at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
+        kept = load_whole(state.seat, at)
+        if wp.static(kind.paired):
+            return at_face(ensemble, state, shared, at, kept, j, bar)
         pose = shared.poses[bar.body]
         arm = place(shared.rows, j, pose.center)
         q = in_frame(arm, pose)
-        at = mine.memory + j + (wp.static(sprockets) + g) * mine.rollers
-        kept = load_whole(state.seat, at)
         number = tracked_piece(q, kept, bar, ensemble.pieces)
         if number != kept:
             store_whole(state.seat, at, number)
@@ -371,6 +412,16 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return on_straight(shared, j, g, bar)
 
     @wp.func
+    def arm_on(shared: kinds.Shared, j: int, b: int):
+        """Roller j from the center of body b [m]."""
+        if wp.static(kind.paired):
+            body = load_wheel(shared.wheels, b)
+            return away_from(shared.rows, j, body.center, body.center_low).high
+        else:
+            arm = place(shared.rows, j, shared.poses[b].center)
+            return vec2(Real(arm[0]), Real(arm[1]))
+
+    @wp.func
     def at_guide(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -403,8 +454,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             set_force(shared, j, force_on(shared, j) + force)
             if wp.static(profiles):
                 if bar.body < wp.static(bodies):
-                    arm = place(shared.rows, j, shared.poses[bar.body].center)
-                    moment = reaction(vec2(Real(arm[0]), Real(arm[1])), force)
+                    moment = reaction(arm_on(shared, j, bar.body), force)
                     add_wrench(shared, bar.body, j, moment, force, now.watched)
             keep(state, now, at, before, first)
             if now.measured != 0:
@@ -586,7 +636,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if wp.static(profiles):
                 ground = Pose()
                 ground.cosine = wp.float64(1.0)
-                shared.poses[wp.static(bodies)] = ground
+                if wp.static(kind.paired):
+                    store_wheel(shared.wheels, wp.static(bodies), wheel_of(ground, wp.float64(0.0)))
+                else:
+                    shared.poses[wp.static(bodies)] = ground
             for g in range(wp.static(guides)):
                 bar = ensemble.guides[drive.first_guide + g]
                 if wp.static(profiles):

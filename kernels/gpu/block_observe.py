@@ -256,6 +256,34 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return held - weight + wp.float64(extra.energy)
 
     @wp.func
+    def observe_hub(
+        ensemble: kinds.Ensemble,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        seen: Seen,
+        acting: wp.vec3f,
+        load: wp.float32,
+    ):
+        """One step of the mount of the thread's sprocket, and its energy at the window's ends, in float64."""
+        s = mine.sprocket
+        b = ensemble.drives[mine.variant].first_body + s
+        motion = ensemble.motions[b]
+        mount = ensemble.mounts[b]
+        body = seen.exact
+        time = wp.float64(now.step) * mine.h
+        wrench = Wrench()
+        wrench.moment = wp.float64(acting[0])
+        wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
+        held, power = held_by(time, body, wrench, wp.float64(load), motion, mount, ensemble.curves)
+        weight = wp.float64(now.weight)
+        shared.mount_sums[s] = add_mount(shared.mount_sums[s], body, mount, held, power, weight)
+        if now.flags & ENDS != 0:
+            energy = body_energy(body, motion, mount)
+            tallies.body[b] = add_energy(tallies.body[b], now.flags & START != 0, energy)
+
+    @wp.func
     def observe_spin(
         ensemble: kinds.Ensemble,
         tallies: Tallies,
@@ -263,19 +291,24 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         mine: Mine,
         now: Now,
         seen: Seen,
-        moment: wp.float32,
+        acting: wp.vec3f,
         before: Wheel,
     ):
-        """As `observe_sprocket`, of a sprocket that is moved in pairs of float32."""
+        """As `observe_sprocket`, of a sprocket that is moved in pairs of float32; sums of mounts are float64."""
         s = mine.sprocket
         spin = shared.spins[s]
         time = float(now.step) * mine.step.high
         load = load_moment_at_speed(time, seen.load, before.speed.high, seen.speed, spin)
-        if now.flags & ENDS != 0 and spin.prescribed == 0:
+        mounted = int(0)
+        if wp.static(moving):
+            mounted = shared.hubs[s].active
+            if mounted != 0:
+                observe_hub(ensemble, tallies, shared, mine, now, seen, acting, load)
+        if now.flags & ENDS != 0 and spin.prescribed == 0 and mounted == 0:
             at = ensemble.drives[mine.variant].first_body + s
             energy = wp.float64(0.5 * seen.speed * seen.speed / spin.inverse_inertia)
             tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-        shared.spin_sums[s] = add_spin(shared.spin_sums[s], seen.speed, moment, load, now.weight)
+        shared.spin_sums[s] = add_spin(shared.spin_sums[s], seen.speed, acting[0], load, now.weight)
 
     @wp.func
     def observe_sprocket(

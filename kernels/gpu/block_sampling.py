@@ -19,6 +19,7 @@ from .block_kind import BlockKind, Mine, now_struct
 from .block_observe import block_observing
 from .block_rows import block_rows
 from .block_statistics import block_statistics
+from .block_wheels import within
 from .exchange import any_thread
 
 
@@ -82,10 +83,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         j = int(mine.thread)
         while j < mine.rollers:
             if wp.static(kind.paired):
-                box = shared.box[0]
-                p = position(shared, j)
-                inside = p[0] > box[0] and p[0] < box[2] and p[1] > box[1] and p[1] < box[3]
-                gone = wp.max(gone, int(not inside))
+                gone = wp.max(gone, int(not within(shared.box[0], position(shared, j))))
             else:
                 p = place(shared.rows, j, wp.vec2d(wp.float64(0.0), wp.float64(0.0)))
                 gone = wp.max(gone, int(not in_box(drive, p)))

@@ -5,7 +5,7 @@ While a kernel runs, sums are pairs of float32; what it reads and writes back is
 
 import warp as wp
 
-from ..pairs import Pair, pair_of, settled, trimmed, whole
+from ..pairs import Pair, pair, pair_of, settled, trimmed, whole
 from ..structs import SpinSums
 from ..sum_structs import SprocketSums
 
@@ -78,8 +78,8 @@ def add_spin_hub(sums: SpinSums, force: wp.vec2f, weight: wp.float32):
     of.cell = cells.data[i];
     return {of.parts[0], of.parts[1]};
 """)
-def load_cell(cells: wp.array[wp.float64], i: int) -> wp.vec2f:
-    """A pair that stands in a float64's place."""
+def load_parts(cells: wp.array[wp.float64], i: int) -> wp.vec2f:
+    """High and low part of a pair that stands in a float64's place."""
     ...
 
 
@@ -96,32 +96,34 @@ def store_cell(cells: wp.array[wp.float64], i: int, high: wp.float32, low: wp.fl
 
 
 @wp.func
+def load_cell(cells: wp.array[wp.float64], i: int):
+    """A pair that stands in a float64's place."""
+    parts = load_parts(cells, i)
+    return pair(parts[0], parts[1])
+
+
+@wp.func
 def open_cell(cells: wp.array[wp.float64], i: int):
     """Makes a float64 a pair in its place."""
-    pair = pair_of(cells[i])
-    store_cell(cells, i, pair.high, pair.low)
+    split = pair_of(cells[i])
+    store_cell(cells, i, split.high, split.low)
 
 
 @wp.func
 def close_cell(cells: wp.array[wp.float64], i: int):
     """Makes the pair in a float64's place a float64."""
-    pair = load_cell(cells, i)
-    cells[i] = wp.float64(pair[0]) + wp.float64(pair[1])
+    cells[i] = whole(load_cell(cells, i))
 
 
 @wp.func
 def add_to_cell(cells: wp.array[wp.float64], i: int, value: wp.float32):
     """Adds to a pair in a float64's place."""
-    parts = load_cell(cells, i)
-    sum = Pair()
-    sum.high = parts[0]
-    sum.low = parts[1]
-    sum = added(sum, value)
+    sum = added(load_cell(cells, i), value)
     store_cell(cells, i, sum.high, sum.low)
 
 
 @wp.func
 def raise_cell(cells: wp.array[wp.float64], i: int, value: wp.float32):
     """Makes what stands in a float64's place at least `value`."""
-    if value > load_cell(cells, i)[0]:
+    if value > load_parts(cells, i)[0]:
         store_cell(cells, i, value, 0.0)

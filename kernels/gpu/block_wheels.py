@@ -1,4 +1,4 @@
-"""What contacts at float32 want of sprockets and straight guide-bars, in rows of four values: all threads read them,
+"""What contacts at float32 want of bodies and guides, in rows of four values: all threads read them,
 and a row is one access.
 
 wheel  0  R cos theta, R sin theta, each high and low      gear  0  tan(pi/z), R, clearance, tip reach
@@ -10,7 +10,7 @@ wheel  0  R cos theta, R sin theta, each high and low      gear  0  tan(pi/z), R
 
 line   0  start, high parts (x, y) and low parts                 3  of the law K, n, damping, v_min
        1  direction, the same                                    4  of the law m_e / h, form; slack
-       2  length, end's and roller's radius, deepest entry
+       2  length, end's and roller's radius, deepest entry       5  of a profile: the box along and across its chord
 """
 
 from dataclasses import dataclass
@@ -18,13 +18,15 @@ from functools import cache
 
 import warp as wp
 
+from ..pairs import pair
 from ..physics.seat import line_of
-from ..structs import Line, Wheel, types
+from ..physics.spin import wheel_with
+from ..structs import Line, Pose, Wheel, types
 from .block_kind import BlockKind
 
 WHEEL_ROWS = wp.constant(6)
 GEAR_ROWS = wp.constant(4)
-LINE_ROWS = wp.constant(5)
+LINE_ROWS = wp.constant(6)
 
 
 @wp.func_native("""
@@ -73,10 +75,8 @@ def seen_wheel(rows: wp.array[wp.vec4f], s: int):
     center = load_four(rows, WHEEL_ROWS * s + 1)
     heading = load_four(rows, WHEEL_ROWS * s + 2)
     wheel = Wheel()
-    wheel.reach_cosine.high = reach[0]
-    wheel.reach_cosine.low = reach[1]
-    wheel.reach_sine.high = reach[2]
-    wheel.reach_sine.low = reach[3]
+    wheel.reach_cosine = pair(reach[0], reach[1])
+    wheel.reach_sine = pair(reach[2], reach[3])
     wheel.center = wp.vec2f(center[0], center[1])
     wheel.center_low = wp.vec2f(center[2], center[3])
     wheel.cosine.high = heading[0]
@@ -103,10 +103,8 @@ def load_wheel(rows: wp.array[wp.vec4f], s: int):
     wheel.sine.low = lows[1]
     wheel.speed.low = lows[2]
     wheel.exact_speed = lows[3]
-    wheel.angle.high = angle[0]
-    wheel.angle.low = angle[1]
-    wheel.radius.high = angle[2]
-    wheel.radius.low = angle[3]
+    wheel.angle = pair(angle[0], angle[1])
+    wheel.radius = pair(angle[2], angle[3])
     wheel.grid = load_four(rows, WHEEL_ROWS * s + 5)[2]
     return wheel
 
@@ -135,6 +133,18 @@ def store_wheel(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
 
 
 @wp.func
+def within(box: wp.vec4f, p: wp.vec2f):
+    """Whether `p` is finite and in a box (low corner, high corner)."""
+    return p[0] > box[0] and p[0] < box[2] and p[1] > box[1] and p[1] < box[3]
+
+
+@wp.func
+def follow(rows: wp.array[wp.vec4f], b: int, pose: Pose):
+    """Makes body b go with its pose in float64."""
+    store_wheel(rows, b, wheel_with(load_wheel(rows, b), pose))
+
+
+@wp.func
 def load_line(rows: wp.array[wp.vec4f], g: int):
     """Where guide-bar g is."""
     start = load_four(rows, LINE_ROWS * g)
@@ -146,6 +156,12 @@ def load_line(rows: wp.array[wp.vec4f], g: int):
     line.direction_low = wp.vec2f(along[2], along[3])
     line.slack = load_four(rows, LINE_ROWS * g + 4)[2]
     return line
+
+
+@wp.func
+def box_of(rows: wp.array[wp.vec4f], g: int):
+    """The box about the chord of guide g, a profile, in which rollers are looked after: low, high [m]."""
+    return load_four(rows, LINE_ROWS * g + 5)
 
 
 @dataclass(frozen=True)
@@ -164,6 +180,24 @@ def gears(kind: BlockKind) -> GearFunctions:
     kinds = types(kind.Real)
 
     @wp.func
+    def law_in(law: wp.vec4f, rest: wp.vec4f):
+        """A contact law from its rows, the second of which has more."""
+        found = kinds.ContactLaw()
+        found.stiffness = law[0]
+        found.exponent = law[1]
+        found.damping = law[2]
+        found.speed_floor = law[3]
+        found.most_damping = rest[0]
+        found.form = whole_of(rest[1])
+        return found
+
+    @wp.func
+    def store_law(rows: wp.array[wp.vec4f], at: int, law: kinds.ContactLaw, third: wp.float32):
+        """A contact law into its rows, from row `at` on; `third` stands with it."""
+        store_four(rows, at, wp.vec4f(law.stiffness, law.exponent, law.damping, law.speed_floor))
+        store_four(rows, at + 1, wp.vec4f(law.most_damping, bits_of(law.form), third, 0.0))
+
+    @wp.func
     def load_gear(rows: wp.array[wp.vec4f], s: int):
         """What contacts want of the teeth of sprocket s."""
         size = load_four(rows, GEAR_ROWS * s)
@@ -180,24 +214,17 @@ def gears(kind: BlockKind) -> GearFunctions:
         gear.flank_curvature = seat[2]
         gear.first_seat = whole_of(seat[3])
         gear.teeth = whole_of(rest[2])
-        gear.law.stiffness = law[0]
-        gear.law.exponent = law[1]
-        gear.law.damping = law[2]
-        gear.law.speed_floor = law[3]
-        gear.law.most_damping = rest[0]
-        gear.law.form = whole_of(rest[1])
+        gear.law = law_in(law, rest)
         return gear
 
     @wp.func
     def store_gear(rows: wp.array[wp.vec4f], s: int, gear: kinds.Sprocket):
         """The teeth of sprocket s."""
-        law = gear.law
         at = GEAR_ROWS * s
         store_four(rows, at, wp.vec4f(gear.half_pitch_tangent, gear.pitch_radius, gear.clearance, gear.tip_reach))
         seat = wp.vec4f(gear.cos_half_seat, gear.sin_half_seat, gear.flank_curvature, bits_of(gear.first_seat))
         store_four(rows, at + 1, seat)
-        store_four(rows, at + 2, wp.vec4f(law.stiffness, law.exponent, law.damping, law.speed_floor))
-        store_four(rows, at + 3, wp.vec4f(law.most_damping, bits_of(law.form), bits_of(gear.teeth), 0.0))
+        store_law(rows, at + 2, gear.law, bits_of(gear.teeth))
 
     @wp.func
     def load_bar(rows: wp.array[wp.vec4f], g: int):
@@ -210,25 +237,20 @@ def gears(kind: BlockKind) -> GearFunctions:
         bar.end_radius = size[1]
         bar.roller_radius = size[2]
         bar.deepest_entry = size[3]
-        bar.law.stiffness = law[0]
-        bar.law.exponent = law[1]
-        bar.law.damping = law[2]
-        bar.law.speed_floor = law[3]
-        bar.law.most_damping = rest[0]
-        bar.law.form = whole_of(rest[1])
+        bar.law = law_in(law, rest)
         return bar
 
     @wp.func
     def store_bar(rows: wp.array[wp.vec4f], g: int, bar: kinds.Guide):
         """Guide-bar g."""
-        law = bar.law
         line = line_of(bar)
         at = LINE_ROWS * g
         start, start_low, along, along_low = line.start, line.start_low, line.direction, line.direction_low
         store_four(rows, at, wp.vec4f(start[0], start[1], start_low[0], start_low[1]))
         store_four(rows, at + 1, wp.vec4f(along[0], along[1], along_low[0], along_low[1]))
         store_four(rows, at + 2, wp.vec4f(bar.length, bar.end_radius, bar.roller_radius, bar.deepest_entry))
-        store_four(rows, at + 3, wp.vec4f(law.stiffness, law.exponent, law.damping, law.speed_floor))
-        store_four(rows, at + 4, wp.vec4f(law.most_damping, bits_of(law.form), line.slack, 0.0))
+        store_law(rows, at + 3, bar.law, line.slack)
+        low = wp.vec2f(wp.float32(bar.low[0]), wp.float32(bar.low[1]))
+        store_four(rows, at + 5, wp.vec4f(low[0], low[1], wp.float32(bar.high[0]), wp.float32(bar.high[1])))
 
     return GearFunctions(load_gear=load_gear, store_gear=store_gear, load_bar=load_bar, store_bar=store_bar)

@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
+from ..structs import Hub, Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
 from .block_kind import DECLARED, BlockKind
 from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
@@ -272,8 +272,8 @@ def room(kind: BlockKind) -> Room:
     strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band]
     of_each += [Strand, SprocketSums, StrandSums] if kind.measuring else []
-    of_each += [Mount, MountSums] if kind.moving else []
-    of_each += [wp.vec4f] * (WHEEL_ROWS + GEAR_ROWS) if kind.paired else []
+    of_each += [Hub if kind.spinning else Mount, MountSums] if kind.moving else []
+    of_each += [wp.vec4f] * GEAR_ROWS if kind.paired else []
     of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
     used = kind.sprockets * (16 * COURSE * (not kind.spinning) + sum(map(_bytes, of_each)))
     used += (kind.bodies + kind.profiles) * _bytes(Pose) * kind.poses
@@ -282,7 +282,7 @@ def room(kind: BlockKind) -> Room:
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + strand_of + 1000
     if kind.paired:
-        used += kind.guides * LINE_ROWS * _bytes(wp.vec4f)
+        used += (kind.guides * LINE_ROWS + kind.wheels * WHEEL_ROWS) * _bytes(wp.vec4f)
     needs = (rows * size + 4 * kind.slots, size * parts, seen * size)
     asks = used + sum(needs) > DECLARED and kind.shared_bytes > DECLARED
     used += 4 * kind.threads * asks  # Warp's own
@@ -357,7 +357,7 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("poses", kind.bodies + kind.profiles))
     def poses(like: kinds.Shared) -> wp.array[Pose]: ...
 
-    @wp.func_native(_shared_snippet("wheels", WHEEL_ROWS * sprockets))
+    @wp.func_native(_shared_snippet("wheels", WHEEL_ROWS * kind.wheels))
     def wheels(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
 
     @wp.func_native(_shared_snippet("gears", GEAR_ROWS * sprockets))
@@ -408,6 +408,9 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("strands", sprockets))
     def strands(like: kinds.Shared) -> wp.array[Strand]: ...
 
+    @wp.func_native(_shared_snippet("hubs", sprockets))
+    def hubs(like: kinds.Shared) -> wp.array[Hub]: ...
+
     @wp.func_native(_shared_snippet("mounts", sprockets if moving else 1))
     def mounts(like: kinds.Shared) -> wp.array[Mount]: ...
 
@@ -454,6 +457,8 @@ def exchange(kind: BlockKind) -> Exchange:
         if wp.static(kind.spinning):
             shared.spins = spins(shared)
             shared.led = led(shared)
+            if wp.static(moving):
+                shared.hubs = hubs(shared)
         else:
             shared.motions = motions(shared)
             shared.course = course(shared)
@@ -474,7 +479,8 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.parts = parts(shared)
         else:
             shared.parts = view(state.parts, block * wp.static(of.parts), wp.static(of.parts))
-        shared.mounts = mounts(shared)
+        if wp.static(not kind.spinning):
+            shared.mounts = mounts(shared)
         if wp.static(kind.measuring):
             shared.strands = strands(shared)
             shared.mount_sums = mount_sums(shared)

@@ -71,7 +71,10 @@ def body_rates(
             angle, speed = prescribed_at(time, motion, curves)
             body.speed = speed
             turning = wp.vec3d(wp.float64(1.0), prescribed_acceleration(time, motion, curves), zero)
-        rates = accelerations(time, body, heading, wrench, turning, mount)
+        driven = wp.vec2d()
+        if mount.moves == PRESCRIBED:
+            place, velocity, driven = prescribed_center(time, mount)
+        rates = accelerations(driven, body.center - mount.home, body, heading, wrench, turning, mount)
     return rates
 
 

@@ -32,12 +32,12 @@ def ramp(time: Any, duration: Any):
 
 
 @wp.func
-def ramp_slope(time: wp.float64, duration: wp.float64):
+def ramp_slope(time: Any, duration: Any):
     """Derivative of `ramp` [1/s]."""
     if time >= duration:
-        return wp.float64(0.0)
+        return type(time)(0.0)
     u = time / duration
-    return wp.float64(6.0) * u * (wp.float64(1.0) - u) / duration
+    return type(time)(6.0) * u * (type(time)(1.0) - u) / duration
 
 
 @wp.func

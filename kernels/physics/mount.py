@@ -14,6 +14,8 @@ one, or none) and a_0 the acceleration of a prescribed center, (a) is a = a_0 + 
     alpha = (N - q . (a_0 + B F)) / (I - q . B q).                                             (c)
 """
 
+from typing import Any
+
 import warp as wp
 
 from ..structs import BodyState, Mount, Wrench
@@ -33,51 +35,48 @@ def prescribed_center(time: wp.float64, mount: Mount):
 
 
 @wp.func
-def eccentric(heading: wp.vec2d, mount: Mount):
+def eccentric(heading: Any, mount: Any):
     """m_b r_b e [kg m], the wheel's arm from the center; `heading` is (cos theta, sin theta)."""
     w = mount.wheel
-    return wp.vec2d(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
+    return type(heading)(w[0] * heading[0] - w[1] * heading[1], w[0] * heading[1] + w[1] * heading[0])
 
 
 @wp.func
-def left(v: wp.vec2d):
+def left(v: Any):
     """`v` turned by +90 degrees."""
-    return wp.vec2d(-v[1], v[0])
+    return type(v)(-v[1], v[0])
 
 
 @wp.func
-def spring_force(center: wp.vec2d, velocity: wp.vec2d, mount: Mount):
-    """Force of preload, spring and damper on the center [N]."""
-    return mount.preload - mount.stiffness * (center - mount.home) - mount.damping * velocity
+def spring_force(apart: Any, velocity: Any, mount: Any):
+    """Force of preload, spring and damper on the center [N], which is `apart` from where it is at home [m]."""
+    return mount.preload - mount.stiffness * apart - mount.damping * velocity
 
 
 @wp.func
-def accelerations(
-    time: wp.float64, body: BodyState, heading: wp.vec2d, wrench: Wrench, turning: wp.vec3d, mount: Mount
-):
+def accelerations(driven: Any, apart: Any, body: Any, heading: Any, wrench: Any, turning: Any, mount: Any):
     """Acceleration of a sprocket's center (x, y) [m/s^2] and of its angle [rad/s^2]; (a) to (c) above.
 
     Args:
-        time: for a prescribed center [s].
-        body: the sprocket; its angle and speed must be those of `time`.
+        driven: acceleration of a prescribed center, else 0 [m/s^2].
+        apart: its center from where it is at home [m].
+        body: its angular velocity and its center's velocity; the first must be that of the instant.
         heading: cosine and sine of its angle.
         wrench: the chain's force and moment on it.
         turning: (1 if the angle is prescribed else 0, its angular acceleration [rad/s^2], load moment [N m]).
+        mount: how it is held.
     """
     arm = eccentric(heading, mount)
     q = left(arm)
-    driven = wp.vec2d()
-    if mount.moves == PRESCRIBED:
-        place, velocity, driven = prescribed_center(time, mount)
     outward = body.speed * body.speed * arm
-    force = wrench.force + mount.mass * mount.gravity + outward + spring_force(body.center, body.velocity, mount)
+    force = wrench.force + mount.mass * mount.gravity + outward + spring_force(apart, body.velocity, mount)
     straight = driven + mount.inverse_mass * force
     angular = turning[1]
-    if turning[0] == wp.float64(0.0):
+    if turning[0] == type(turning[0])(0.0):
         moment = wrench.moment + turning[2] + wp.dot(q, mount.gravity)
         angular = (moment - wp.dot(q, straight)) / (mount.inertia - wp.dot(q, mount.inverse_mass * q))
     straight = straight - angular * (mount.inverse_mass * q)
-    return wp.vec3d(straight[0], straight[1], angular)
+    return type(turning)(straight[0], straight[1], angular)
 
 
 @wp.func
@@ -95,7 +94,7 @@ def mounted_energy(body: BodyState, heading: wp.vec2d, mount: Mount):
 @wp.func
 def holding_force(body: BodyState, heading: wp.vec2d, wrench: Wrench, rates: wp.vec3d, mount: Mount):
     """Force on the center of what holds it [N]: spring, damper and preload, or whatever prescribes or fixes it."""
-    held = spring_force(body.center, body.velocity, mount)
+    held = spring_force(body.center - mount.home, body.velocity, mount)
     if mount.moves != FREE:
         arm = eccentric(heading, mount)
         straight = wp.vec2d(rates[0], rates[1]) - mount.gravity

@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from ..pairs import Pair, cross, fused, pair_of, rounded_sum, two_difference
+from ..pairs import Pair, cross, fused, pair, pair_of, rounded_sum, two_difference
 from ..structs import Line, Wheel
 from .contact import turned
 from .guide import guide_gap
@@ -42,15 +42,15 @@ class Gap:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    const float4 seat = __ldg((const float4*)(seats.data + i));
-    return {seat.x, seat.y, seat.z, seat.w};
+    const float4 row = __ldg((const float4*)(rows.data + i));
+    return {row.x, row.y, row.z, row.w};
 #else
-    assert(i >= 0 && i < seats.shape[0]);
-    return seats.data[i];
+    assert(i >= 0 && i < rows.shape[0]);
+    return rows.data[i];
 #endif
 """)
-def load_seat(seats: wp.array[wp.vec4f], i: int) -> wp.vec4f:
-    """Direction of a seat, high parts (x, y) and low parts (x, y)."""
+def load_split(rows: wp.array[wp.vec4f], i: int) -> wp.vec4f:
+    """Row i of what does not change, such as the direction of a seat: high parts (x, y) and low parts (x, y)."""
     ...
 
 
@@ -74,10 +74,9 @@ def gridded(value: wp.float32, magic: wp.float32):
 @wp.func
 def reach_of(part: Pair, radius: Pair, magic: wp.float32):
     """R times a cosine or sine, its high part on the grid that `magic` stands for (`grid_of`) [m]."""
-    reach = Pair()
-    reach.high = gridded(radius.high * part.high, magic)
-    reach.low = fused(radius.high, part.high, -reach.high) + (radius.high * part.low + radius.low * part.high)
-    return reach
+    high = gridded(radius.high * part.high, magic)
+    low = fused(radius.high, part.high, -high) + (radius.high * part.low + radius.low * part.high)
+    return pair(high, low)
 
 
 @wp.func
@@ -111,11 +110,11 @@ def tracked_gap(p: Away, kept: int, wheel: Wheel, sprocket: Any, seats: wp.array
     number = kept
     if number < 0:
         number = nearest_seat(p.high, wheel.cosine.high, wheel.sine.high, sprocket.teeth)
-    gap = in_gap(p, wheel, load_seat(seats, sprocket.first_seat + number))
+    gap = in_gap(p, wheel, load_split(seats, sprocket.first_seat + number))
     step = seat_step(sprocket.pitch_radius + gap.xi, gap.lateral, sprocket.half_pitch_tangent)
     if step != 0:
         number = wrapped_seat(number + step, sprocket.teeth)
-        gap = in_gap(p, wheel, load_seat(seats, sprocket.first_seat + number))
+        gap = in_gap(p, wheel, load_split(seats, sprocket.first_seat + number))
     gap.number = number
     return gap
 
@@ -148,6 +147,14 @@ def line_of(bar: Any):
 
 
 @wp.func
+def line_coordinates(p: Away, t: wp.vec2f, low: wp.vec2f):
+    """Components of `p` along a direction and across it, `t` + `low` its high and low parts [m]."""
+    along = wp.dot(p.high, t) + (wp.dot(p.low, t) + wp.dot(p.high, low))
+    rest = (p.low[1] * t[0] + p.high[1] * low[0]) - (p.low[0] * t[1] + p.high[0] * low[1])
+    return along, cross(p.high[1], p.high[0], t[1], t[0]) + rest
+
+
+@wp.func
 def on_line(p: Away, v: wp.vec2f, line: Line, bar: Any):
     """Penetration [m], normal and relative velocity [m/s] of a roller on a guide-bar that does not move.
 
@@ -158,10 +165,7 @@ def on_line(p: Away, v: wp.vec2f, line: Line, bar: Any):
         bar: the guide-bar (`structs.Guide`).
     """
     t = line.direction
-    low = line.direction_low
-    along = wp.dot(p.high, t) + (wp.dot(p.low, t) + wp.dot(p.high, low))
-    rest = (p.low[1] * t[0] + p.high[1] * low[0]) - (p.low[0] * t[1] + p.high[0] * low[1])
-    across = cross(p.high[1], p.high[0], t[1], t[0]) + rest
+    along, across = line_coordinates(p, t, line.direction_low)
     penetration, normal_along, normal_across = guide_gap(along, across, bar)
     return penetration, turned(t, normal_along, normal_across), -v
 

@@ -12,7 +12,7 @@ import math
 
 import warp as wp
 
-from ..pairs import Pair, apart, exact_product, minus, pair_of, plus, rounded, settled, times, trimmed, whole
+from ..pairs import Pair, apart, exact_product, minus, pair, pair_of, plus, rounded, settled, times, trimmed, whole
 from ..root import reciprocal
 from ..structs import BodyState, Led, Motion, Pose, Spin, Wheel
 from ..trigonometry import HALF_PI, sine_cosine
@@ -41,15 +41,20 @@ def spin_of(motion: Motion):
 
 
 @wp.func
-def led_at(time: Pair, spin: Spin, harmonics: wp.array[wp.vec4f]):
-    """Where a prescribed motion without a table leads, as `motion.prescribed_at`."""
+def ramped_course(time: Pair, spin: Spin):
+    """phi [rad] and phi' [rad/s] of a prescribed motion without a table, as `motion.ramped`."""
     phi = plus(time, minus(times(spin.ramp_time, 0.5)))
     if time.high < spin.ramp_time.high:
         u = times(time, spin.ramp_rate)
         cube = times(times(u, u), u)
         phi = times(spin.ramp_time, times(cube, plus(times(u, -0.5), 1.0)))
+    return times(spin.speed, phi), rounded(spin.speed) * ramp(rounded(time), spin.ramp_time.high)
+
+
+@wp.func
+def led_along(course: Pair, rate: wp.float32, spin: Spin, harmonics: wp.array[wp.vec4f]):
+    """Where a prescribed motion leads, as `motion.prescribed_at`, from phi [rad] and phi' [rad/s]."""
     led = Led()
-    course = times(spin.speed, phi)
     angle = course
     factor = float(1.0)
     rows = spin.drive_harmonics
@@ -59,7 +64,7 @@ def led_at(time: Pair, spin: Spin, harmonics: wp.array[wp.vec4f]):
         angle = plus(angle, times(plus(sine, -row[3]), row[1] / row[0]))
         factor = factor + row[1] * cosine.high
     led.angle = plus(spin.start_angle, times(angle, spin.sign))
-    led.speed = spin.sign * rounded(spin.speed) * ramp(rounded(time), spin.ramp_time.high) * factor
+    led.speed = spin.sign * rate * factor
     return led
 
 
@@ -79,19 +84,36 @@ def quick_cosine(angle: wp.float32) -> wp.float32:
 def cosine_of(angle: Pair):
     """cos(angle) to 5e-7, whole turns taken off before it is rounded."""
     turns = wp.rint(angle.high * wp.static(0.5 / math.pi))
-    turn = Pair()
-    turn.high = wp.static(4.0 * HALF_PI[0])
-    turn.low = wp.static(4.0 * HALF_PI[1])
+    turn = pair(wp.static(4.0 * HALF_PI[0]), wp.static(4.0 * HALF_PI[1]))
     return quick_cosine(rounded(plus(angle, minus(times(turn, turns)))))
 
 
 @wp.func
-def spin_load(time: wp.float32, wheel: Wheel, spin: Spin, harmonics: wp.array[wp.vec4f]):
-    """Load moment [N m] without a table, as `motion.load_moment`."""
-    torque = spin.load[0]
+def led_acceleration(course: Pair, rate: wp.float32, growth: wp.float32, spin: Spin, harmonics: wp.array[wp.vec4f]):
+    """Angular acceleration [rad/s^2], as `motion.prescribed_acceleration`, from phi, phi' and phi''."""
+    factor = float(1.0)
+    slope = float(0.0)
+    rows = spin.drive_harmonics
+    for j in range(rows.first, rows.first + rows.count):
+        row = harmonics[j]
+        sine, cosine = sine_cosine(plus(times(course, row[0]), row[2]))
+        factor = factor + row[1] * cosine.high
+        slope = slope - row[0] * row[1] * sine.high
+    return spin.sign * (growth * factor + rate * rate * slope)
+
+
+@wp.func
+def forward_of(wheel: Wheel, spin: Spin):
+    """The forward angle [rad] of a wheel."""
+    return times(plus(wheel.angle, minus(spin.start_angle)), spin.sign)
+
+
+@wp.func
+def spin_load(time: wp.float32, torque: wp.float32, wheel: Wheel, spin: Spin, harmonics: wp.array[wp.vec4f]):
+    """Load moment [N m], as `motion.load_moment`; `torque` against forward motion is constant or from a table [N m]."""
     rows = spin.load_harmonics
     if rows.count > 0:
-        forward = times(plus(wheel.angle, minus(spin.start_angle)), spin.sign)
+        forward = forward_of(wheel, spin)
         for j in range(rows.first, rows.first + rows.count):
             row = harmonics[j]
             torque = torque + row[1] * cosine_of(plus(times(forward, row[0]), row[2]))
@@ -177,13 +199,13 @@ def swung(wheel: Wheel, turn: wp.float32):
 
 
 @wp.func
-def spun(wheel: Wheel, kick: wp.float32, h: wp.float32, moment: wp.float32, ahead: Led, spin: Spin):
-    """A wheel a leapfrog step on, as `body.leapfrog_body` takes a body whose center is fixed.
+def spun(wheel: Wheel, change: wp.float32, h: wp.float32, ahead: Led, spin: Spin):
+    """A wheel a leapfrog step on, as `body.leapfrog_body` takes a body's angle.
 
     Args:
-        wheel: with the load on it.
-        kick, h: time over which its speed is accelerated, and the step's [s].
-        moment: of the chain on it [N m].
+        wheel: before it.
+        change: of its speed in this step [rad/s].
+        h: the step [s].
         ahead: where it is led, if its angle is prescribed.
         spin: how it is turned.
     """
@@ -194,7 +216,6 @@ def spun(wheel: Wheel, kick: wp.float32, h: wp.float32, moment: wp.float32, ahea
         wheel.angle = ahead.angle
         wheel.exact_speed = ahead.speed
     else:
-        change = kick * (moment + wheel.load) * spin.inverse_inertia
         wheel.speed = settled(wheel.speed.high, wheel.speed.low + change)
         way = exact_product(h, wheel.speed.high)
         turn = way.high + (way.low + h * wheel.speed.low)

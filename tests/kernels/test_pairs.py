@@ -5,17 +5,22 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import warp as wp
-from ptx import compiled, float64_arithmetic, time_loop
+from ptx import compiled, float64_arithmetic, loop_without_float64, time_loop
 
-from warpchain.engine.arrays import split_seats
+from warpchain.engine.arrays import split, split_pieces, split_seats, split_tables
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.pairs import apart, counted, cross, pair_of, plus, times, trimmed, whole
+from warpchain.kernels.physics.body import pose_of
 from warpchain.kernels.physics.contact import in_teeth, on_guide, tracked_seat
+from warpchain.kernels.physics.curve import integral_at, value_at
+from warpchain.kernels.physics.face import in_body, on_face, tracked_face
 from warpchain.kernels.physics.motion import load_moment, prescribed_at
+from warpchain.kernels.physics.profile import in_frame, on_profile, tracked_piece
 from warpchain.kernels.physics.seat import away, in_teeth_gap, line_of, on_line, tracked_gap
-from warpchain.kernels.physics.spin import led_at, spin_load, spin_of, spun, wheel_at
-from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Spin, Wheel, types
+from warpchain.kernels.physics.spin import led_along, ramped_course, spin_load, spin_of, spun, wheel_at, wheel_of
+from warpchain.kernels.physics.table import table_at
+from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Piece, Spin, SplitTable, Tabulated, Wheel, types
 from warpchain.kernels.trigonometry import sine_cosine
 from warpchain.results.channels import FRAME
 
@@ -196,13 +201,79 @@ def test_guide_bars_in_pairs_are_those_of_float64():
 
 
 @wp.kernel(enable_backward=False, module="unique")
+def faces(
+    points: wp.array[wp.vec2d],
+    body: BodyState,
+    exact: EXACT.Guide,
+    guide: GEAR.Guide,
+    pieces: wp.array[Piece],
+    rows: wp.array[wp.vec4f],
+    out: wp.array2d[wp.float64],
+):
+    i = wp.tid()
+    x, y = pair_of(points[i][0]), pair_of(points[i][1])
+    pose = pose_of(body)
+    carrier = wheel_of(pose, wp.float64(0.0))
+    q = in_frame(wp.vec2d(whole(x), whole(y)) - pose.center, pose)
+    number = tracked_piece(q, -1, exact, pieces)
+    penetration, normal = on_profile(q, number, exact, pieces)
+    at = away(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low), carrier.center, carrier.center_low)
+    p = in_body(at, carrier)
+    ours = tracked_face(p, -1, guide, rows)
+    deep, facing = on_face(p, ours, guide, rows)
+    out[i, 0] = wp.float64(wp.abs(tracked_face(p, wp.max(ours - 1, 0), guide, rows) - ours))
+    out[i, 1] = wp.float64(wp.abs(ours - number))
+    out[i, 2] = wp.float64(deep) - penetration
+    out[i, 3] = wp.float64(facing[0]) - normal[0]
+    out[i, 4] = wp.float64(facing[1]) - normal[1]
+
+
+def face_of(kinds, count):
+    """A guide of either precision with `count` pieces."""
+    guide = kinds.Guide()
+    guide.pieces, guide.first_piece, guide.length = count, 1, 0.5
+    guide.end_radius, guide.roller_radius = 0.02, 0.004
+    return guide
+
+
+def test_profiles_in_pairs_are_those_of_float64():
+    # an arc, a straight piece and a hollow one, on a body 4 m away that has turned by 0.4 rad; points over them all
+    lengths, curvatures, heading = [0.15, 0.1, 0.2], [-4.0, 0.0, 2.5], 0.3
+    pieces = np.zeros(len(lengths) + 2, dtype=Piece.numpy_dtype())
+    generator, place, points = np.random.default_rng(5), np.array([0.21, -0.13]), []
+    body = BodyState()
+    body.angle, body.center = 0.4, wp.vec2d(3.9, 1.3)
+    turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
+    for k, (length, curvature) in enumerate([*zip(lengths, curvatures, strict=True), (0.0, 0.0)], start=1):
+        pieces[k]["start"], pieces[k]["direction"] = place, (np.cos(heading), np.sin(heading))
+        pieces[k]["curvature"] = curvature
+        for s, height in generator.uniform((1e-6, -0.004), (1.0 - 1e-6, 0.0039), (3000 * (length > 0), 2)):
+            middle, over = heading + 0.5 * curvature * s * length, heading + curvature * s * length
+            chord = s * length * np.sinc(0.5 * curvature * s * length / np.pi)
+            foot = place + chord * np.array([np.cos(middle), np.sin(middle)])
+            points.append(foot + height * np.array([-np.sin(over), np.cos(over)]))
+        middle = heading + 0.5 * curvature * length
+        place = place + length * np.sinc(0.5 * curvature * length / np.pi) * np.array([np.cos(middle), np.sin(middle)])
+        heading += curvature * length
+    points = np.array([3.9, 1.3]) + np.array(points) @ turn.T
+    guides = [face_of(kinds, len(lengths)) for kinds in (EXACT, GEAR)]
+    tables = [given(pieces, Piece), given(split_pieces(pieces), wp.vec4f)]
+    found = np.abs(launched(faces, len(points), given(points, wp.vec2d), body, *guides, *tables, width=5))
+    assert not found[:, :2].any()
+    # along and across a piece are rounded, and k u^2 / 2 <= 0.05 with what is made of them
+    assert found[:, 2].max() <= 8 * EPS * 0.1
+    assert found[:, 3:].max() <= 16 * EPS
+
+
+@wp.kernel(enable_backward=False, module="unique")
 def led(
     motion: Motion, curves: Curves, rows: wp.array[wp.vec4f], h: wp.float64, every: int, out: wp.array2d[wp.float64]
 ):
     i = wp.tid()
     angle, speed = prescribed_at(wp.float64(i * every) * h, motion, curves)
     spin = spin_of(motion)
-    to = led_at(counted(i * every, pair_of(h)), spin, rows)
+    course, rate = ramped_course(counted(i * every, pair_of(h)), spin)
+    to = led_along(course, rate, spin, rows)
     out[i, 0] = whole(to.angle) - angle
     out[i, 1] = wp.float64(to.speed) - speed
     wheel = Wheel()
@@ -212,7 +283,7 @@ def led(
     spin.prescribed = 0
     time = wp.float64(i * every) * h
     load = load_moment(time, angle, speed, motion, curves)
-    out[i, 2] = wp.float64(spin_load(wp.float32(time), wheel, spin, rows)) - load
+    out[i, 2] = wp.float64(spin_load(wp.float32(time), spin.load[0], wheel, spin, rows)) - load
 
 
 def motion_of(**values):
@@ -239,12 +310,56 @@ def test_prescribed_angles_in_pairs(ramp):
 
 
 @wp.kernel(enable_backward=False, module="unique")
+def tabled(
+    points: wp.array[wp.float64],
+    table: Tabulated,
+    values: wp.array[wp.float64],
+    pairs: wp.array[SplitTable],
+    parts: wp.array[wp.vec2f],
+    out: wp.array2d[wp.float64],
+):
+    i = wp.tid()
+    value, integral, slope = table_at(points[i], table, values)
+    ours, way = integral_at(pair_of(points[i]), pairs[0], parts)
+    out[i, 0] = whole(ours) - value
+    out[i, 1] = wp.float64(value_at(pair_of(points[i]), pairs[0], parts)) - value
+    out[i, 2] = whole(way) - integral
+
+
+@pytest.mark.parametrize("repeats", [0, 1])
+def test_tables_in_pairs_are_those_of_float64(repeats):
+    # a speed of 50 rad/s with a ripple, 40 cells of 0.7 rad; the points go beyond both ends, by a round and a half
+    cells, first, start, spacing = 40, 5, -3.3, 0.7
+    generator = np.random.default_rng(4)
+    values = 50.0 + generator.uniform(-9.0, 9.0, (cells, 5))
+    c0, c1, c2, c3 = values[:, :4].T
+    each = spacing * (c0 + c1 / 2 + c2 / 3 + c3 / 4)
+    values[:, 4] = np.append(0.0, np.cumsum(each)[:-1])
+    flat = np.concatenate([np.zeros(5), values.ravel(), [each.sum()]])
+    points = generator.uniform(start - 1.5 * cells * spacing, start + 2.5 * cells * spacing, 20_000)
+    table = Tabulated()
+    table.cells, table.first, table.repeats, table.start, table.spacing = cells, first, repeats, start, spacing
+    motions = np.zeros(1, dtype=Motion.numpy_dtype())
+    for name in ("cells", "first", "repeats", "start", "spacing"):
+        motions["drive_table"][name] = getattr(table, name)
+    inputs = [table, given(flat), given(split_tables(motions), SplitTable), given(split(flat), wp.vec2f)]
+    found = np.abs(launched(tabled, len(points), given(points), *inputs, width=3))
+    inside = np.abs((points - start) / spacing - np.rint((points - start) / spacing)) > 1e-9  # off the cells' edges,
+    if not repeats:  # where these values jump
+        inside |= (points < start) | (points > start + cells * spacing)
+    largest, bit = 50.0 + 9.0 + 3 * 59.0, EPS**2
+    assert found[inside, 0].max() <= 64 * bit * largest * cells  # the place in the table is rounded in cells
+    assert found[inside, 1].max() <= 8 * EPS * largest
+    assert found[inside, 2].max() <= 64 * bit * np.abs(each).sum() * 2.5
+
+
+@wp.kernel(enable_backward=False, module="unique")
 def turning(spin: Spin, moment: wp.float64, h: wp.float64, steps: int, out: wp.array2d[wp.float64]):
     body = BodyState()
     wheel = wheel_at(body, wp.float64(0.4))
     nowhere = Led()
     for _ in range(steps):
-        wheel = spun(wheel, wp.float32(h), wp.float32(h), wp.float32(moment), nowhere, spin)
+        wheel = spun(wheel, wp.float32(h) * wp.float32(moment) * spin.inverse_inertia, wp.float32(h), nowhere, spin)
     out[0, 0] = whole(wheel.angle)
     out[0, 1] = whole(wheel.speed)
     sine, cosine = sine_cosine(whole(wheel.angle))
@@ -274,6 +389,9 @@ LOOPS = {
     "two sprockets": BlockKind(wp.float32, 32, 4, 2, 0, curved=False),
     "guide-bar, friction": BlockKind(wp.float32, 32, 6, 2, 1, sliding=True, bending=True, uneven=True, curved=False),
     "few": BlockKind(wp.float32, 128, 1, 2, 1, curved=False),
+    "tables": BlockKind(wp.float32, 32, 4, 2, 0),
+    "moving": BlockKind(wp.float32, 32, 4, 2, 0, moving=True),
+    "profiles": BlockKind(wp.float32, 32, 4, 2, 2, profiles=True, sliding=True, curved=False),
 }
 
 
@@ -286,6 +404,25 @@ def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
     kinds = float64_arithmetic(every)
     assert sum(kinds.values()) < 120, kinds
     assert not any(name.startswith(("mul", "fma", "div", "sqrt")) for name in kinds), kinds
+
+
+MEASURING = {
+    "two sprockets": BlockKind(wp.float32, 32, 4, 2, 1, measuring=True, curved=False),
+    "friction": BlockKind(wp.float32, 32, 6, 2, 1, measuring=True, sliding=True, bending=True, curved=False),
+}
+
+
+@pytest.mark.parametrize("name", MEASURING)
+def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
+    ptx = compiled(block_kernel(MEASURING[name], 12, FRAME), tmp_path)
+    every, loop = time_loop(ptx)
+    free, branches = loop_without_float64(ptx)
+    # contacts' sums, watched forces and all of the motion are in what goes around without float64
+    assert len(free) > 0.7 * len(loop)
+    assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
+    # beside it: looks (every 32 steps), and the energies of rollers and bodies at the window's ends
+    counts = sorted(sum(float64_arithmetic(branch).values()) for branch in branches)
+    assert len(counts) <= 3 and counts[-1] <= 160 and sum(counts[:-1]) <= 40, counts
 
 
 def test_float64_is_found_where_it_is(tmp_path):

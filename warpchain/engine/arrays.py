@@ -24,10 +24,39 @@ def split_seats(seats: NDArray[np.floating]) -> NDArray[np.floating]:
     return np.hstack([coarse, seats - coarse]).astype(np.float32)
 
 
+def split(values: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Numbers (n,) as pairs of float32 (n, 2)."""
+    high = values.astype(np.float32)
+    return np.stack([high, (values - high).astype(np.float32)], axis=-1)
+
+
+def split_tables(motions: NDArray[Any]) -> NDArray[Any]:
+    """(2 * bodies,) `structs.SplitTable`: the table of each body's motion and that of its load."""
+    tables = np.stack([motions["drive_table"], motions["load_table"]], axis=1).ravel()
+    made = np.zeros(len(tables), dtype=structs.SplitTable.numpy_dtype())
+    for name in ("cells", "first", "over_angle", "repeats"):
+        made[name] = tables[name]
+    spacing = np.where(tables["cells"] > 0, tables["spacing"], 1.0)
+    for name, values in (("start", tables["start"]), ("spacing", spacing), ("rate", 1.0 / spacing)):
+        pairs = split(values)
+        made[name]["high"], made[name]["low"] = pairs[:, 0], pairs[:, 1]
+    return made
+
+
+def split_pieces(pieces: NDArray[Any]) -> NDArray[np.float32]:
+    """Pieces of profiles as rows of four (`physics.face`), (3 * pieces, 4)."""
+    made = np.zeros((len(pieces), 3, 4), dtype=np.float32)
+    for k, name in enumerate(("start", "direction")):
+        made[:, k] = np.moveaxis(split(pieces[name]), 2, 1).reshape(-1, 4)
+    made[:, 2, 0] = pieces["curvature"]
+    return made.reshape(-1, 4)
+
+
 def upload_ensemble(packed: Packed, device: str) -> Any:
     """What does not change during a run (`kernels.structs.types(...).Ensemble`), copied to `device`."""
     kinds = structs.types(packed.real)
     ensemble = kinds.Ensemble()
+    tabulated = packed.precision == "float32" and len(packed.tables) > 0
     for name, values, dtype in (
         ("drives", packed.drives, structs.Drive),
         ("chains", packed.chains, kinds.Chain),
@@ -42,6 +71,9 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("seats", packed.seats, wp.vec2d),
         ("split_seats", split_seats(packed.seats) if packed.precision == "float32" else np.zeros((1, 4)), wp.vec4f),
         ("split_harmonics", np.column_stack([packed.harmonics, np.sin(packed.harmonics[:, 2])]), wp.vec4f),
+        ("split_tables", split_tables(packed.motions[: None if tabulated else 0]), structs.SplitTable),
+        ("split_values", split(packed.tables[: None if tabulated else 0]), wp.vec2f),
+        ("split_pieces", split_pieces(packed.pieces[: None if packed.precision == "float32" else 0]), wp.vec4f),
         ("tooth_sliding", packed.tooth_sliding, kinds.Sliding),
         ("guide_sliding", packed.guide_sliding, kinds.Sliding),
         ("joints", packed.joints, kinds.Joint),

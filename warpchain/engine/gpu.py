@@ -133,6 +133,7 @@ class Bucket:
     tensioners: int
     profiles: bool
     curved: bool
+    pushing: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
     stribeck: bool = True
@@ -171,6 +172,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         profiles=bucket.profiles,
         curved=bucket.curved,
         stribeck=bucket.stribeck,
+        pushing=bucket.pushing,
         crewed=shape.crewed,
         shared_bytes=shape.shared_bytes,
     )
@@ -181,6 +183,14 @@ def curved(packed: Packed) -> NDArray[np.bool_]:
     motions = packed.motions
     counts = motions["drive_table"]["cells"] + motions["load_table"]["cells"]
     return (np.add.reduceat(counts, packed.drives["first_body"]) > 0) | (packed.precision == "float64")
+
+
+def pushing(packed: Packed) -> NDArray[np.bool_]:
+    """Which variants have tensioners that push sprockets, (variants,); all at float64, where no kernel asks."""
+    owner = np.repeat(np.arange(packed.variants), packed.drives["tensioners"])
+    on_sprockets = packed.tensioners["body"] < packed.drives["sprockets"][owner]
+    counts = np.bincount(owner[on_sprockets], minlength=packed.variants)
+    return (counts > 0) | (packed.precision == "float64")
 
 
 def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
@@ -245,7 +255,7 @@ class GpuEngine:
         partners = [slots, drives["sprockets"], drives["guides"]]
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
-        kinds = [*kinds, curved(self.packed), self.packed.stribeck]
+        kinds = [*kinds, curved(self.packed), pushing(self.packed), self.packed.stribeck]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
         processors = self._processors
         most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
@@ -253,12 +263,13 @@ class GpuEngine:
         for key in _distinct(keys):
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
-            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, profiles, curves, law = key
+            slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, *others = key
             shape = block_shape(slots, len(order) // processors, most_shared)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
-            bodies = arms, tensioners, bool(profiles), bool(curves)
-            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, bool(law)))
+            profiles, curves, pushes, law = map(bool, others)
+            bodies = arms, tensioners, profiles, curves, pushes
+            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, law))
         return buckets
 
     def _blocks(self, name: str, bucket: Bucket) -> int:
