@@ -173,7 +173,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
-        """Works out the load on the thread's sprocket; adds the force on its hub of the step before, where it is owed."""
+        """Works out the load on the thread's sprocket; adds the last step's force on its hub, where it is owed."""
         if wp.static(late) and now.owed != 0:
             add_hub(shared, mine, now, of_three())
         if mine.sprocket >= 0 and now.stage == 0:

@@ -341,7 +341,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             velocity = hub_velocity(time, lag, wheel, hub, rates)
             seen.exact.velocity = wp.vec2d(wp.float64(velocity[0]), wp.float64(velocity[1]))
         if now.going != 0:
-            ahead = shared.led[course_of(s, now.step + 1) // 2]
+            ahead = shared.led[course_of(s, now.step + 1)]
             kick = leapfrog_kick(now.step, h)
             wheel, hub = hub_moved(counted(now.step + 1, mine.step), kick, h, wheel, hub, rates)
             store_wheel(shared.wheels, s, spun(wheel, kick * rates[2], h, ahead, spin))

@@ -2,7 +2,7 @@
 
 Each link's tension and rate of turning lie in two rows until its neighbors have worked out their joints' moments. On a
 block of one warp, whose barriers cost little, these are the rows of forces, and each moment is worked out once; on
-several warps two more, and twice. Where metrics are taken two more rows keep the couples' forces, for the friction work.
+several warps two more, and twice. Where metrics are taken two more rows keep the couples' forces, for friction's work.
 """
 
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from ..structs import types
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .exchange import WARP, extremes, shared_rows
+
 
 @dataclass(frozen=True)
 class JointFunctions:
