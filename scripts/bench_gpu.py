@@ -419,8 +419,8 @@ def aims(found: dict[str, dict[str, float]]) -> Iterator[tuple[str, float, str]]
     for precision, least in (("float64", 0.9), ("float32", 0.85)):
         for title in DRIVES:
             case = f"table {title} {precision} 16896"
-            rate = got(case, "metrics") / got(case, "bare")
-            yield f"{title} with metrics, part of bare, {precision}", rate, f"at least {least}"
+            part = got(case, "metrics") / got(case, "bare")
+            yield f"{title} with metrics, part of bare, {precision}", part, f"at least {least}"
     alone, crowd = f"table {TWO} float64 1", f"table {TWO} float64 1056"
     yield "one variant alone, float64 [us a step]", got(alone, "us"), "1.2"
     yield "1,056 variants, part of the CUDA reference", got(crowd, "bare") / got(crowd, "cuda"), "at least 0.9"
