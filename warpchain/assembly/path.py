@@ -164,8 +164,7 @@ def allowed_parts(drive: Drive, worked_out: Callable[[Drive], Found]) -> list[tu
         return []
     found = []
     for half in np.array_split(np.arange(count), 2):
-        own = picked(drive, half if len(half) > 1 else int(half[0]))
-        found += [(half[places], part) for places, part in allowed_parts(own, worked_out)]
+        found += [(half[places], part) for places, part in allowed_parts(picked(drive, half), worked_out)]
     return found
 
 

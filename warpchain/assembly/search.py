@@ -274,7 +274,7 @@ class _Together:
         centers = [self.searches[v].center(place) for v, place in zip(rows, places, strict=True)]
         drive, center = self.drive, centers[0]
         if len(rows) < len(self.searches):
-            drive = picked(drive, np.array(rows) if len(rows) > 1 else rows[0])
+            drive = picked(drive, np.array(rows))
         if len(rows) > 1:
             center = tuple(np.array(centers).T)  # of a stack
         answers = [NOWHERE] * len(rows)
