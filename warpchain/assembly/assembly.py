@@ -252,8 +252,9 @@ def _seated(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     check_fit(drive, path)
     loop = Loop(drive, path)
     seating = seat_chain(drive, path, loop)
-    for _ in range(_BALANCES if balance else 0):
-        assert balance is not None
+    if balance is None:
+        return path, seating, loop
+    for _ in range(_BALANCES):
         before = path.arm_angle
         path = balance.path(seating.strain - path[0].nominal_strain, before)
         seating = seat_chain(drive, path, loop)
@@ -319,7 +320,7 @@ def _sprocket_speeds(drive: Drive, path: ChainPath, variants: int) -> Array:
         * (travel / path.radius[:, s] if sprocket.prescribed is None else _prescribed_speed(drive, sprocket))
         for s, sprocket in enumerate(drive.sprockets)
     ]
-    return np.stack([np.broadcast_to(speed, variants) for speed in speeds], axis=1)
+    return table_of(speeds, variants)
 
 
 def _prescribed_speed(drive: Drive, sprocket: Sprocket) -> Any:

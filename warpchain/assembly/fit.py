@@ -181,16 +181,21 @@ def drawn_paths(drives: Sequence[Drive]) -> list[ChainPath | DriveError]:
     found: list[ChainPath | None] = [None] * len(drives)
     for stack in stacks_of(drives):
         members = stack.members.tolist()
-        for places, path in allowed_parts(stack.drive, lambda drive: Plan(drive).path(_wanted_angles(drive, {}))):
+        for places, path in allowed_parts(stack.drive, len(members), _drawn):
             for row, v in enumerate(places.tolist()):
                 found[members[v]] = path[row]
     return [_refusal(drive) if path is None else path for drive, path in zip(drives, found, strict=True)]
 
 
+def _drawn(drive: Drive) -> ChainPath:
+    """The paths of a stack's chains with arms as drawn."""
+    return Plan(drive).path(_wanted_angles(drive, {}))
+
+
 def _refusal(drive: Drive) -> ChainPath | DriveError:
     """Why a drive's path cannot be drawn."""
     try:
-        return path_at(drive, _wanted_angles(drive, {}))
+        return _drawn(drive)[0]
     except DriveError as error:
         return error
 

@@ -140,32 +140,32 @@ class Obstructed(Exception):
         self.which = which
 
 
-def in_parts(drive: Drive, worked_out: Callable[[Drive], Found]) -> list[tuple[NDArray[np.int64], Found]]:
-    """What is worked out of a stack, in parts: which of its variants (K,), and what of them.
+def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> list[tuple[NDArray[np.int64], Found]]:
+    """What is worked out of a stack of `count`, in parts: which of its variants (K,), and what of them.
 
     Those that are `Obstructed` are parts of one.
     """
-    every = np.arange(size_of(drive))
     try:
-        return [(every, worked_out(drive))]
+        return [(np.arange(count), worked_out(drive))]
     except Obstructed as around:
         free, others = np.flatnonzero(~around.which), np.flatnonzero(around.which)
     found = [(free, worked_out(picked(drive, free)))] if len(free) else []
     return found + [(np.array([v]), worked_out(picked(drive, int(v)))) for v in others]
 
 
-def allowed_parts(drive: Drive, worked_out: Callable[[Drive], Found]) -> list[tuple[NDArray[np.int64], Found]]:
+def allowed_parts(
+    drive: Drive, count: int, worked_out: Callable[[Drive], Found]
+) -> list[tuple[NDArray[np.int64], Found]]:
     """What is worked out of a stack as by `in_parts`, without the variants that are refused; these cost halvings."""
     try:
-        return in_parts(drive, worked_out)
+        return in_parts(drive, count, worked_out)
     except DriveError:
-        count = size_of(drive)
-    if count == 1:
-        return []
+        if count == 1:
+            return []
     found = []
     for half in np.array_split(np.arange(count), 2):
-        own = picked(drive, half if len(half) > 1 else int(half[0]))
-        found += [(half[places], part) for places, part in allowed_parts(own, worked_out)]
+        parts = allowed_parts(picked(drive, half), len(half), worked_out)
+        found += [(half[places], part) for places, part in parts]
     return found
 
 

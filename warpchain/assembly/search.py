@@ -274,11 +274,12 @@ class _Together:
         centers = [self.searches[v].center(place) for v, place in zip(rows, places, strict=True)]
         drive, center = self.drive, centers[0]
         if len(rows) < len(self.searches):
-            drive = picked(drive, np.array(rows) if len(rows) > 1 else rows[0])
+            drive = picked(drive, np.array(rows))
         if len(rows) > 1:
             center = tuple(np.array(centers).T)  # of a stack
         answers = [NOWHERE] * len(rows)
-        for members, looks in allowed_parts(_moved(drive, self.searches[0].index, center), _look(goals, assembled)):
+        moved = _moved(drive, self.searches[0].index, center)
+        for members, looks in allowed_parts(moved, len(rows), _look(goals, assembled)):
             for v, reached in zip(members.tolist(), looks.of([goals[v] for v in members.tolist()]), strict=True):
                 answers[v] = reached
         return answers

@@ -70,19 +70,20 @@ def assemble_all(stacks: Sequence[Stack]) -> Assemblies:
     refused: list[tuple[int, DriveError]] = []
     for stack in stacks:
         drive, which = _layouts(stack.drive, len(stack.members))
-        key = _layout(drive) if size_of(drive) == 1 else None
+        size = size_of(drive)
+        key = _layout(drive) if size == 1 else None
         if key is not None and key in known:
             block[stack.members] = known[key]
             continue
         try:
-            found = _assembled(drive)
+            found = in_parts(drive, size, assemble_stack)
         except DriveError:
-            refused.append(first_refused(stack, _assembled))
+            refused.append(first_refused(stack, lambda drive: in_parts(drive, size_of(drive), assemble_stack)))
             continue
         if key is not None:
             known[key] = len(blocks)
         for places, assembly in found:
-            own = np.full(size_of(drive), -1)
+            own = np.full(size, -1)
             own[places] = np.arange(len(places))
             mine = own[which] >= 0
             block[stack.members[mine]], row[stack.members[mine]] = len(blocks), own[which][mine]
@@ -90,11 +91,6 @@ def assemble_all(stacks: Sequence[Stack]) -> Assemblies:
     if refused:
         raise first_of(refused)
     return Assemblies(tuple(blocks), block, row)
-
-
-def _assembled(drive: Drive) -> list[tuple[Places, Assembly]]:
-    """The states of a stack, in parts: which of its variants, and theirs."""
-    return in_parts(drive, assemble_stack)
 
 
 def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:

@@ -97,7 +97,7 @@ class _Form:
             else:
                 changed[key] = _checker(kind, str(key)).validate_python(_put(own, inner, values))
         copied = part.model_copy(update=changed)
-        for _ in kind._number_rules(copied):
+        for _ in kind._number_rules(copied, changed):
             raise _Wrong
         return copied
 

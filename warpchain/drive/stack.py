@@ -168,11 +168,11 @@ def stacked(values: Sequence[Value]) -> Value:
 def picked(value: Value, places: Any) -> Value:
     """Some variants of a stack, or of a part of one, as a stack; `places` is an index of arrays (V,).
 
-    One number gives that variant alone.
+    A single one is a drive alone, of plain numbers.
     """
     if isinstance(value, np.ndarray):
         found = value[places]
-        return found if found.ndim else float(found)  # type: ignore[return-value]
+        return found if found.size > 1 else found.item()
     if isinstance(value, tuple):
         return _same(value, tuple(picked(inner, places) for inner in value))  # type: ignore[return-value]
     if not isinstance(value, Part) or isinstance(value, Table):
@@ -223,7 +223,7 @@ def first_refused(stack: Stack, attempt: Callable[[Drive], object]) -> tuple[int
 
     def refusal(end: int) -> DriveError | None:
         try:
-            attempt(picked(stack.drive, slice(begin, end) if end > begin + 1 else begin))
+            attempt(picked(stack.drive, slice(begin, end)))
         except DriveError as error:
             return error
         return None

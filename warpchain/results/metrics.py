@@ -6,7 +6,7 @@ the same columns are worked on at once, as arrays.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.stack import Stack
+from warpchain.drive.stack import LARGEST, Stack
 from warpchain.results.columns import (
     BALANCE,
     DESIGN,
@@ -241,7 +241,7 @@ def metrics_table(
     known |= run_columns(ended)
     columns = {name: (values.filled(0), np.ma.getmaskarray(values)) for name, values in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
-    for variants in same_columns(ended.drives, ended.stacks):
+    for variants in _blocks(same_columns(ended.drives, ended.stacks)):
         found = metrics_of(ended.of(variants), sums_of(variants))
         for place, (name, values) in enumerate(found.items()):
             having = ~np.ma.getmaskarray(values)
@@ -255,6 +255,21 @@ def metrics_table(
     judged = judge(ended.drives, columns, ended.measured, limits, ended.layouts, ended.causes)
     words = {"status": (judged.status, None), "reason": (judged.reason, None)}
     return _table({name: words.get(name) or columns[name] for name in sorted(columns, key=places.__getitem__)})
+
+
+def _blocks(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
+    """Variants of a kind, at most `LARGEST` at a time, so that what is worked on stays in the processor's caches."""
+    for variants in kinds:
+        yield from np.split(variants, range(LARGEST, len(variants), LARGEST))
+
+
+def rows_of(table: pa.Table) -> list[Row]:
+    """The rows of a table, each with what it has: `table_of` backwards."""
+    names, columns = table.column_names, [column.to_pylist() for column in table.columns]
+    return [
+        {name: value for name, value in zip(names, values, strict=True) if value is not None}
+        for values in zip(*columns, strict=True)
+    ]
 
 
 def table_of(rows: Sequence[Row]) -> pa.Table:

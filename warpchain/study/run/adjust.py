@@ -66,7 +66,7 @@ def adjusted_all(
         trying: dict[int, Drive] = {}
         for v in [v for v in counts if turn < len(counts[v]) and not isinstance(found.get(v), tuple)]:
             try:
-                trying[v] = with_numbers(drives[v], {("chain", "links"): n} if (n := counts[v][turn]) else {})
+                trying[v] = _with_links(drives[v], counts[v][turn])
             except DriveError as error:
                 found[v] = error
         moved = _moved(list(trying.values()), adjust, [strains[v] for v in trying])
@@ -77,6 +77,11 @@ def adjusted_all(
                 links = counts[v][turn]
                 found[v] = outcome[0], outcome[1] if links is None else {"adjusted_links": links, **outcome[1]}
     return [found[v] for v in range(len(drives))]
+
+
+def _with_links(drive: Drive, links: int | None) -> Drive:
+    """The drive with a number of links; None is its own."""
+    return drive if links is None else with_numbers(drive, {("chain", "links"): links})
 
 
 def _counts(

@@ -215,6 +215,7 @@ def _attempt(
     """Simulates variants in one call; returns a refusal of a drive, of the settings or of the machine's memory."""
     from warpchain.engine.simulation import simulate
     from warpchain.engine.states import States
+    from warpchain.results.metrics import rows_of
     from warpchain.results.run import Record
 
     def tell(phase: str, done: float, total: float) -> None:
@@ -251,8 +252,8 @@ def _attempt(
         if archive is not None:
             archive.unlink(missing_ok=True)
         raise KeyboardInterrupt
-    for i, (variant, row) in enumerate(zip(variants, run.metrics.to_pylist(), strict=True)):
-        variant.metrics = {name: value for name, value in row.items() if value is not None}
+    for i, (variant, row) in enumerate(zip(variants, rows_of(run.metrics), strict=True)):
+        variant.metrics = row
         if states is not None:
             variant.kept, variant.gone_on = states.kept[i], states.used[i]
         if archive is not None:
