@@ -28,8 +28,8 @@ class Group:
     first: wp.int32
     near: wp.uint64  # bit k: roller `first` + k is near
     fresh: wp.uint64  # and has no seat, or piece, yet
-    low: wp.int32  # the first that is near, or up to seven before
-    high: wp.int32  # after the last that is near, by a multiple of eight from `low`
+    low: wp.int32  # the first that is near, or up to `rows.LANES` - 1 before
+    high: wp.int32  # after the last that is near, by a multiple of `rows.LANES` from `low`
 
 
 @wp.func_native("return __builtin_ctzll(bits);")
@@ -58,22 +58,11 @@ def is_near(group: Group, i: int):
     return ((group.near >> wp.uint64(i - group.first)) & wp.uint64(1)) != wp.uint64(0)
 
 
-@wp.func
-def group_of(first: int, near: wp.uint64, fresh: wp.uint64):
-    """The group that begins at roller `first`; `near` is not 0."""
-    group = Group()
-    group.first = first
-    group.near = near
-    group.fresh = fresh
-    group.low = first + (lowest_bit(near) & -LANES)
-    group.high = first + (highest_bit(near) & -LANES) + LANES
-    return group
-
-
 @dataclass(frozen=True)
 class Contacts:
     """The passes of contacts with one partner."""
 
+    group_of: wp.Function
     leave_seats: wp.Function
     recall: wp.Function
     place_arm: wp.Function
@@ -87,6 +76,7 @@ class Contacts:
 def contacts(Real: type, capacity: int) -> Contacts:
     """The passes of contacts with one partner, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
+    lanes = LANES[Real]
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     store_seat, unlike_seat = accessors(wp.int32).store_row, accessors(wp.int32).unlike
@@ -104,6 +94,17 @@ def contacts(Real: type, capacity: int) -> Contacts:
     )
     PRESS_X, PRESS_Y, DRAG_X, DRAG_Y = at.press_x, at.press_y, at.drag_x, at.drag_y
     MOMENT, DAMPED, RUBBED = at.moment_of, at.damped, at.rubbed
+
+    @wp.func
+    def group_of(first: int, near: wp.uint64, fresh: wp.uint64):
+        """The group that begins at roller `first`; `near` is not 0."""
+        group = Group()
+        group.first = first
+        group.near = near
+        group.fresh = fresh
+        group.low = first + (lowest_bit(near) & wp.static(-lanes))
+        group.high = first + (highest_bit(near) & wp.static(-lanes)) + wp.static(lanes)
+        return group
 
     @wp.func
     def leave_seats(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
@@ -403,4 +404,4 @@ def contacts(Real: type, capacity: int) -> Contacts:
             totals = add_up(w, group, totals, False)
         return totals
 
-    return Contacts(leave_seats, recall, place_arm, touch, answer, clear_sizes, add_sizes)
+    return Contacts(group_of, leave_seats, recall, place_arm, touch, answer, clear_sizes, add_sizes)
