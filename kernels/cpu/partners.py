@@ -130,12 +130,14 @@ def partners(Real: type, capacity: int) -> Partners:
             if near != wp.uint64(0):
                 group = group_of(first, near, near & ~seated)
                 touch_partner(w, ensemble, group, partner, memory)
+                impacts = totals.impacts
                 totals = answer(w, group, partner.law, partner.sliding, memory, chain, totals)
                 if memory.wanted.sizes != 0:
                     add_sizes(w, group, wp.where(partner.teeth != 0, SPROCKET_FORCE, GUIDE_FORCE))
                 if memory.wanted.measures != 0:
                     if partner.teeth != 0:
-                        totals.contacts += teeth.first_touches(w, group)
+                        if totals.impacts != impacts:
+                            totals.contacts += teeth.first_touches(w, group)
                     else:
                         totals = face.count_missed(w, group, totals)
             first = first + GROUP
