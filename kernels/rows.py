@@ -38,8 +38,8 @@ class Accessors:
 def accessors(Real: type) -> Accessors:
     """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride.
 
-    `unlike(array, first, count, value)` tells which of up to 64 values are not `value`, as bits, eight at a time; on the
-    CPU only. In Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
+    `unlike(array, first, count, value)`, on the CPU only, tells which of up to 64 values are not `value`, as bits. In
+    Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
     """
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")

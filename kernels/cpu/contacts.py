@@ -152,7 +152,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
         relative_x: Real,
         relative_y: Real,
     ):
-        """How roller i stands on the partner, 0 or less deep where it does not touch; in numbers, not vectors (`rollers`)."""
+        """How roller i stands on the partner, 0 or less deep where it does not touch; in numbers, not vectors."""
         store_row(w, PENETRATION + i, penetration)
         store_row(w, NORMAL_X + i, normal_x)
         store_row(w, NORMAL_Y + i, normal_y)

@@ -107,8 +107,9 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
 
     @wp.func
     def stand(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
-        """How the rollers stand in the gaps of the seats that they have kept, eq. (5)-(14), as `contact.in_teeth` but for
-        tips. Who has come nearer to another seat, as bits; 1 if any is at a tip.
+        """How the rollers stand in the gaps of the seats that they have kept, as `contact.in_teeth` but for tips.
+
+        Returns who has come nearer to another seat, as bits, and 1 if any is at a tip.
         """
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
