@@ -8,14 +8,21 @@ import warp as wp
 STATE_ROWS = wp.constant(6)
 """A variant's rows in `structs.State.rollers`: x, y, vx, vy, and the low parts of x, y."""
 
-LANES = wp.constant(4)
+LANES = {wp.float64: 4, wp.float32: 8}
 """Rollers that the CPU's loops over rows take at a time; what lies beyond the chain's end is worked out, not read."""
 
 
-@wp.func
-def whole(n: int):
-    """`n` rounded up to a multiple of `LANES`."""
-    return (n + LANES - 1) & -LANES
+@cache
+def whole_lanes(Real: type) -> wp.Function:
+    """The function that rounds a number up to a multiple of the lanes of `Real`."""
+    lanes = LANES[Real]
+
+    @wp.func
+    def whole(n: int):
+        """`n` rounded up to a multiple of `lanes`."""
+        return (n + wp.static(lanes - 1)) & wp.static(-lanes)
+
+    return whole
 
 
 @dataclass(frozen=True)
@@ -31,8 +38,8 @@ class Accessors:
 def accessors(Real: type) -> Accessors:
     """`load_row(array, i)` and `store_row(array, i, value)` for contiguous arrays of `Real`, without a stride.
 
-    `unlike(array, first, count, value)` tells which of up to 64 values are not `value`, as bits, eight at a time; on
-    the CPU only. In Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
+    `unlike(array, first, count, value)`, on the CPU only, tells which of up to 64 values are not `value`, as bits. In
+    Warp's debug build an index out of bounds ends the process, as it does for its own arrays.
     """
 
     @wp.func_native("assert(i >= 0 && i < a.shape[0]); return a.data[i];")

@@ -28,8 +28,8 @@ class Group:
     first: wp.int32
     near: wp.uint64  # bit k: roller `first` + k is near
     fresh: wp.uint64  # and has no seat, or piece, yet
-    low: wp.int32  # the first that is near, or up to seven before
-    high: wp.int32  # after the last that is near, by a multiple of eight from `low`
+    low: wp.int32  # the first that is near, or up to `rows.LANES` - 1 before
+    high: wp.int32  # after the last that is near, by a multiple of `rows.LANES` from `low`
 
 
 @wp.func_native("return __builtin_ctzll(bits);")
@@ -58,22 +58,11 @@ def is_near(group: Group, i: int):
     return ((group.near >> wp.uint64(i - group.first)) & wp.uint64(1)) != wp.uint64(0)
 
 
-@wp.func
-def group_of(first: int, near: wp.uint64, fresh: wp.uint64):
-    """The group that begins at roller `first`; `near` is not 0."""
-    group = Group()
-    group.first = first
-    group.near = near
-    group.fresh = fresh
-    group.low = first + (lowest_bit(near) & -LANES)
-    group.high = first + (highest_bit(near) & -LANES) + LANES
-    return group
-
-
 @dataclass(frozen=True)
 class Contacts:
     """The passes of contacts with one partner."""
 
+    group_of: wp.Function
     leave_seats: wp.Function
     recall: wp.Function
     place_arm: wp.Function
@@ -87,6 +76,7 @@ class Contacts:
 def contacts(Real: type, capacity: int) -> Contacts:
     """The passes of contacts with one partner, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
+    lanes = LANES[Real]
     vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     store_seat, unlike_seat = accessors(wp.int32).store_row, accessors(wp.int32).unlike
@@ -104,6 +94,17 @@ def contacts(Real: type, capacity: int) -> Contacts:
     )
     PRESS_X, PRESS_Y, DRAG_X, DRAG_Y = at.press_x, at.press_y, at.drag_x, at.drag_y
     MOMENT, DAMPED, RUBBED = at.moment_of, at.damped, at.rubbed
+
+    @wp.func
+    def group_of(first: int, near: wp.uint64, fresh: wp.uint64):
+        """The group that begins at roller `first`; `near` is not 0."""
+        group = Group()
+        group.first = first
+        group.near = near
+        group.fresh = fresh
+        group.low = first + (lowest_bit(near) & wp.static(-lanes))
+        group.high = first + (highest_bit(near) & wp.static(-lanes)) + wp.static(lanes)
+        return group
 
     @wp.func
     def leave_seats(first: int, count: int, near: wp.uint64, memory: kinds.Memory):
@@ -151,7 +152,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
         relative_x: Real,
         relative_y: Real,
     ):
-        """How roller i stands on the partner, 0 or less deep where it does not touch; in numbers (`rollers`)."""
+        """How roller i stands on the partner, 0 or less deep where it does not touch; in numbers, not vectors."""
         store_row(w, PENETRATION + i, penetration)
         store_row(w, NORMAL_X + i, normal_x)
         store_row(w, NORMAL_Y + i, normal_y)
@@ -219,14 +220,38 @@ def contacts(Real: type, capacity: int) -> Contacts:
                 i = i + 1
 
     @wp.func
-    def press_smoothly(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
-        """Normal forces of a linear law where nothing rubs: all in one loop."""
+    def begins(w: wp.array[Real], i: int):
+        """1 where roller i's contact begins."""
+        return wp.where(load_row(w, PENETRATION + i) > Real(0.0) and load_row(w, BEFORE + i) <= Real(0.0), 1, 0)
+
+    @wp.func
+    def lose_one(w: wp.array[Real], i: int, memory: kinds.Memory, chain: kinds.Chain):
+        """Power that roller i's damper takes."""
+        a = acceleration(w, i, chain.inverse_mass, chain.gravity)
+        damper = load_row(w, DAMPER + i) * normal_of(w, i)
+        store_row(w, DAMPED + i, where_touching(w, i, dissipated(damper, relative_of(w, i), a, memory.lag)))
+
+    @wp.func
+    def press_smoothly(
+        w: wp.array[Real],
+        group: Group,
+        law: kinds.ContactLaw,
+        memory: kinds.Memory,
+        chain: kinds.Chain,
+        measured: bool,
+    ):
+        """Forces of a linear law where nothing rubs, and what comes of them, in one loop; 1 if any contact begins."""
         law.exponent = Real(1.0)  # so that the compiler knows
+        began = int(0)
         i = group.low
         while i < group.high:
             press_one(w, i, law)
             add_force(w, i)
+            if measured:
+                lose_one(w, i, memory, chain)
+                began = began | begins(w, i)
             i = i + 1
+        return began
 
     @wp.func
     def add_drag(w: wp.array[Real], i: int, drag: vec2):
@@ -279,9 +304,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
         """Powers that dampers and friction take."""
         i = group.low
         while i < group.high:
-            a = acceleration(w, i, chain.inverse_mass, chain.gravity)
-            damper = load_row(w, DAMPER + i) * normal_of(w, i)
-            store_row(w, DAMPED + i, where_touching(w, i, dissipated(damper, relative_of(w, i), a, memory.lag)))
+            lose_one(w, i, memory, chain)
             i = i + 1
         if sliding.rubs != 0:
             i = group.low
@@ -292,12 +315,16 @@ def contacts(Real: type, capacity: int) -> Contacts:
                 i = i + 1
 
     @wp.func
-    def add_up(w: wp.array[Real], group: Group, totals: Totals, measured: bool):
-        """`totals` with what the group's contacts add, roller by roller; what dampers take where `measured`."""
+    def add_up(w: wp.array[Real], group: Group, totals: Totals, measured: bool, watched: bool):
+        """`totals` with what the group's contacts add, roller by roller: where `measured`, what dampers take, and where
+        `watched`, the magnitudes of the forces.
+        """
         moment = totals.moment
         x = Real(totals.push[0])
         y = Real(totals.push[1])
         damped = totals.dissipated
+        force = totals.force
+        largest = totals.force_max
         i = group.low
         while i < group.high:
             moment += wp.float64(load_row(w, MOMENT + i))
@@ -305,10 +332,16 @@ def contacts(Real: type, capacity: int) -> Contacts:
             y -= load_row(w, PRESS_Y + i)
             if measured:
                 damped += wp.float64(load_row(w, DAMPED + i))
+            if watched:
+                size = wp.float64(load_row(w, SIZE + i))
+                force += size
+                largest = wp.max(largest, size)
             i = i + 1
         totals.moment = moment
         totals.push = wp.vec2d(wp.float64(x), wp.float64(y))
         totals.dissipated = damped
+        totals.force = force
+        totals.force_max = largest
         return totals
 
     @wp.func
@@ -317,25 +350,9 @@ def contacts(Real: type, capacity: int) -> Contacts:
         count = int(0)
         i = group.low
         while i < group.high:
-            if load_row(w, PENETRATION + i) > Real(0.0) and load_row(w, BEFORE + i) <= Real(0.0):
-                count = count + 1
+            count = count + begins(w, i)
             i = i + 1
         return count
-
-    @wp.func
-    def add_forces_of(w: wp.array[Real], group: Group, totals: Totals):
-        """`totals` with the magnitudes of the forces."""
-        force = totals.force
-        largest = totals.force_max
-        i = group.low
-        while i < group.high:
-            size = wp.float64(load_row(w, SIZE + i))
-            force += size
-            largest = wp.max(largest, size)
-            i = i + 1
-        totals.force = force
-        totals.force_max = largest
-        return totals
 
     @wp.func
     def add_energies(w: wp.array[Real], group: Group, law: kinds.ContactLaw, totals: Totals):
@@ -360,9 +377,11 @@ def contacts(Real: type, capacity: int) -> Contacts:
         wanted: Wanted,
         totals: Totals,
     ):
-        """`totals` with what only metrics want, but for what dampers take."""
+        """`totals` with what only metrics want."""
         if wanted.forces != 0:
-            totals = add_forces_of(w, group, totals)
+            totals = add_up(w, group, totals, True, True)
+        else:
+            totals = add_up(w, group, totals, True, False)
         if wanted.energy != 0:
             totals = add_energies(w, group, law, totals)
         if sliding.rubs != 0:
@@ -372,7 +391,6 @@ def contacts(Real: type, capacity: int) -> Contacts:
                 friction += wp.float64(load_row(w, RUBBED + i))
                 i = i + 1
             totals.friction = friction
-        totals.impacts += begun(w, group)
         return totals
 
     @wp.func
@@ -386,21 +404,28 @@ def contacts(Real: type, capacity: int) -> Contacts:
         totals: Totals,
     ):
         """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to."""
+        measured = memory.wanted.measures != 0
+        began = int(1)
         if law.exponent == Real(1.0) and sliding.rubs == 0:
-            press_smoothly(w, group, law)
+            if measured:
+                began = press_smoothly(w, group, law, memory, chain, True)
+            else:
+                press_smoothly(w, group, law, memory, chain, False)
         else:
             press(w, group, law)
             if sliding.rubs != 0:
                 rub_rollers(w, group, sliding)
             add_forces(w, group)
+            if measured:
+                lose(w, group, sliding, memory, chain)
         if memory.stage == 0:
             keep(w, group, memory)
-        if memory.wanted.measures != 0:
-            lose(w, group, sliding, memory, chain)
-            totals = add_up(w, group, totals, True)
+        if measured:
             totals = add_measured(w, group, law, sliding, memory.wanted, totals)
+            if began != 0:
+                totals.impacts += begun(w, group)
         else:
-            totals = add_up(w, group, totals, False)
+            totals = add_up(w, group, totals, False, False)
         return totals
 
-    return Contacts(leave_seats, recall, place_arm, touch, answer, clear_sizes, add_sizes)
+    return Contacts(group_of, leave_seats, recall, place_arm, touch, answer, clear_sizes, add_sizes)

@@ -8,7 +8,7 @@ import warp as wp
 from ..physics.contact import MISSED, UNTOUCHED, misses, on_guide, surface_velocity, turned
 from ..physics.guide import at_face
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
-from ..rows import accessors, whole
+from ..rows import accessors, whole_lanes
 from ..structs import Piece, Pose, types
 from ..sum_structs import Totals
 from .contacts import Group, contacts, is_near, lowest_bit, next_bits
@@ -33,7 +33,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
     kinds = types(Real)
     vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity)
     recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
     load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
     VX, VY, NEAR, BEFORE, OPEN, PENETRATION = at.vx, at.vy, at.near, at.before, at.open, at.penetration

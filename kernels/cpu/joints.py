@@ -10,7 +10,7 @@ import warp as wp
 
 from ..physics.joint import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
 from ..physics.link import link_chain, link_force, played_force
-from ..rows import accessors
+from ..rows import accessors, whole_lanes
 from ..structs import types
 from .rollers import passes, rows
 
@@ -40,7 +40,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         part.close,
         part.acceleration,
     )
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
     at = rows(capacity)
     VX, VY, LINK_X, LINK_Y, LENGTH = at.vx, at.vy, at.link_x, at.link_y, at.length
     TENSION, TURN, MOMENT, BEND_X, BEND_Y = at.tension, at.turn, at.moment, at.bend_x, at.bend_y
@@ -58,7 +58,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         """Tension and force of every link, and how it turns; contact forces start at zero."""
         close(w, n)
         i = int(0)
-        while i < n:
+        while i < whole(n):
             d, v = apart(w, i), parting(w, i)
             tension, rate, u = link_force(d, v, load_row(w, LENGTH + i), chain.stiffness, chain.damping)
             store_link(w, i, tension, rate, u)
@@ -70,7 +70,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         """The same where links differ or have play."""
         close(w, n)
         i = int(0)
-        while i < n:
+        while i < whole(n):
             d, v = apart(w, i), parting(w, i)
             mine = link_chain(i, chain, links)
             tension, rate, u = played_force(d, v, load_row(w, LENGTH + i), links.play, mine)
@@ -85,7 +85,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
         """The moment of every joint, of one coefficient at all speeds: a loop of its own, which vectorizes."""
         mu = joint.law.mu_dynamic
         i = int(0)
-        while i < n:
+        while i < whole(n):
             before = load_row(w, TENSION + i)
             after = load_row(w, TENSION + i + 1)
             moment = rubbing_moment(mu, before, load_row(w, TURN + i), after, load_row(w, TURN + i + 1), joint)
@@ -118,7 +118,7 @@ def joint_passes(Real: type, capacity: int) -> JointPasses:
     def bend_links(w: wp.array[Real], n: int):
         """Adds the force of its joints' couple to every link's."""
         i = int(0)
-        while i < n:
+        while i < whole(n):
             lever = vec2(load_row(w, BEND_X + i + 1), load_row(w, BEND_Y + i + 1))
             force = couple_force(load_row(w, MOMENT + i), load_row(w, MOMENT + i + 1), lever)
             store_row(w, BEND_X + i + 1, force[0])

@@ -10,7 +10,7 @@ from ..physics.contact import carried
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, types
 from ..sum_structs import Totals
-from .contacts import GROUP, Group, contacts, group_of
+from .contacts import GROUP, Group, contacts
 from .guides import guide_passes
 from .rollers import rows
 from .teeth import teeth_passes
@@ -28,7 +28,12 @@ def partners(Real: type, capacity: int) -> Partners:
     """The function that meets the partners of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     teeth, face, contact = teeth_passes(Real, capacity), guide_passes(Real, capacity), contacts(Real, capacity)
-    answer, add_sizes, leave_seats = contact.answer, contact.add_sizes, contact.leave_seats
+    group_of, answer, add_sizes, leave_seats = (
+        contact.group_of,
+        contact.answer,
+        contact.add_sizes,
+        contact.leave_seats,
+    )
     at = rows(capacity)
     NEAR, SPROCKET_FORCE, GUIDE_FORCE = at.near, at.sprocket_force, at.guide_force
     unlike = accessors(Real).unlike
@@ -96,7 +101,7 @@ def partners(Real: type, capacity: int) -> Partners:
     ):
         """How the rollers of a group stand on a partner."""
         if partner.teeth != 0:
-            teeth.touch_teeth(w, group, partner.sprocket, partner.pose, ensemble.seats, memory)
+            teeth.touch_teeth(w, group, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory)
         elif partner.guide.pieces == 0:
             face.touch_bar(w, group, partner.guide, partner.pose, memory)
         else:
@@ -125,12 +130,14 @@ def partners(Real: type, capacity: int) -> Partners:
             if near != wp.uint64(0):
                 group = group_of(first, near, near & ~seated)
                 touch_partner(w, ensemble, group, partner, memory)
+                impacts = totals.impacts
                 totals = answer(w, group, partner.law, partner.sliding, memory, chain, totals)
                 if memory.wanted.sizes != 0:
                     add_sizes(w, group, wp.where(partner.teeth != 0, SPROCKET_FORCE, GUIDE_FORCE))
                 if memory.wanted.measures != 0:
                     if partner.teeth != 0:
-                        totals.contacts += teeth.first_touches(w, group)
+                        if totals.impacts != impacts:
+                            totals.contacts += teeth.first_touches(w, group)
                     else:
                         totals = face.count_missed(w, group, totals)
             first = first + GROUP

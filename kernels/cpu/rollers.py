@@ -13,7 +13,7 @@ import warp as wp
 
 from ..physics.link import link_force
 from ..physics.roller import roller_acceleration, two_sum
-from ..rows import STATE_ROWS, accessors, whole
+from ..rows import STATE_ROWS, accessors, whole_lanes
 from ..structs import types
 
 
@@ -52,6 +52,7 @@ class Rows:
     sum_vy: int
     before: int  # of contacts with the partner at hand (`contacts`): v0 until now [m/s]
     near: int  # 1: near the partner at hand, else 0
+    direction_of: int  # the sprocket of the drive to a seat of which the direction below belongs, else -1
     direction_x: int  # to where a seat points at angle zero, and what float32 rounds off
     direction_y: int
     direction_x_low: int
@@ -121,10 +122,10 @@ def passes(Real: type, capacity: int) -> Passes:
     kinds = types(Real)
     vec2 = kinds.vec2
     compensated = Real == wp.float32
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
     at = rows(capacity)
     X, Y, VX, VY, X_LOW, Y_LOW, LINK_X, LINK_Y = at.x, at.y, at.vx, at.vy, at.x_low, at.y_low, at.link_x, at.link_y
-    LENGTH, FX, FY, TENSION, RATE = at.length, at.fx, at.fy, at.tension, at.rate
+    LENGTH, FX, FY, TENSION, RATE, DIRECTION_OF = at.length, at.fx, at.fy, at.tension, at.rate, at.direction_of
 
     @wp.func
     def fetch(rollers: wp.array[Real], lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
@@ -136,6 +137,7 @@ def passes(Real: type, capacity: int) -> Passes:
                 w[row * wp.static(capacity) + i] = rollers[STATE_ROWS * first + row * n + i]
         for i in range(n):
             w[LENGTH + i] = lengths[first + i]
+            w[DIRECTION_OF + i] = Real(-1.0)
 
     @wp.func
     def put_back(rollers: wp.array[Real], w: wp.array[Real], first: int, n: int):

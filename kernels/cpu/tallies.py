@@ -12,7 +12,7 @@ import warp as wp
 
 from ..physics.link import link_chain
 from ..physics.roller import roller_energy
-from ..rows import accessors, whole
+from ..rows import accessors, whole_lanes
 from ..structs import Strand, types
 from ..sum_structs import ChainSums, LinkTally, StrandSums
 from ..sums import add_tension, after, displacement, merge_extremes, merge_tension
@@ -38,7 +38,7 @@ class RollerSums:
 def tallies(Real: type, capacity: int) -> RollerSums:
     """The sums over the rollers of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
     at = rows(capacity)
     X, Y, VX, VY, TENSION, RATE = at.x, at.y, at.vx, at.vy, at.tension, at.rate
     LEAST, GREATEST, RATES = at.least, at.greatest, at.rates

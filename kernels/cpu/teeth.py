@@ -7,7 +7,7 @@ import warp as wp
 
 from ..physics.contact import UNTOUCHED, after_teeth, in_gap, load_direction, tracked_seat, turned_by
 from ..physics.tooth import beyond_tip, endless_gap, nearest_seat, on_tip, seat_step
-from ..rows import accessors, whole
+from ..rows import accessors, whole_lanes
 from ..structs import Pose, types
 from .contacts import Group, bit_of, contacts, is_near, lowest_bit, next_bits
 from .rollers import passes, rows
@@ -29,7 +29,7 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     compensated = Real == wp.float32
     place, contact = passes(Real, capacity).place, contacts(Real, capacity)
     recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
-    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
+    load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
     load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
     X, Y, VX, VY, NEAR = at.x, at.y, at.vx, at.vy, at.near
@@ -39,6 +39,7 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         at.direction_x_low,
         at.direction_y_low,
     )
+    DIRECTION_OF, unlike = at.direction_of, accessors(Real).unlike
     RADIAL, LATERAL, OUTWARD_X, OUTWARD_Y = at.radial, at.lateral, at.outward_x, at.outward_y
     BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
 
@@ -86,21 +87,29 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
 
     @wp.func
     def find_directions(
-        w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, seats: wp.array[wp.vec2d], memory: kinds.Memory
+        w: wp.array[Real],
+        first: int,
+        rollers: wp.uint64,
+        number: int,
+        sprocket: kinds.Sprocket,
+        seats: wp.array[wp.vec2d],
+        memory: kinds.Memory,
     ):
-        """To where the rollers' seats point at angle zero."""
-        bits = group.near
+        """To where the seats of some rollers from `first` on point at angle zero; sprocket `number` has them."""
+        bits = rollers
         while bits != wp.uint64(0):
-            i = group.first + lowest_bit(bits)
+            i = first + lowest_bit(bits)
             direction = load_direction(seats, sprocket.first_seat + load_seat(memory.seat, memory.first + i))
             store_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i, direction[0])
             store_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i, direction[1])
+            store_row(w, DIRECTION_OF + i, Real(number))
             bits = next_bits(bits)
 
     @wp.func
     def stand(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
-        """How the rollers stand in the gaps of the seats that they have kept, eq. (5)-(14), as `contact.in_teeth` but
-        for tips. Who has come nearer to another seat, as bits; 1 if any is at a tip.
+        """How the rollers stand in the gaps of the seats that they have kept, as `contact.in_teeth` but for tips.
+
+        Returns who has come nearer to another seat, as bits, and 1 if any is at a tip.
         """
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
@@ -188,16 +197,18 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         group: Group,
         sprocket: kinds.Sprocket,
         body: Pose,
+        number: int,
         seats: wp.array[wp.vec2d],
         memory: kinds.Memory,
     ):
-        """The seats of the rollers, and how they stand in their gaps."""
+        """The seats of the rollers on sprocket `number` of the drive, and how they stand in their gaps."""
         find_seats(w, group, sprocket, body, memory)
-        find_directions(w, group, sprocket, seats, memory)
+        other = unlike(w, DIRECTION_OF + group.first, group.high - group.first, Real(number))
+        find_directions(w, group.first, group.near & (other | group.fresh), number, sprocket, seats, memory)
         moved, tipped = stand_in_gaps(w, group, sprocket, body, memory)
         if moved != wp.uint64(0):
             change_seats(w, group, moved, sprocket, body, seats, memory)
-            find_directions(w, group, sprocket, seats, memory)
+            find_directions(w, group.first, moved, number, sprocket, seats, memory)
             moved, tipped = stand_in_gaps(w, group, sprocket, body, memory)
         if tipped != 0:
             touch_tips(w, group, sprocket)

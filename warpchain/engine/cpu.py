@@ -22,7 +22,7 @@ from warpchain.kernels.cpu import relax, serial
 CAPACITIES = (264, 1048, 4120, 16408, 65560)
 """Row lengths of the scratch, each with its own kernel; off powers of two, so that rows do not share cache sets."""
 BEYOND = 32
-"""Values of a row beyond the longest chain that it holds: its loops take whole groups of rollers (`kernels.rows`)."""
+"""Values of a row beyond the longest chain that it holds: loops take whole lanes, links begin later (`cpu.rollers`)."""
 
 
 def kernel_of(name: str, packed: Packed, precision: str) -> Any:
