@@ -31,6 +31,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -439,6 +440,7 @@ def see(gpus: str) -> None:
     """What a worker does before its first task: it sees some GPUs only."""
     os.environ["CUDA_VISIBLE_DEVICES"] = gpus
     wp.config.log_level = wp.LOG_ERROR
+    warnings.simplefilter("ignore")
 
 
 def done(task: Task) -> Found:

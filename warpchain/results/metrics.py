@@ -265,6 +265,24 @@ def table_of(rows: Sequence[Row]) -> pa.Table:
     return _table({"variant": (range(len(rows)), None), **columns})
 
 
+def gathered(table: pa.Table, rows: Sequence[int | None], wanted: Callable[[str], bool]) -> pa.Table:
+    """Some columns of some rows of a table, null where there is none: what `table_of` makes of these rows.
+
+    A column in which none of them has a value is left out, and so is "variant"; the others stand in the order in which
+    the rows come that have one first.
+    """
+    import pyarrow as pa
+
+    names = [name for name in table.column_names if name != "variant" and wanted(name)]
+    taken = table.select(names).take(pa.array(rows, pa.int64()))
+    first: dict[str, int] = {}
+    for name in names:
+        column = taken[name]
+        if column.null_count < len(column):
+            first[name] = column.is_valid().index(True).as_py() if column.null_count else 0
+    return taken.select(sorted(first, key=first.__getitem__))
+
+
 def _kind(name: str) -> type:
     """Type of a column's values."""
     known = column_of(name)
