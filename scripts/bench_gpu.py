@@ -31,6 +31,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -239,13 +240,13 @@ def gpus(task: Task) -> Found:
     """The same ensemble on one GPU and on all, 0.2 s each: the run, and from drives to table."""
     count = wp.get_cuda_device_count()
     drive = DRIVES[MARINE].with_values({"run.settle": False})
-    drives = [drive] * (count if task.compile_only else 16_896 * count)
+    drives = [drive] * (16_896 * count)
+    none = Record(variants="none")
+    simulate(drives, duration=0.0002, record=none, device="cuda")  # loads the kernels
     found = {}
     for device in (DEVICE, "cuda"):
-        options: dict[str, Any] = {"record": Record(variants="none"), "device": device}
-        simulate([drive] * len(drives), duration=0.0002, **options)
         begin = time.perf_counter()
-        run = simulate(drives, duration=0.0002 if task.compile_only else 0.2, **options)
+        run = simulate(drives, duration=0.0002 if task.compile_only else 0.2, record=none, device=device)
         found[device] = run.info.wall_time, time.perf_counter() - begin
     (one, one_all), (every, every_all) = found.values()
     line = (
@@ -439,6 +440,7 @@ def see(gpus: str) -> None:
     """What a worker does before its first task: it sees some GPUs only."""
     os.environ["CUDA_VISIBLE_DEVICES"] = gpus
     wp.config.log_level = wp.LOG_ERROR
+    warnings.simplefilter("ignore")
 
 
 def done(task: Task) -> Found:

@@ -7,6 +7,7 @@ from drives import two_sprockets
 
 from warpchain.drive import Drive
 from warpchain.kernels import relaxation, sum_structs
+from warpchain.results import metrics
 from warpchain.results.columns import same_columns
 from warpchain.results.metrics import Ended, _column, energy_balance, metrics_table
 from warpchain.results.schedule import Schedule
@@ -141,3 +142,23 @@ def test_columns_of_texts_are_what_pyarrow_makes_of_them(words):
     column = _column(str, words, None)
     column.validate(full=True)
     assert column.equals(pa.array(words, pa.string()))
+
+
+@pytest.mark.parametrize("rows", [[0, 1, 2, 3], [3, None, 2], [2, 3], [None, 1], [0, 0, None, 3]])
+def test_rows_gathered_from_a_table_are_those_made_of_them_one_by_one(rows):
+    """Variant 2 lacks what variant 3 has, and one without metrics comes between: order, nulls and units are alike."""
+    names = ("variant", "status", "tension_mean", "a.torque_mean", "slips", "b.torque_mean")
+    values = [
+        (0, "ok", 1.5, None, 2, None),
+        (1, "suspect", 2.5, 3.0, None, None),
+        (2, "ok", None, None, 1, None),
+        (3, "ok", 4.5, -1.0, 0, 0.5),
+    ]
+    given = [{name: value for name, value in zip(names, row, strict=True) if value is not None} for row in values]
+    table = metrics.table_of(given)
+    kept = {"tension_mean", "a.torque_mean", "b.torque_mean"}
+    one_by_one = metrics.table_of(
+        [{} if row is None else {name: value for name, value in given[row].items() if name in kept} for row in rows]
+    )
+    found = metrics.gathered(table, rows, kept.__contains__)
+    assert found.equals(one_by_one.drop_columns("variant"), check_metadata=True)

@@ -66,7 +66,7 @@ def test_folders_without_such_notes_stand_the_same(folder):
 
 def test_how_rows_ended_is_noted(tmp_path):
     path = tmp_path / "00000.parquet"
-    write_table(path, TABLE, study="a")
+    write_table(path, TABLE, study="a", ended=True)
     assert Ended.of(TABLE) == ENDED == read_ended(path, "a", 4)
 
 
@@ -75,7 +75,7 @@ def test_how_rows_ended_is_noted(tmp_path):
 )
 def test_the_note_of_another_table_does_not_count(tmp_path, study, rows, match):
     path = tmp_path / "00000.parquet"
-    write_table(path, TABLE, study="a")
+    write_table(path, TABLE, study="a", ended=True)
     with pytest.raises(StudyError, match=match):
         read_ended(path, study, rows)
 
@@ -83,7 +83,7 @@ def test_the_note_of_another_table_does_not_count(tmp_path, study, rows, match):
 def test_a_note_that_was_changed_does_not_count(tmp_path):
     """Then the table itself is read, here one that is whole."""
     path = tmp_path / "00000.parquet"
-    write_table(path, TABLE, study="a")
+    write_table(path, TABLE, study="a", ended=True)
     data = path.read_bytes()
     assert data.count(b'"infeasible": 3') == 1
     path.write_bytes(data.replace(b'"infeasible": 3', b'"infeasible": 9'))

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from warpchain.engine.fill import INTEGRATORS
 from warpchain.engine.packed import Packed
 from warpchain.kernels import batches, structs, sum_structs
-from warpchain.kernels.gpu.block_rk4 import STAGE_ROWS
 from warpchain.kernels.tension_bins import BINS
 
 SPARE_LENGTHS = 4096
@@ -85,6 +84,13 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
     return ensemble
 
 
+def _stage_rows() -> int:
+    """Rows of a roller between rk4's stages; where no GPU takes it, the GPU's kernels are not loaded."""
+    from warpchain.kernels.gpu.block_rk4 import STAGE_ROWS
+
+    return STAGE_ROWS
+
+
 def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None = None) -> Any:
     """The initial state (`kernels.structs.types(...).State`), copied to `device`.
 
@@ -98,7 +104,7 @@ def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None
     state.held = wp.empty(max(integers, 1), dtype=wp.int32, device=device)
     state.parts = wp.empty(max(in_parts, 1), dtype=packed.real, device=device)
     rk4 = large is not None and bool((packed.drives["integrator"] == INTEGRATORS["rk4"]).any())
-    state.stages = wp.empty(STAGE_ROWS * len(packed.lengths) if rk4 else 1, dtype=packed.real, device=device)
+    state.stages = wp.empty(_stage_rows() * len(packed.lengths) if rk4 else 1, dtype=packed.real, device=device)
     state.extra = wp.zeros(1 if large is None else len(packed.lengths), dtype=kinds.Extra, device=device)
     for name, values, dtype in (
         ("rollers", packed.rollers, packed.real),

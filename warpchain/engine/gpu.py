@@ -210,42 +210,22 @@ def _distinct(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
     return sorted((tuple(row) for row in keys[rows].tolist()), reverse=True)
 
 
-class GpuEngine:
-    """Steps an ensemble on one GPU.
+class GpuKernels:
+    """The kernels that an ensemble takes on a GPU.
 
     Args:
         packed: the ensemble.
         device: such as "cuda:0".
-
-    Raises:
-        SimulationError: if the GPU's memory does not hold the ensemble.
     """
 
     def __init__(self, packed: Packed, device: str) -> None:
         self.packed, self.device = packed, device
         self._processors = int(wp.get_device(device).sm_count)
-        self._loaded: set[str] = set()
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
-        with _memory_named(device, packed):
-            self.stream, self.copies, *self._others = (wp.Stream(device) for _ in range(STREAMS + 1))
-            with wp.ScopedStream(self.stream):
-                self.buckets = self._bucketed()
-                self.ensemble = upload_ensemble(packed, device)
-                self.state = upload_state(packed, device, rows_apart(packed.real, self.buckets))
-                self.gpu_sums = empty_sums(packed, device)
-                self.tallies = empty_tallies(packed, device)
-            wp.synchronize_stream(self.stream)
-        self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
-        self._settling: Any = None
         self._kernels: dict[Any, Any] = {}
         drives = packed.drives
-        windows = {name: np.ascontiguousarray(drives[name]) for name in ("window_start", "window_end")}
-        # rows in global memory, which launches share
-        self._apart = [any(rows_apart(packed.real, [bucket])) for bucket in self.buckets]
-        measuring = bool((windows["window_start"] < drives["steps"]).any())
+        measuring = bool((drives["window_start"] < drives["steps"]).any())
         self._names = ("advance", "measure") if measuring else ("advance",)
-        self._windows = [{name: of[bucket.variants] for name, of in windows.items()} for bucket in self.buckets]
-        self._settling_now: NDArray[Any] = np.zeros(0)
+        self.buckets = self._bucketed()
 
     def _bucketed(self) -> list[Bucket]:
         """The variants by kernel, the longest first."""
@@ -286,14 +266,52 @@ class GpuEngine:
             self._kernels[name, kind] = kernel
         return self._kernels[name, kind]
 
-    def _load(self, *names: str) -> None:
-        """Compiles and loads the kernels of these names, once, side by side.
+    def modules(self, *names: str) -> list[tuple[Any, int]]:
+        """The modules of the kernels of these names, by default of those that take steps, and their threads a block.
 
         They are made by the calling thread, as they share functions.
         """
+        pairs = [(bucket, name) for bucket in self.buckets for name in names or self._names]
+        return [(self._made(name, bucket).module, kernel_shape(name, bucket).threads) for bucket, name in pairs]
+
+
+class GpuEngine(GpuKernels):
+    """Steps an ensemble on one GPU.
+
+    Args:
+        packed: the ensemble.
+        device: such as "cuda:0".
+
+    Raises:
+        SimulationError: if the GPU's memory does not hold the ensemble.
+    """
+
+    def __init__(self, packed: Packed, device: str) -> None:
+        self._loaded: set[str] = set()
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix=f"warpchain {device}")
+        with _memory_named(device, packed):
+            self.stream, self.copies, *self._others = (wp.Stream(device) for _ in range(STREAMS + 1))
+            with wp.ScopedStream(self.stream):
+                super().__init__(packed, device)
+                self.ensemble = upload_ensemble(packed, device)
+                self.state = upload_state(packed, device, rows_apart(packed.real, self.buckets))
+                self.gpu_sums = empty_sums(packed, device)
+                self.tallies = empty_tallies(packed, device)
+            wp.synchronize_stream(self.stream)
+        self._progress = np.zeros(packed.variants, dtype=self.state.progress.dtype.numpy_dtype())
+        self._settling: Any = None
+        drives = packed.drives
+        windows = {name: np.ascontiguousarray(drives[name]) for name in ("window_start", "window_end")}
+        # rows in global memory, which launches share
+        self._apart = [any(rows_apart(packed.real, [bucket])) for bucket in self.buckets]
+        self._windows = [{name: of[bucket.variants] for name, of in windows.items()} for bucket in self.buckets]
+        self._settling_now: NDArray[Any] = np.zeros(0)
+
+    def _load(self, *names: str) -> None:
+        """Compiles and loads the kernels of these names, once, side by side."""
         if self._loaded.issuperset(names):
             return
-        jobs = [(self._made(name, b).module, kernel_shape(name, b).threads) for b in self.buckets for name in names]
+        jobs = self.modules(*names)
         with ThreadPoolExecutor(8) as pool:
             load = [pool.submit(wp.load_module, module, device=self.device, block_dim=dim) for module, dim in jobs]
             for loading in load:

@@ -9,7 +9,8 @@ once, and a GPU that does r when it is full take about
 where l is what a step takes of a GPU however few variants there are. (2) is within a fifth of what was measured of 1 to
 4,224 variants (docs/devices.md). The drive that is measured stands for others: what makes one slower, such as
 friction, does so on either device. Steps inside the window of the metrics count `METRICS` times. Settling is left out:
-it takes as much more on either.
+it takes as much more on either. Where Warp's cache lacks a kernel that a device needs, what it takes to compile comes
+on top.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -57,17 +58,19 @@ class Speed:
         latency: what a step takes of a GPU however few variants there are [s].
         start: what it takes to begin [s], kernels once compiled.
         cores: how many times one core's work all cores of the CPU do.
+        compiling: what it takes to compile the kernels of a kind of drive, side by side [s].
     """
 
     rate: float
     latency: float = 0.0
     start: float = 0.0
     cores: float = 1.0
+    compiling: float = 0.0
 
     @property
     def sound(self) -> bool:
         """Whether the numbers can be those of a device."""
-        limits = self.rate > 0.0, self.latency >= 0.0, self.start >= 0.0, self.cores > 0.0
+        limits = self.rate > 0.0, self.latency >= 0.0, self.start >= 0.0, self.cores > 0.0, self.compiling >= 0.0
         return all(limits) and all(map(math.isfinite, asdict(self).values()))
 
 
@@ -101,13 +104,13 @@ def class_speed(device: str, precision: str, cores: int) -> Speed:
     """What a device of this class does, roughly: numbers of docs/performance.md."""
     single = precision == "float32"
     if device == "cpu":
-        return Speed(8.0e7, cores=float(cores))
+        return Speed(8.0e7, cores=float(cores), compiling=8.0)
     import warp as wp
 
     gpu = wp.get_device(device)
     full = gpu.arch in (70, 80, 90, 100)  # the others do float64 at 1/64 to 1/32 of float32
     each = (4.0e8 if single else 3.5e8) if full else (2.5e8 if single else 2.5e7)
-    return Speed(each * int(gpu.sm_count), latency=2.0e-6 if full or single else 8.0e-6, start=0.1)
+    return Speed(each * int(gpu.sm_count), latency=2.0e-6 if full or single else 8.0e-6, start=0.1, compiling=10.0)
 
 
 class Choice(NamedTuple):
@@ -122,17 +125,20 @@ def quickest(gpus: Sequence[str], packed: Packed, precision: str, cores: int) ->
 
     It is measured what they do where that has not been done on this machine, and pays.
     """
-    found = _chosen(gpus, packed, cores, lambda device: class_speed(device, precision, cores))
+    of_class = {device: class_speed(device, precision, cores) for device in ("cpu", gpus[0])}
+    found = _estimates(gpus, packed, cores, of_class.__getitem__)
     known = stored(gpus)
     if not known.keys() >= {f"cpu {precision}", f"{gpus[0]} {precision}"}:
         times = sorted(found.values())
         if times[0] < WORTH_MEASURING or times[1] > PLAIN * times[0]:
-            return _told(found)
+            return _told(_with_compiling(found, packed, precision, of_class))
         known = known | measured(gpus, precision, cores)
-    return _told(_chosen(gpus, packed, cores, lambda device: known[f"{device} {precision}"]))
+    speeds = {device: known[f"{device} {precision}"] for device in of_class}
+    found = _estimates(gpus, packed, cores, speeds.__getitem__)
+    return _told(_with_compiling(found, packed, precision, speeds))
 
 
-def _chosen(
+def _estimates(
     gpus: Sequence[str], packed: Packed, cores: int, speed_of: Callable[[str], Speed]
 ) -> dict[tuple[str, ...], float]:
     """Estimated seconds of each choice that there is, the plainest first."""
@@ -140,10 +146,60 @@ def _chosen(
     return {devices: seconds_on(devices, packed, cores, speed_of(devices[0])) for devices in choices}
 
 
-def _told(found: Mapping[tuple[str, ...], float]) -> Choice:
+def _with_compiling(
+    found: Mapping[tuple[str, ...], float], packed: Packed, precision: str, speeds: Mapping[str, Speed]
+) -> dict[tuple[str, ...], float]:
+    """The seconds of each choice, with what compiling takes on devices whose kernels are not there.
+
+    Only what would be chosen is looked at, as it takes half a second to make the kernels of a device.
+    """
+    seconds, known = dict(found), set[str]()
+    while (device := _best(seconds)[0]) not in known:
+        known.add(device)
+        if uncompiled(device, packed, precision):
+            seconds = {of: t + (speeds[device].compiling if of[0] == device else 0.0) for of, t in seconds.items()}
+    return seconds
+
+
+def uncompiled(device: str, packed: Packed, precision: str) -> bool:
+    """Whether a run has to compile kernels first, as Warp's cache does not have them for this device.
+
+    Those that take steps are looked at; settling's is compiled beside them.
+    """
+    if device == "cpu":
+        from warpchain.engine.cpu import kernel_of
+
+        modules = [(kernel_of("advance", packed, precision).module, 1)]
+    else:
+        from warpchain.engine.gpu import GpuKernels
+
+        modules = GpuKernels(replace(packed, precision=precision), device).modules()
+    return not all(in_cache(module, device, threads) for module, threads in modules)
+
+
+def in_cache(module: Any, device: str, threads: int) -> bool:
+    """Whether Warp finds a module compiled, for a device and blocks of so many threads.
+
+    True where this version of Warp does not tell.
+    """
+    import warp as wp
+
+    try:
+        name = module._get_compile_output_name(wp.get_device(device), block_dim=threads)
+        return (Path(str(wp.config.kernel_cache_dir)) / module.get_module_identifier(threads) / name).exists()
+    except (AttributeError, TypeError):
+        return True
+
+
+def _best(found: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
     """The choice that takes least; the plainest of those that take about as little."""
     least = ALIKE * min(found.values())
-    best = next(devices for devices, seconds in found.items() if seconds <= least)
+    return next(devices for devices, seconds in found.items() if seconds <= least)
+
+
+def _told(found: Mapping[tuple[str, ...], float]) -> Choice:
+    """The best choice, beside the others."""
+    best = _best(found)
     others = [f"{seconds:.2g} s on {','.join(devices)}" for devices, seconds in found.items() if devices != best]
     return Choice(best, f"{found[best]:.2g} s estimated against {' and '.join(others)}")
 
@@ -219,9 +275,10 @@ def measured_cpu(precision: str, cores: int) -> Speed:
     """What the CPU does, from half a second of an example drive: one variant on one core, and one on each."""
     from warpchain.engine.cpu import CpuEngine
 
+    compiling = _compile_seconds("cpu", precision)
     one = _rate(lambda: CpuEngine(_sample(precision, 1), 1))
     every = _rate(lambda: CpuEngine(_sample(precision, 8 * cores), cores)) if cores > 1 else one
-    return Speed(one.rate, cores=max(1.0, every.rate / one.rate))
+    return Speed(one.rate, cores=max(1.0, every.rate / one.rate), compiling=compiling)
 
 
 def measured_gpu(device: str, precision: str) -> Speed:
@@ -231,10 +288,31 @@ def measured_gpu(device: str, precision: str) -> Speed:
     from warpchain.engine.gpu import GpuEngine
 
     many = 32 * int(wp.get_device(device).sm_count)
+    compiling = _compile_seconds(device, precision)
     alone = _rate(lambda: GpuEngine(_sample(precision, 1), device))
     full = _rate(lambda: GpuEngine(_sample(precision, many), device))
     rollers = float(_sample(precision, 1).drives["rollers"][0])
-    return Speed(full.rate, latency=rollers / alone.rate, start=BEGINNING + alone.start)
+    return Speed(full.rate, latency=rollers / alone.rate, start=BEGINNING + alone.start, compiling=compiling)
+
+
+def _compile_seconds(device: str, precision: str) -> float:
+    """What it takes to compile the kernel of one variant; where it is in the cache, what the device's class takes."""
+    import warp as wp
+
+    from warpchain.engine.cpu import kernel_of
+
+    packed = _sample(precision, 1)
+    if not uncompiled(device, packed, precision):
+        return class_speed(device, precision, 1).compiling
+    begin = time.perf_counter()
+    if device == "cpu":
+        wp.load_module(kernel_of("advance", packed, precision).module, device=device)
+    else:
+        from warpchain.engine.gpu import GpuKernels
+
+        for module, threads in GpuKernels(packed, device).modules():
+            wp.load_module(module, device=device, block_dim=threads)
+    return time.perf_counter() - begin
 
 
 class _Rate(NamedTuple):

@@ -6,7 +6,8 @@ the same columns are worked on at once, as arrays.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.stack import LARGEST, Stack
+from warpchain.drive.stack import Stack
 from warpchain.results.columns import (
     BALANCE,
     DESIGN,
@@ -226,6 +227,13 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     return columns | {name: np.ma.asarray(settled[name]) for name in names if name in settled}
 
 
+PIECE = 2048
+"""Most variants whose metrics are found at once, so that what is worked on stays in the processor's caches."""
+
+THREADS = 4
+"""That work at the metrics of many variants."""
+
+
 def metrics_table(
     ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[str, Any]], limits: Limits | None = None
 ) -> pa.Table:
@@ -241,8 +249,14 @@ def metrics_table(
     known |= run_columns(ended)
     columns = {name: (values.filled(0), np.ma.getmaskarray(values)) for name, values in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
-    for variants in _blocks(same_columns(ended.drives, ended.stacks)):
-        found = metrics_of(ended.of(variants), sums_of(variants))
+    pieces = [
+        variants[begin : begin + PIECE]
+        for variants in same_columns(ended.drives, ended.stacks)
+        for begin in range(0, len(variants), PIECE)
+    ]
+    with ThreadPoolExecutor(THREADS) as pool:
+        made = pool.map(lambda variants: metrics_of(ended.of(variants), sums_of(variants)), pieces)
+    for variants, found in zip(pieces, made, strict=True):
         for place, (name, values) in enumerate(found.items()):
             having = ~np.ma.getmaskarray(values)
             if having.any():
@@ -257,27 +271,30 @@ def metrics_table(
     return _table({name: words.get(name) or columns[name] for name in sorted(columns, key=places.__getitem__)})
 
 
-def _blocks(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
-    """Variants of a kind, at most `LARGEST` at a time, so that what is worked on stays in the processor's caches."""
-    for variants in kinds:
-        yield from np.split(variants, range(LARGEST, len(variants), LARGEST))
-
-
-def rows_of(table: pa.Table) -> list[Row]:
-    """The rows of a table, each with what it has: `table_of` backwards."""
-    names, columns = table.column_names, [column.to_pylist() for column in table.columns]
-    return [
-        {name: value for name, value in zip(names, values, strict=True) if value is not None}
-        for values in zip(*columns, strict=True)
-    ]
-
-
 def table_of(rows: Sequence[Row]) -> pa.Table:
     """A pyarrow table of rows; a column that a row lacks is null there, and its field says its unit."""
     names = dict.fromkeys(name for row in dict.fromkeys(map(tuple, rows)) for name in row)  # many have the same
     names.pop("variant", None)
     columns = {name: ([row.get(name) for row in rows], None) for name in names}
     return _table({"variant": (range(len(rows)), None), **columns})
+
+
+def gathered(table: pa.Table, rows: Sequence[int | None], wanted: Callable[[str], bool]) -> pa.Table:
+    """Some columns of some rows of a table, null where there is none: what `table_of` makes of these rows.
+
+    A column in which none of them has a value is left out, and so is "variant"; the others stand in the order in which
+    the rows come that have one first.
+    """
+    import pyarrow as pa
+
+    names = [name for name in table.column_names if name != "variant" and wanted(name)]
+    taken = table.select(names).take(pa.array(rows, pa.int64()))
+    first: dict[str, int] = {}
+    for name in names:
+        column = taken[name]
+        if column.null_count < len(column):
+            first[name] = column.is_valid().index(True).as_py() if column.null_count else 0
+    return taken.select(sorted(first, key=first.__getitem__))
 
 
 def _kind(name: str) -> type:

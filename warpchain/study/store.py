@@ -3,8 +3,8 @@
 The pages of a Parquet file have checksums. What they leave open, a note in the schema's metadata (key `warpchain`,
 JSON) covers: `table`, the name that the file was written under, `study`, which one it belongs to, and `digest`, the
 SHA-256 of names, types, metadata and values. A table under another name is somebody's own, and its note counts for
-nothing. Of a table that tells how its rows ended, the note has that in short (`ended`), so that how a study stands is
-read without the tables.
+nothing. The note of a shard's table also has in short how its rows ended (`ended`), so that how a study stands is read
+without the tables.
 """
 
 from __future__ import annotations
@@ -169,12 +169,13 @@ def digest_of(table: pa.Table) -> str:
     return found.hexdigest()
 
 
-def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = "") -> None:
+def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = "", ended: bool = False) -> None:
     """Writes a Parquet file, whole or not at all, with checksums and a note.
 
     Args:
         keep: leave a file of that name as it is, so that of several processes the first one decides.
         study: the study that it belongs to.
+        ended: whether to note how its rows ended.
 
     Raises:
         StudyError: a folder or disk that refuses.
@@ -183,7 +184,7 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
 
     held = {key: value for key, value in (table.schema.metadata or {}).items() if key != NOTE}
     note: dict[str, Any] = {"table": path.stem, "study": study, "digest": digest_of(table)}
-    if study and set(OUTCOME) <= set(table.column_names):
+    if ended:
         note["ended"] = asdict(Ended.of(table))
         note["mark"] = _mark(note)
     noted = table.replace_schema_metadata(held | {NOTE: json.dumps(note).encode()})

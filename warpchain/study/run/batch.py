@@ -24,6 +24,8 @@ from warpchain.study.run.places import placed
 from warpchain.study.spec import Study
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from warpchain.archive.options import ArchiveOptions
     from warpchain.engine.states import Kept
 
@@ -33,14 +35,18 @@ Report = Callable[[float], None]
 
 @dataclass
 class Variant:
-    """A row on its way: what it is made of, and what becomes of it."""
+    """A row on its way: what it is made of, and what becomes of it.
+
+    Its metrics are a row of the table that `simulate` gave, and those of the base drive's modes beside.
+    """
 
     row: dict[str, Any]
     drive: Drive | None = None
     reason: str | None = None
     copy: int = 0
     adjusted: dict[str, Any] = field(default_factory=dict)
-    metrics: dict[str, Any] | None = None
+    measured: tuple[pa.Table, int] | None = None
+    modes: dict[str, Any] = field(default_factory=dict)
     recorded: bool = False
     trajectory: Trajectory | None = None
     info: RunInfo | None = None
@@ -56,11 +62,25 @@ class Variant:
     @property
     def status(self) -> str:
         """As it is judged, or "infeasible" where it gave no metrics."""
-        return "infeasible" if self.metrics is None else str(self.metrics["status"])
+        return "infeasible" if self.measured is None else str(self._told("status"))
 
     def outcome(self) -> str | None:
         """Why it is not ok, None where it is."""
-        return self.reason if self.metrics is None else self.metrics["reason"] or None
+        return self.reason if self.measured is None else self._told("reason") or None
+
+    def _told(self, column: str) -> Any:
+        assert self.measured is not None  # asked for only then
+        table, row = self.measured
+        return table[column][row].as_py()
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """Its metrics by name; none of a row that gave none."""
+        if self.measured is None:
+            return {}
+        table, row = self.measured
+        values = table.slice(row, 1).to_pylist()[0]
+        return {name: value for name, value in values.items() if value is not None} | self.modes
 
 
 def simulate_variants(
@@ -113,8 +133,8 @@ def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant]) -> Non
 
     wanted = base_modes(base, study.metrics.modes)
     for variant in variants:
-        if variant.drive is not None and variant.metrics is not None:
-            variant.metrics |= mode_metrics(wanted, variant.drive)
+        if variant.drive is not None and variant.measured is not None:
+            variant.modes = mode_metrics(wanted, variant.drive)
 
 
 def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
@@ -215,7 +235,6 @@ def _attempt(
     """Simulates variants in one call; returns a refusal of a drive, of the settings or of the machine's memory."""
     from warpchain.engine.simulation import simulate
     from warpchain.engine.states import States
-    from warpchain.results.metrics import rows_of
     from warpchain.results.run import Record
 
     def tell(phase: str, done: float, total: float) -> None:
@@ -252,8 +271,9 @@ def _attempt(
         if archive is not None:
             archive.unlink(missing_ok=True)
         raise KeyboardInterrupt
-    for i, (variant, row) in enumerate(zip(variants, rows_of(run.metrics), strict=True)):
-        variant.metrics = row
+    metrics = run.metrics.combine_chunks()
+    for i, variant in enumerate(variants):
+        variant.measured = metrics, i
         if states is not None:
             variant.kept, variant.gone_on = states.kept[i], states.used[i]
         if archive is not None:
@@ -299,7 +319,7 @@ def _archive(variants: Sequence[Variant], path: Path, options: ArchiveOptions | 
     if not held:
         return
     drives = tuple(variant.drive for variant in held if variant.drive is not None)
-    metrics = table_of([variant.metrics or {} for variant in held])
+    metrics = table_of([variant.metrics for variant in held])
     trajectories = {i: v.trajectory for i, v in enumerate(held) if v.trajectory is not None}
     assert held[0].info is not None  # comes with the trajectory
     write_archive(Run(drives, metrics, trajectories, held[0].info), path, True, _numbered(held, options))

@@ -198,7 +198,10 @@ class Folder:
         Raises:
             StudyError: a folder or disk that refuses.
         """
-        write_table(path, table, study=self.identity if shard is None else self.part(shard).identity)
+        if shard is None:
+            write_table(path, table, study=self.identity)
+        else:
+            write_table(path, table, study=self.part(shard).identity, ended=path == self.table_path(shard))
 
     def mark(self, shard: int | str) -> dict[str, bytes]:
         """Attachment of a shard's archive that says whose it is."""

@@ -10,12 +10,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warpchain.results.metrics import table_of
+from warpchain.results.metrics import gathered, table_of
 from warpchain.results.replicates import COPY
 from warpchain.study.columns import ADJUSTED, ARCHIVED, OUTCOME, RUN_COLUMNS
 from warpchain.study.run.batch import Report, Variant, simulate_variants
@@ -125,7 +126,7 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     for name, (kind, values, unit) in extra.items():
         columns.append(pa.array(values, kind))
         fields.append(pa.field(name, kind, metadata={"unit": unit} if unit else None))
-    metrics = table_of(_kept(study, variants))
+    metrics = _metrics(study, variants)
     for field_, column in zip(metrics.schema, metrics.columns, strict=True):
         if field_.name != "variant":
             role = {} if field_.name in RUN_COLUMNS else {"role": "metric"}
@@ -134,14 +135,20 @@ def results_table(study: Study, rows: pa.Table, variants: Sequence[Variant]) -> 
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 
-def _kept(study: Study, variants: Sequence[Variant]) -> list[dict[str, Any]]:
-    """The metrics that the study keeps, of each variant."""
-    patterns = kept_patterns(study)
-    different = dict.fromkeys(tuple(variant.metrics or ()) for variant in variants)
-    names = dict.fromkeys(name for row in different for name in row)
-    dropped = {"variant", "diverged", *OUTCOME}
-    kept = {name for name in names if name not in dropped and any(fnmatchcase(name, p) for p in patterns)}
-    return [{n: value for n, value in (variant.metrics or {}).items() if n in kept} for variant in variants]
+def _metrics(study: Study, variants: Sequence[Variant]) -> pa.Table:
+    """The metrics that the study keeps, a row a variant; as they came, where all came of one run."""
+    patterns, dropped = kept_patterns(study), {"variant", "diverged", *OUTCOME}
+
+    @cache
+    def kept(name: str) -> bool:
+        return name not in dropped and any(fnmatchcase(name, pattern) for pattern in patterns)
+
+    tables = {id(variant.measured[0]): variant.measured[0] for variant in variants if variant.measured is not None}
+    if len(tables) == 1 and not any(variant.modes for variant in variants):
+        (table,) = tables.values()
+        return gathered(table, [variant.measured and variant.measured[1] for variant in variants], kept)
+    rows = [variant.metrics for variant in variants]
+    return table_of([{name: value for name, value in row.items() if kept(name)} for row in rows])
 
 
 def kept_patterns(study: Study) -> tuple[str, ...]:
