@@ -235,8 +235,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def away_from(rows: wp.array[Real], j: int, center: vec2, low: vec2):
         """Roller j from a center, at float32."""
-        high = vec2(load_row(rows, X + j), load_row(rows, Y + j))
-        return away(high, vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
+        return away(row.position(rows, j), vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
 
     @wp.func
     def teeth_of(shared: kinds.Shared, s: int):

@@ -14,7 +14,7 @@ from ..rows import accessors
 from ..structs import types
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import WARP, extremes, shared_rows
+from .exchange import seen_rows, shared_rows
 
 REGISTERED = 4
 """Rollers of a thread whose link forces wait in registers; of more they wait in their rows, which spills less."""
@@ -42,7 +42,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
-    FRICTION = wp.constant(threads // WARP * extremes(kind) + slots)
+    FRICTION = wp.constant(seen_rows(kind)[1])
 
     @wp.func
     def moment_between(rows: wp.array[Real], i: int, j: int, joint: kinds.Joint):

@@ -36,7 +36,7 @@ from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_spin_sums import add_spin
-from .exchange import WARP, any_lane, extremes, lanes
+from .exchange import WARP, any_lane, extremes, lanes, seen_rows
 
 SIGN_BITS = """
 #if defined(__CUDA_ARCH__)
@@ -74,8 +74,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     row = block_rows(kind)
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    RATES = wp.constant(threads // WARP * extremes(kind))
-    FRICTION = wp.constant(threads // WARP * extremes(kind) + kind.slots)
+    RATES, FRICTION = (wp.constant(at) for at in seen_rows(kind)[:2])
     warp_max = row.sharing.warp_max
     follow = following(Real).follow
 
@@ -251,8 +250,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     @wp.func
     def energy_of_roller(shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra):
         """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
-        position = vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
-        held, weight = roller_energy(position, v, extra.tension, extra.rate, chain_of(shared, j))
+        held, weight = roller_energy(row.position(shared.rows, j), v, extra.tension, extra.rate, chain_of(shared, j))
         return held - weight + wp.float64(extra.energy)
 
     @wp.func

@@ -203,6 +203,12 @@ def extremes(kind: BlockKind) -> int:
     return 2 * (kind.sprockets + 2)
 
 
+def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
+    """Where, after the extremes, each link's squared rates and each roller's friction begin, and where they end."""
+    first = kind.threads // WARP * extremes(kind)
+    return first, first + kind.slots, first + (1 + kind.bending) * kind.slots
+
+
 ORDERED = 512
 """Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
 
@@ -267,7 +273,7 @@ def room(kind: BlockKind) -> Room:
     size = wp.types.type_size_in_bytes(kind.Real)
     parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
     rows = (shared_rows(kind.Real) + 2 * kind.bending) * kind.slots
-    seen = kind.threads // WARP * extremes(kind) + (1 + kind.bending) * kind.slots if kind.measuring else 1
+    seen = seen_rows(kind)[-1] if kind.measuring else 1
     strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
     of_each += [Mount, MountSums] if kind.moving else []
