@@ -231,7 +231,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             bodies.start_body(ensemble, state, sums, shared, mine, step)
         if wp.static(measuring):
             observe.start_extremes(ensemble, sums, shared, mine)
-            forces.open_sums(tallies, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.start_arm(ensemble, state, shared, mine)
@@ -249,7 +248,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """Everything back into the state."""
         if wp.static(measuring):
             observe.flush(tallies, shared, mine)
-            forces.close_sums(tallies, mine)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)

@@ -31,9 +31,8 @@ from ..sum_structs import Tallies
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .block_spin_sums import add_to_cell, close_cell, open_cell, raise_cell
 from .block_wheels import gears, load_line, seen_wheel, velocity_of
-from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to
+from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to, widened
 
 
 @dataclass(frozen=True)
@@ -44,8 +43,6 @@ class ForceFunctions:
     near: wp.Function
     leave: wp.Function
     contacts: wp.Function
-    open_sums: wp.Function
-    close_sums: wp.Function
     body_of: wp.Function
     acting_on: wp.Function
     force_on_hub: wp.Function
@@ -154,52 +151,22 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return Real(wp.float64(0.5) * mine.h)
 
     @wp.func
-    def add(sums: wp.array[wp.float64], at: int, value: Real):
-        """Adds to a sum of contacts; no other thread does.
-
-        In float64 memory does, as it is told, and this thread does not wait for what stands there.
-        """
+    def in_full(value: Real):
+        """A value as the sums of contacts have it."""
         if wp.static(kind.paired):
-            add_to_cell(sums, at, value)
+            return widened(value)
         else:
-            add_to(sums, at, value)
-
-    @wp.func
-    def open_sums(tallies: Tallies, mine: Mine):
-        """Makes the sums of contacts pairs of float32 in their places, all threads together."""
-        if wp.static(kind.paired):
-            j = int(mine.thread)
-            while j < wp.static(sprockets + guides) * mine.rollers:
-                open_cell(tallies.dissipated, mine.memory + j)
-                open_cell(tallies.friction, mine.memory + j)
-                open_cell(tallies.impulse, mine.memory + j)
-                open_cell(tallies.force_max, mine.memory + j)
-                j = j + wp.static(threads)
-
-    @wp.func
-    def close_sums(tallies: Tallies, mine: Mine):
-        """Makes them float64 again."""
-        if wp.static(kind.paired):
-            j = int(mine.thread)
-            while j < wp.static(sprockets + guides) * mine.rollers:
-                close_cell(tallies.dissipated, mine.memory + j)
-                close_cell(tallies.friction, mine.memory + j)
-                close_cell(tallies.impulse, mine.memory + j)
-                close_cell(tallies.force_max, mine.memory + j)
-                j = j + wp.static(threads)
+            return value
 
     @wp.func
     def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
         """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
-        add(tallies.dissipated, at, now.weight * damped)
+        add_to(tallies.dissipated, at, in_full(now.weight * damped))
         if wp.static(sliding):
-            add(tallies.friction, at, now.weight * rubbed)
+            add_to(tallies.friction, at, in_full(now.weight * rubbed))
         if now.watched != 0:
-            add(tallies.impulse, at, now.watch_weight * size)
-            if wp.static(kind.paired):
-                raise_cell(tallies.force_max, at, size)
-            else:
-                raise_to(tallies.force_max, at, size)
+            add_to(tallies.impulse, at, in_full(now.watch_weight * size))
+            raise_to(tallies.force_max, at, in_full(size))
         if before <= Real(0.0):
             count_at(tallies.impacts, at)
 
@@ -594,8 +561,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         near=near,
         leave=leave,
         contacts=contacts,
-        open_sums=open_sums,
-        close_sums=close_sums,
         body_of=body_of,
         acting_on=acting_on,
         force_on_hub=force_on_hub,

@@ -13,7 +13,7 @@ from typing import Any
 import warp as wp
 
 from ..structs import Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
-from ..sum_structs import MountSums, SprocketSums, StrandSums
+from ..sum_structs import LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
 from .block_kind import DECLARED, BlockKind
 from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
 
@@ -165,6 +165,41 @@ def raise_to(values: wp.array[wp.float64], at: int, value: wp.float64):
 """)
 def count_at(counts: wp.array[wp.int32], at: int):
     """One more at `at` in global memory, without a wait."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const int bits = __float_as_int(value);
+    return __hiloint2double((bits & 0x80000000) | (((bits & 0x7fffffff) >> 3) + 0x38000000), bits << 29);
+#else
+    return value;
+#endif
+""")
+def widened(value: wp.float32) -> wp.float64:
+    """A float32 as float64 without an instruction of float64, those below 1e-38 as something as small."""
+    ...
+
+
+def _adds(**types_of: str) -> str:
+    """Adds the fields of a struct `more` to those of `tallies` at `at`, and does not wait for them."""
+    address = "__cvta_generic_to_global(&tallies.data[at].{0})"
+    letters = {"f64": "d", "u64": "l"}
+    red = """    asm volatile("red.global.add.{1} [%0], %1;" :: "l"({2}), "{3}"(more.{0}));"""
+    reds = [red.format(name, of, address.format(name), letters[of]) for name, of in types_of.items()]
+    adds = [f"    tallies.data[at].{name} += more.{name};" for name in types_of]
+    return "\n".join(["", "#if defined(__CUDA_ARCH__)", *reds, "#else", *adds, "#endif", ""])
+
+
+@wp.func_native(_adds(samples="u64", tension="f64", tension_square="f64"))
+def add_to_link(tallies: wp.array[LinkTally], at: int, more: LinkTally):
+    """Adds what `more` has to a link's tally; no other thread does."""
+    ...
+
+
+@wp.func_native(_adds(dissipated="f64", friction="f64"))
+def add_to_roller(tallies: wp.array[RollerTally], at: int, more: RollerTally):
+    """Adds what is dissipated in `more` to a roller's tally; no other thread does."""
     ...
 
 
