@@ -94,15 +94,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: wp.types.vector(3, Real)):
-        """Adds the chain's force on the thread's sprocket to its sums; all threads together."""
+        """Adds the chain's force on the thread's sprocket to its sums."""
         hub = vec2(acting[1], acting[2])
-        if wp.static(not moving):
-            hub = forces.force_on_hub(shared, mine.thread)
         if wp.static(kind.spinning):
-            if mine.sprocket >= 0:
-                spun = shared.spin_sums[mine.sprocket]
-                shared.spin_sums[mine.sprocket] = add_spin_hub(spun, hub, now.watch_weight)
-        elif mine.sprocket >= 0:
+            spun = shared.spin_sums[mine.sprocket]
+            shared.spin_sums[mine.sprocket] = add_spin_hub(spun, hub, now.watch_weight)
+        else:
             sums = shared.sprocket_sums[mine.sprocket]
             force = wp.vec2d(wp.float64(hub[0]), wp.float64(hub[1]))
             shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, force, wp.float64(now.watch_weight))
@@ -122,10 +119,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         All threads together work out what the chain does to it.
         """
-        acting = acting_on(shared, mine.thread)
-        if wp.static(measuring) and now.watched != 0:
-            add_hub(shared, mine, now, acting)
+        acting = acting_on(shared, mine.thread, now.watched)
         if mine.sprocket >= 0:
+            if wp.static(measuring) and now.watched != 0:
+                add_hub(shared, mine, now, acting)
             if wp.static(kind.spinning):
                 wheel = seen_wheel(shared.wheels, mine.sprocket)
                 seen = bodies.spin(ensemble, shared, mine, now, acting[0])

@@ -45,7 +45,6 @@ class ForceFunctions:
     contacts: wp.Function
     body_of: wp.Function
     acting_on: wp.Function
-    force_on_hub: wp.Function
     wrench_of: wp.Function
     share_geometry: wp.Function
 
@@ -452,66 +451,42 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
-    def total_on(shared: kinds.Shared, rows: int, i: int):
-        """Sum of all threads' parts in the row of the body that thread i moves, of those from `rows` on."""
-        total = Real(0.0)
-        groups = lanes() // group()
-        turn = int(0)
-        first = first_of(i)
-        while first < wp.static(bodies):
-            s = first + crew() * (i % lanes() // group())
-            value = Real(0.0)
-            if s < wp.static(bodies):
-                value = part(shared, rows + s, i)
-            value = group_sum(value)
-            if i % group() == turn:
-                total = value
-            turn = turn + 1
-            first = first + crew() * groups
-        return total
+    def acting_on(shared: kinds.Shared, i: int, watched: int):
+        """The chain's moment [N m] on the body that thread i moves and, if that is wanted, its force (x, y) [N].
 
-    @wp.func
-    def force_on_hub(shared: kinds.Shared, i: int):
-        """The chain's force on the body that thread i moves [N], where it is wanted; all threads as for `acting_on`."""
-        force = vec2()
-        groups = lanes() // group()
-        turn = int(0)
-        first = first_of(i)
-        while first < wp.static(bodies):
-            s = first + crew() * (i % lanes() // group())
-            x = Real(0.0)
-            y = Real(0.0)
-            if s < wp.static(bodies):
-                x = part(shared, wp.static(bodies) + s, i)
-                y = part(shared, wp.static(2 * bodies) + s, i)
-            x = group_sum(x)
-            y = group_sum(y)
-            if i % group() == turn:
-                force = vec2(x, y)
-            turn = turn + 1
-            first = first + crew() * groups
-        return force
-
-    @wp.func
-    def acting_on(shared: kinds.Shared, i: int):
-        """The chain's moment [N m] on the body that thread i moves and, if bodies move, its force (x, y) [N].
-
-        All threads together, between the barrier after the contacts and the next one.
+        All threads together, between the barrier after the contacts and the next one. Forces are added up beside the
+        moments, so that one's latencies hide behind the others' work.
         """
         acting = of_three()
-        acting[0] = total_on(shared, 0, i)
-        if wp.static(moving):
-            force = force_on_hub(shared, i)
-            acting[1] = force[0]
-            acting[2] = force[1]
+        groups = lanes() // group()
+        turn = int(0)
+        first = first_of(i)
+        while first < wp.static(bodies):
+            s = first + crew() * (i % lanes() // group())
+            value = of_three()
+            if pushed(watched):
+                if s < wp.static(bodies):
+                    for k in range(3):
+                        value[k] = part(shared, wp.static(bodies) * k + s, i)
+                for k in range(3):
+                    value[k] = group_sum(value[k])
+            else:
+                if s < wp.static(bodies):
+                    value[0] = part(shared, s, i)
+                value[0] = group_sum(value[0])
+            if i % group() == turn:
+                acting = value
+            turn = turn + 1
+            first = first + crew() * groups
         return acting
 
     @wp.func
     def wrench_of(acting: of_three):
-        """What `acting_on` returns, in float64."""
+        """What `acting_on` returns, in float64; the force where bodies move."""
         wrench = Wrench()
         wrench.moment = wp.float64(acting[0])
-        wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
+        if wp.static(moving):
+            wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
         return wrench
 
     @wp.func
@@ -563,7 +538,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         contacts=contacts,
         body_of=body_of,
         acting_on=acting_on,
-        force_on_hub=force_on_hub,
         wrench_of=wrench_of,
         share_geometry=share_geometry,
     )
