@@ -44,7 +44,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     row, bodies, observe = block_rows(kind), block_bodies(kind), block_observing(kind)
     statistics, joint_power = block_statistics(kind), block_joints(kind).joint_power
     frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
-    load_row, X, Y, vec2 = accessors(Real).load_row, row.X, row.Y, kinds.vec2
+    load_row, position = accessors(Real).load_row, row.position
     barrier, place, link_of = row.sharing.barrier, row.place, row.link_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
     step_of = row.step_of
@@ -71,11 +71,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         statistics.look(ensemble, state, sums, tallies, shared, mine)
 
     @wp.func
-    def position(shared: kinds.Shared, j: int):
-        """Position of roller j [m]."""
-        return vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
-
-    @wp.func
     def gone_from(drive: Drive, shared: kinds.Shared, mine: Mine):
         """1 where a roller of the thread, or its sprocket, is not finite or has left the drive's box."""
         gone = int(0)
@@ -83,7 +78,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         while j < mine.rollers:
             if wp.static(kind.paired):
                 box = shared.box[0]
-                p = position(shared, j)
+                p = position(shared.rows, j)
                 inside = p[0] > box[0] and p[0] < box[2] and p[1] > box[1] and p[1] < box[3]
                 gone = wp.max(gone, int(not inside))
             else:
@@ -196,7 +191,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, mine.variant, now.since, now.step)
-                    write.write_roller(frames, at, mine.rollers, j, position(shared, j), v, extra)
+                    write.write_roller(frames, at, mine.rollers, j, position(shared.rows, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
                     energy = observe.energy_of_roller(shared, j, v, extra)
                     tally = tallies.roller[mine.first + j]

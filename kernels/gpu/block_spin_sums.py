@@ -1,4 +1,4 @@
-"""The window's sums at float32 without float64: of sprockets that spin, and of contacts.
+"""The window's sums at float32 without float64: of sprockets that spin.
 
 While a kernel runs, sums are pairs of float32; what it reads and writes back is float64, and the host knows no other.
 """
@@ -70,58 +70,3 @@ def add_spin_hub(sums: SpinSums, force: wp.vec2f, weight: wp.float32):
     sums.force_y = added(sums.force_y, weight * force[1])
     sums.force_max = wp.max(sums.force_max, wp.length(force))
     return sums
-
-
-@wp.func_native("""
-    assert(i >= 0 && i < cells.shape[0]);
-    union { double cell; float parts[2]; } of;
-    of.cell = cells.data[i];
-    return {of.parts[0], of.parts[1]};
-""")
-def load_cell(cells: wp.array[wp.float64], i: int) -> wp.vec2f:
-    """A pair that stands in a float64's place."""
-    ...
-
-
-@wp.func_native("""
-    assert(i >= 0 && i < cells.shape[0]);
-    union { double cell; float parts[2]; } of;
-    of.parts[0] = high;
-    of.parts[1] = low;
-    cells.data[i] = of.cell;
-""")
-def store_cell(cells: wp.array[wp.float64], i: int, high: wp.float32, low: wp.float32):
-    """A pair in a float64's place."""
-    ...
-
-
-@wp.func
-def open_cell(cells: wp.array[wp.float64], i: int):
-    """Makes a float64 a pair in its place."""
-    pair = pair_of(cells[i])
-    store_cell(cells, i, pair.high, pair.low)
-
-
-@wp.func
-def close_cell(cells: wp.array[wp.float64], i: int):
-    """Makes the pair in a float64's place a float64."""
-    pair = load_cell(cells, i)
-    cells[i] = wp.float64(pair[0]) + wp.float64(pair[1])
-
-
-@wp.func
-def add_to_cell(cells: wp.array[wp.float64], i: int, value: wp.float32):
-    """Adds to a pair in a float64's place."""
-    parts = load_cell(cells, i)
-    sum = Pair()
-    sum.high = parts[0]
-    sum.low = parts[1]
-    sum = added(sum, value)
-    store_cell(cells, i, sum.high, sum.low)
-
-
-@wp.func
-def raise_cell(cells: wp.array[wp.float64], i: int, value: wp.float32):
-    """Makes what stands in a float64's place at least `value`."""
-    if value > load_cell(cells, i)[0]:
-        store_cell(cells, i, value, 0.0)
