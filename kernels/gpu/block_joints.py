@@ -2,8 +2,8 @@
 
 Each link's tension and rate of turning lie in two rows until its neighbors have worked out their joints' moments. On a
 block of one warp, whose barriers cost little, these are the rows of forces, and each moment is worked out once; on
-several warps two more, and twice. Where metrics are taken the couples' forces are kept for the friction work, as float32:
-that rounds off 3e-8 of each, at random, and leaves room for more blocks.
+several warps two more, and twice. Where metrics are taken the couples' forces are kept for the friction work: as float32,
+which rounds off 3e-8 of each, at random, and leaves room for more blocks.
 """
 
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ from ..structs import types
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .exchange import WARP, seen_rows, shared_rows
+
 
 @wp.func_native("union { double one; float two[2]; } of; of.two[0] = x; of.two[1] = y; return of.one;")
 def as_one(x: wp.float32, y: wp.float32) -> wp.float64:
