@@ -40,7 +40,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
-    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
+    vec2 = kinds.vec2
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
     sampling, partners = block_sampling(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
@@ -55,8 +55,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # what rollers may touch unless that depends on where the bodies are
     ahead = threads > 32
     early = ahead and not (moving or kind.profiles)
-    # a warp without rollers adds up the forces on hubs of a watched step while the next one's contacts are worked out
-    late = measuring and kind.crewed and int(WATCH_EVERY) > 1 and not (moving or rk4)
     # contacts without what frames want stand in the code a second time, where a thread's registers bear that
     lean = not measuring and (ahead or per <= (6 if Real == wp.float32 else 4))
 
@@ -75,7 +73,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def wanted(now: Now):
         """What is wanted of this evaluation: metrics at a step's start, and whose moments."""
         now.measured = 0
-        now.owed = now.watched
         now.watched = 0
         if wp.static(measuring) and now.stage == 0:
             now.measured = now.window
@@ -94,16 +91,13 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         return now
 
     @wp.func
-    def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: of_three):
-        """Adds the chain's force on the thread's sprocket to its sums; all threads together."""
+    def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: wp.types.vector(3, Real)):
+        """Adds the chain's force on the thread's sprocket to its sums."""
         hub = vec2(acting[1], acting[2])
-        if wp.static(not moving):
-            hub = forces.force_on_hub(shared, mine.thread)
         if wp.static(kind.spinning):
-            if mine.sprocket >= 0:
-                spun = shared.spin_sums[mine.sprocket]
-                shared.spin_sums[mine.sprocket] = add_spin_hub(spun, hub, now.watch_weight)
-        elif mine.sprocket >= 0:
+            spun = shared.spin_sums[mine.sprocket]
+            shared.spin_sums[mine.sprocket] = add_spin_hub(spun, hub, now.watch_weight)
+        else:
             sums = shared.sprocket_sums[mine.sprocket]
             force = wp.vec2d(wp.float64(hub[0]), wp.float64(hub[1]))
             shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, force, wp.float64(now.watch_weight))
@@ -123,10 +117,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         All threads together work out what the chain does to it.
         """
-        acting = acting_on(shared, mine.thread)
-        if wp.static(measuring and not late) and now.watched != 0:
-            add_hub(shared, mine, now, acting)
+        acting = acting_on(shared, mine.thread, now.watched)
         if mine.sprocket >= 0:
+            if wp.static(measuring) and now.watched != 0:
+                add_hub(shared, mine, now, acting)
             if wp.static(kind.spinning):
                 wheel = seen_wheel(shared.wheels, mine.sprocket)
                 seen = bodies.spin(ensemble, shared, mine, now, acting)
@@ -173,9 +167,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
-        """Works out the load on the thread's sprocket; adds the last step's force on its hub, where it is owed."""
-        if wp.static(late) and now.owed != 0:
-            add_hub(shared, mine, now, of_three())
+        """Works out the load on the thread's sprocket."""
         if mine.sprocket >= 0 and now.stage == 0:
             bodies.weigh(ensemble, shared, mine, now.step)
 
@@ -234,7 +226,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             bodies.start_body(ensemble, state, sums, shared, mine, step)
         if wp.static(measuring):
             observe.start_extremes(ensemble, sums, shared, mine)
-            forces.open_sums(tallies, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.start_arm(ensemble, state, shared, mine)
@@ -250,11 +241,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now: Now,
     ):
         """Everything back into the state."""
-        if wp.static(late) and now.watched != 0:
-            add_hub(shared, mine, now, of_three())
         if wp.static(measuring):
             observe.flush(tallies, shared, mine)
-            forces.close_sums(tallies, mine)
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)

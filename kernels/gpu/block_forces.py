@@ -34,9 +34,8 @@ from ..sum_structs import Tallies
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .block_spin_sums import add_to_cell, close_cell, open_cell, raise_cell
 from .block_wheels import box_of, gears, load_line, load_wheel, seen_wheel, store_wheel, velocity_of
-from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to
+from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to, widened
 
 
 @dataclass(frozen=True)
@@ -47,11 +46,8 @@ class ForceFunctions:
     near: wp.Function
     leave: wp.Function
     contacts: wp.Function
-    open_sums: wp.Function
-    close_sums: wp.Function
     body_of: wp.Function
     acting_on: wp.Function
-    force_on_hub: wp.Function
     wrench_of: wp.Function
     share_geometry: wp.Function
 
@@ -94,8 +90,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def away_from(rows: wp.array[Real], j: int, center: vec2, low: vec2):
         """Roller j from a center, at float32."""
-        high = vec2(load_row(rows, X + j), load_row(rows, Y + j))
-        return away(high, vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
+        return away(row.position(rows, j), vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
 
     @wp.func
     def in_carrier(shared: kinds.Shared, j: int, b: int):
@@ -189,52 +184,22 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return Real(wp.float64(0.5) * mine.h)
 
     @wp.func
-    def add(sums: wp.array[wp.float64], at: int, value: Real):
-        """Adds to a sum of contacts; no other thread does.
-
-        In float64 memory does, as it is told, and this thread does not wait for what stands there.
-        """
+    def in_full(value: Real):
+        """A value as the sums of contacts have it."""
         if wp.static(kind.paired):
-            add_to_cell(sums, at, value)
+            return widened(value)
         else:
-            add_to(sums, at, value)
-
-    @wp.func
-    def open_sums(tallies: Tallies, mine: Mine):
-        """Makes the sums of contacts pairs of float32 in their places, all threads together."""
-        if wp.static(kind.paired):
-            j = int(mine.thread)
-            while j < wp.static(sprockets + guides) * mine.rollers:
-                open_cell(tallies.dissipated, mine.memory + j)
-                open_cell(tallies.friction, mine.memory + j)
-                open_cell(tallies.impulse, mine.memory + j)
-                open_cell(tallies.force_max, mine.memory + j)
-                j = j + wp.static(threads)
-
-    @wp.func
-    def close_sums(tallies: Tallies, mine: Mine):
-        """Makes them float64 again."""
-        if wp.static(kind.paired):
-            j = int(mine.thread)
-            while j < wp.static(sprockets + guides) * mine.rollers:
-                close_cell(tallies.dissipated, mine.memory + j)
-                close_cell(tallies.friction, mine.memory + j)
-                close_cell(tallies.impulse, mine.memory + j)
-                close_cell(tallies.force_max, mine.memory + j)
-                j = j + wp.static(threads)
+            return value
 
     @wp.func
     def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
         """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
-        add(tallies.dissipated, at, now.weight * damped)
+        add_to(tallies.dissipated, at, in_full(now.weight * damped))
         if wp.static(sliding):
-            add(tallies.friction, at, now.weight * rubbed)
+            add_to(tallies.friction, at, in_full(now.weight * rubbed))
         if now.watched != 0:
-            add(tallies.impulse, at, now.watch_weight * size)
-            if wp.static(kind.paired):
-                raise_cell(tallies.force_max, at, size)
-            else:
-                raise_to(tallies.force_max, at, size)
+            add_to(tallies.impulse, at, in_full(now.watch_weight * size))
+            raise_to(tallies.force_max, at, in_full(size))
         if before <= Real(0.0):
             count_at(tallies.impacts, at)
 
@@ -544,66 +509,42 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
-    def total_on(shared: kinds.Shared, rows: int, i: int):
-        """Sum of all threads' parts in the row of the body that thread i moves, of those from `rows` on."""
-        total = Real(0.0)
-        groups = lanes() // group()
-        turn = int(0)
-        first = first_of(i)
-        while first < wp.static(bodies):
-            s = first + crew() * (i % lanes() // group())
-            value = Real(0.0)
-            if s < wp.static(bodies):
-                value = part(shared, rows + s, i)
-            value = group_sum(value)
-            if i % group() == turn:
-                total = value
-            turn = turn + 1
-            first = first + crew() * groups
-        return total
+    def acting_on(shared: kinds.Shared, i: int, watched: int):
+        """The chain's moment [N m] on the body that thread i moves and, if that is wanted, its force (x, y) [N].
 
-    @wp.func
-    def force_on_hub(shared: kinds.Shared, i: int):
-        """The chain's force on the body that thread i moves [N], where it is wanted; all threads as for `acting_on`."""
-        force = vec2()
-        groups = lanes() // group()
-        turn = int(0)
-        first = first_of(i)
-        while first < wp.static(bodies):
-            s = first + crew() * (i % lanes() // group())
-            x = Real(0.0)
-            y = Real(0.0)
-            if s < wp.static(bodies):
-                x = part(shared, wp.static(bodies) + s, i)
-                y = part(shared, wp.static(2 * bodies) + s, i)
-            x = group_sum(x)
-            y = group_sum(y)
-            if i % group() == turn:
-                force = vec2(x, y)
-            turn = turn + 1
-            first = first + crew() * groups
-        return force
-
-    @wp.func
-    def acting_on(shared: kinds.Shared, i: int):
-        """The chain's moment [N m] on the body that thread i moves and, if bodies move, its force (x, y) [N].
-
-        All threads together, between the barrier after the contacts and the next one.
+        All threads together, between the barrier after the contacts and the next one. Forces are added up beside the
+        moments, so that one's latencies hide behind the others' work.
         """
         acting = of_three()
-        acting[0] = total_on(shared, 0, i)
-        if wp.static(moving):
-            force = force_on_hub(shared, i)
-            acting[1] = force[0]
-            acting[2] = force[1]
+        groups = lanes() // group()
+        turn = int(0)
+        first = first_of(i)
+        while first < wp.static(bodies):
+            s = first + crew() * (i % lanes() // group())
+            value = of_three()
+            if pushed(watched):
+                if s < wp.static(bodies):
+                    for k in range(3):
+                        value[k] = part(shared, wp.static(bodies) * k + s, i)
+                for k in range(3):
+                    value[k] = group_sum(value[k])
+            else:
+                if s < wp.static(bodies):
+                    value[0] = part(shared, s, i)
+                value[0] = group_sum(value[0])
+            if i % group() == turn:
+                acting = value
+            turn = turn + 1
+            first = first + crew() * groups
         return acting
 
     @wp.func
     def wrench_of(acting: of_three):
-        """What `acting_on` returns, in float64."""
+        """What `acting_on` returns, in float64; the force where bodies move."""
         wrench = Wrench()
         wrench.moment = wp.float64(acting[0])
-        wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
+        if wp.static(moving):
+            wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
         return wrench
 
     @wp.func
@@ -656,11 +597,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         near=near,
         leave=leave,
         contacts=contacts,
-        open_sums=open_sums,
-        close_sums=close_sums,
         body_of=body_of,
         acting_on=acting_on,
-        force_on_hub=force_on_hub,
         wrench_of=wrench_of,
         share_geometry=share_geometry,
     )

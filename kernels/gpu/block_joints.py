@@ -2,7 +2,8 @@
 
 Each link's tension and rate of turning lie in two rows until its neighbors have worked out their joints' moments. On a
 block of one warp, whose barriers cost little, these are the rows of forces, and each moment is worked out once; on
-several warps two more, and twice. Where metrics are taken two more rows keep the couples' forces, for friction's work.
+several warps two more, and twice. Where metrics are taken the couples' forces are kept for the friction work: as
+float32, which rounds off 3e-8 of each, at random, and leaves room for more blocks.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,19 @@ from ..rows import accessors
 from ..structs import types
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import WARP, extremes, shared_rows
+from .exchange import WARP, seen_rows, shared_rows
+
+
+@wp.func_native("union { double one; float two[2]; } of; of.two[0] = x; of.two[1] = y; return of.one;")
+def as_one(x: wp.float32, y: wp.float32) -> wp.float64:
+    """Two float32 in the place of a float64."""
+    ...
+
+
+@wp.func_native("union { double one; float two[2]; } of; of.one = value; return {of.two[0], of.two[1]};")
+def as_two(value: wp.float64) -> wp.vec2f:
+    """What `as_one` has put together."""
+    ...
 
 
 @dataclass(frozen=True)
@@ -40,9 +53,9 @@ def block_joints(kind: BlockKind) -> JointFunctions:
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     alone = threads == WARP
-    COUPLE_X, COUPLE_Y = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
-    TENSION, TURN = (row.FORCE_X, row.FORCE_Y) if alone else (COUPLE_X, COUPLE_Y)
-    FRICTION = wp.constant(threads // WARP * extremes(kind) + slots)
+    FIRST, SECOND = (wp.constant((shared_rows(Real) + k) * slots) for k in range(2))
+    TENSION, TURN = (row.FORCE_X, row.FORCE_Y) if alone else (FIRST, SECOND)
+    FRICTION = wp.constant(seen_rows(kind)[1])
 
     @wp.func
     def moment_between(before: vec2, after: vec2, joint: kinds.Joint):
@@ -79,6 +92,23 @@ def block_joints(kind: BlockKind) -> JointFunctions:
             after = bent(rows, j)
             moment = moment_between(bent(rows, before(j, n)), after, joint)
             return couple_force(moment, moment_between(after, bent(rows, next), joint), lever)
+
+    @wp.func
+    def store_couple(rows: wp.array[Real], j: int, x: Real, y: Real):
+        """Keeps the force [N] of the couple of link j's joints, as float32."""
+        if wp.static(Real == wp.float64):
+            store_row(rows, FIRST + j, as_one(wp.float32(x), wp.float32(y)))
+        else:
+            store_row(rows, FIRST + j, x)
+            store_row(rows, SECOND + j, y)
+
+    @wp.func
+    def load_couple(rows: wp.array[Real], j: int):
+        """The force that `store_couple` has kept."""
+        if wp.static(Real == wp.float64):
+            return as_two(load_row(rows, FIRST + j))
+        else:
+            return wp.vec2f(load_row(rows, FIRST + j), load_row(rows, SECOND + j))
 
     @wp.func
     def pull(shared: kinds.Shared, lengths: wp.array[Real], n: int, i: int):
@@ -121,8 +151,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
             if wp.static(kind.measuring):
-                store_row(rows, COUPLE_X + j, lever_x[k])
-                store_row(rows, COUPLE_Y + j, lever_y[k])
+                store_couple(rows, j, lever_x[k], lever_y[k])
             force = force_on(shared, before(j, n))
             pull_x[k] = pull_x[k] - force[0]
             pull_y[k] = pull_y[k] - force[1]
@@ -135,18 +164,18 @@ def block_joints(kind: BlockKind) -> JointFunctions:
     def add_friction(shared: kinds.Shared, mine: Mine, now: Now):
         """Adds what friction takes from the thread's rollers in this step, at the mean of its two velocities."""
         rows = shared.rows
+        power = Real(0.0)
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + mine.thread
-            i = before(j, mine.rollers)
-            force = vec2(
-                load_row(rows, COUPLE_X + j) - load_row(rows, COUPLE_X + i),
-                load_row(rows, COUPLE_Y + j) - load_row(rows, COUPLE_Y + i),
-            )
+            couple = load_couple(rows, j)
+            couple_before = load_couple(rows, before(j, mine.rollers))
             v = velocity(rows, j)
             if wp.static(not kind.rk4):
                 v = v + Real(0.5) * row.step_of(mine) * acceleration(shared, j)
-            at = FRICTION + j
-            store_row(shared.seen, at, load_row(shared.seen, at) - now.weight * wp.dot(force, v))
+            of_roller = Real(couple[0] - couple_before[0]) * v[0] + Real(couple[1] - couple_before[1]) * v[1]
+            power = power + wp.where(j < mine.rollers, of_roller, Real(0.0))
+        at = FRICTION + mine.thread
+        store_row(shared.seen, at, load_row(shared.seen, at) - now.weight * power)
 
     @wp.func
     def pulled(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, j: int, lag: Real):

@@ -143,7 +143,6 @@ def now_struct(Real: type) -> type:
         weight: Real  # time that this step stands for in the window's sums [s]
         watch_weight: Real  # time that a watched step stands for [s]
         watched: wp.int32  # 1 where forces are watched (`sums.WATCH_EVERY`)
-        owed: wp.int32  # 1 after a watched step
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
         driven: wp.int32  # sprockets that their moment moves, as bits

@@ -17,7 +17,7 @@ from ..physics.motion import load_moment_at_speed
 from ..physics.roller import roller_energy
 from ..rows import accessors
 from ..structs import BodyState, Drive, Mount, Pose, Wheel, Wrench, types
-from ..sum_structs import ChainNote, ContactSums, LinkTally, Sums, Tallies
+from ..sum_structs import ChainNote, ContactSums, LinkTally, RollerTally, Sums, Tallies
 from ..sums import (
     add_displacement,
     add_energy,
@@ -36,7 +36,7 @@ from .block_events import ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_spin_sums import add_spin
-from .exchange import WARP, any_lane, extremes, lanes
+from .exchange import WARP, add_to_link, add_to_roller, any_lane, extremes, lanes, seen_rows
 
 SIGN_BITS = """
 #if defined(__CUDA_ARCH__)
@@ -74,8 +74,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     row = block_rows(kind)
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    RATES = wp.constant(threads // WARP * extremes(kind))
-    FRICTION = wp.constant(threads // WARP * extremes(kind) + kind.slots)
+    RATES, FRICTION = (wp.constant(at) for at in seen_rows(kind)[:2])
     warp_max = row.sharing.warp_max
     follow = following(Real).follow
 
@@ -109,7 +108,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             set_extremes(shared, extremes_at(i, none), chain.tension_min, chain.tension_max)
             set_extremes(shared, extremes_at(i, none + 1), wp.float64(-3.0e38), wp.float64(3.0e38))
         j = int(i)
-        while j < wp.static((1 + kind.bending) * kind.slots):
+        while j < wp.static((1 + kind.bending) * threads):
             store_row(shared.seen, RATES + j, Real(0.0))
             j = j + wp.static(threads)
 
@@ -191,11 +190,14 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             widen(shared, i, tension)
 
     @wp.func
-    def add_rates(shared: kinds.Shared, i: int, rate: of_each, weight: Real):
+    def add_rates(shared: kinds.Shared, mine: Mine, rate: of_each, weight: Real):
         """One step's squared rates of the thread's links, over the time `weight` that it stands for [s]."""
+        squares = Real(0.0)
         for k in range(wp.static(per)):
-            at = RATES + k * wp.static(threads) + i
-            store_row(shared.seen, at, load_row(shared.seen, at) + (weight * rate[k]) * rate[k])
+            there = k * wp.static(threads) + mine.thread < mine.rollers
+            squares = squares + wp.where(there, rate[k] * rate[k], Real(0.0))
+        at = RATES + mine.thread
+        store_row(shared.seen, at, load_row(shared.seen, at) + weight * squares)
 
     @wp.func
     def chain_of(shared: kinds.Shared, j: int):
@@ -207,27 +209,27 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
 
     @wp.func
     def flush(tallies: Tallies, shared: kinds.Shared, mine: Mine):
-        """Adds what the thread's links and joints have taken to their tallies."""
-        j = int(mine.thread)
-        while j < mine.rollers:
-            at = mine.first + j
-            power = chain_of(shared, j).damping * load_row(shared.seen, RATES + j)
-            tallies.roller[at].dissipated = tallies.roller[at].dissipated + wp.float64(power)
-            store_row(shared.seen, RATES + j, Real(0.0))
+        """Adds what the thread's links and joints have taken to the tally of its first roller.
+
+        Outer and inner links alternate, and a thread has every 32nd or so: all its links are alike.
+        """
+        i = mine.thread
+        if i < mine.rollers:
+            taken = RollerTally()
+            taken.dissipated = wp.float64(chain_of(shared, i).damping * load_row(shared.seen, RATES + i))
+            store_row(shared.seen, RATES + i, Real(0.0))
             if wp.static(kind.bending):
-                work = wp.float64(load_row(shared.seen, FRICTION + j))
-                tallies.roller[at].friction = tallies.roller[at].friction + work
-                store_row(shared.seen, FRICTION + j, Real(0.0))
-            j = j + wp.static(threads)
+                taken.friction = wp.float64(load_row(shared.seen, FRICTION + i))
+                store_row(shared.seen, FRICTION + i, Real(0.0))
+            add_to_roller(tallies.roller, mine.first + i, taken)
 
     @wp.func
     def add_link(tallies: Tallies, drive: Drive, shared: kinds.Shared, j: int, tension: Real):
         """A look at link j, whose tension goes to its tally of the strand it is on; returns that strand."""
         of = int(shared.strand_of[j])
-        at = drive.first_tally + of * drive.rollers + j
-        tally = add_tension(tallies.link[at], tension)
-        tally.samples = tally.samples + wp.int64(1)
-        tallies.link[at] = tally
+        seen = add_tension(LinkTally(), tension)
+        seen.samples = wp.int64(1)
+        add_to_link(tallies.link, drive.first_tally + of * drive.rollers + j, seen)
         return of
 
     @wp.func
@@ -251,8 +253,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     @wp.func
     def energy_of_roller(shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra):
         """Kinetic and potential energy of roller j, elastic energy of the link after it and of its contacts [J]."""
-        position = vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
-        held, weight = roller_energy(position, v, extra.tension, extra.rate, chain_of(shared, j))
+        held, weight = roller_energy(row.position(shared.rows, j), v, extra.tension, extra.rate, chain_of(shared, j))
         return held - weight + wp.float64(extra.energy)
 
     @wp.func

@@ -169,7 +169,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             barrier()
             angular = wp.float64(0.0)
             if wp.static(kind.arms > 0):
-                wrench = forces.wrench_of(forces.acting_on(shared, i))
+                wrench = forces.wrench_of(forces.acting_on(shared, i, 0))
                 if mine.arm >= 0:
                     angular = arms.rest_arm(ensemble, state, shared, mine, wrench)
             restart = int(0)

@@ -35,6 +35,7 @@ class RowFunctions:
     X_LOW: int
     Y_LOW: int
     step_of: wp.Function
+    position: wp.Function
     place: wp.Function
     velocity: wp.Function
     across: wp.Function
@@ -65,6 +66,11 @@ def block_rows(kind: BlockKind) -> RowFunctions:
     barrier = sharing.barrier
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     X, Y, VX, VY, FORCE_X, FORCE_Y, X_LOW, Y_LOW = (wp.constant(k * slots) for k in range(8))
+
+    @wp.func
+    def position(rows: wp.array[Real], j: int):
+        """Position of roller j [m]."""
+        return vec2(load_row(rows, X + j), load_row(rows, Y + j))
 
     @wp.func
     def place(rows: wp.array[Real], j: int, center: wp.vec2d):
@@ -271,6 +277,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         X_LOW=X_LOW,
         Y_LOW=Y_LOW,
         step_of=step_of,
+        position=position,
         place=place,
         velocity=velocity,
         across=across,

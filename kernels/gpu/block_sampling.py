@@ -45,7 +45,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     row, bodies, observe = block_rows(kind), block_bodies(kind), block_observing(kind)
     statistics, joint_power = block_statistics(kind), block_joints(kind).joint_power
     frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
-    load_row, X, Y, vec2 = accessors(Real).load_row, row.X, row.Y, kinds.vec2
+    load_row, position = accessors(Real).load_row, row.position
     barrier, place, link_of = row.sharing.barrier, row.place, row.link_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
     step_of = row.step_of
@@ -72,18 +72,13 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         statistics.look(ensemble, state, sums, tallies, shared, mine)
 
     @wp.func
-    def position(shared: kinds.Shared, j: int):
-        """Position of roller j [m]."""
-        return vec2(load_row(shared.rows, X + j), load_row(shared.rows, Y + j))
-
-    @wp.func
     def gone_from(drive: Drive, shared: kinds.Shared, mine: Mine):
         """1 where a roller of the thread, or its sprocket, is not finite or has left the drive's box."""
         gone = int(0)
         j = int(mine.thread)
         while j < mine.rollers:
             if wp.static(kind.paired):
-                gone = wp.max(gone, int(not within(shared.box[0], position(shared, j))))
+                gone = wp.max(gone, int(not within(shared.box[0], position(shared.rows, j))))
             else:
                 p = place(shared.rows, j, wp.vec2d(wp.float64(0.0), wp.float64(0.0)))
                 gone = wp.max(gone, int(not in_box(drive, p)))
@@ -141,7 +136,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
-            observe.add_rates(shared, mine.thread, rate, now.weight)
+            observe.add_rates(shared, mine, rate, now.weight)
             if now.watched != 0:
                 observe.watch(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:
@@ -194,7 +189,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
                 extra = state.extra[mine.first + j]
                 if now.flags & FRAME != 0:
                     at = frame_at(ensemble, state, mine.variant, now.since, now.step)
-                    write.write_roller(frames, at, mine.rollers, j, position(shared, j), v, extra)
+                    write.write_roller(frames, at, mine.rollers, j, position(shared.rows, j), v, extra)
                 if wp.static(measuring) and now.flags & ENDS != 0:
                     energy = observe.energy_of_roller(shared, j, v, extra)
                     tally = tallies.roller[mine.first + j]

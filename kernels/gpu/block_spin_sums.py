@@ -1,11 +1,11 @@
-"""The window's sums at float32 without float64: of sprockets that spin, and of contacts.
+"""The window's sums at float32 without float64: of sprockets that spin.
 
 While a kernel runs, sums are pairs of float32; what it reads and writes back is float64, and the host knows no other.
 """
 
 import warp as wp
 
-from ..pairs import Pair, pair, pair_of, settled, trimmed, whole
+from ..pairs import Pair, pair_of, settled, trimmed, whole
 from ..structs import SpinSums
 from ..sum_structs import SprocketSums
 
@@ -70,60 +70,3 @@ def add_spin_hub(sums: SpinSums, force: wp.vec2f, weight: wp.float32):
     sums.force_y = added(sums.force_y, weight * force[1])
     sums.force_max = wp.max(sums.force_max, wp.length(force))
     return sums
-
-
-@wp.func_native("""
-    assert(i >= 0 && i < cells.shape[0]);
-    union { double cell; float parts[2]; } of;
-    of.cell = cells.data[i];
-    return {of.parts[0], of.parts[1]};
-""")
-def load_parts(cells: wp.array[wp.float64], i: int) -> wp.vec2f:
-    """High and low part of a pair that stands in a float64's place."""
-    ...
-
-
-@wp.func_native("""
-    assert(i >= 0 && i < cells.shape[0]);
-    union { double cell; float parts[2]; } of;
-    of.parts[0] = high;
-    of.parts[1] = low;
-    cells.data[i] = of.cell;
-""")
-def store_cell(cells: wp.array[wp.float64], i: int, high: wp.float32, low: wp.float32):
-    """A pair in a float64's place."""
-    ...
-
-
-@wp.func
-def load_cell(cells: wp.array[wp.float64], i: int):
-    """A pair that stands in a float64's place."""
-    parts = load_parts(cells, i)
-    return pair(parts[0], parts[1])
-
-
-@wp.func
-def open_cell(cells: wp.array[wp.float64], i: int):
-    """Makes a float64 a pair in its place."""
-    split = pair_of(cells[i])
-    store_cell(cells, i, split.high, split.low)
-
-
-@wp.func
-def close_cell(cells: wp.array[wp.float64], i: int):
-    """Makes the pair in a float64's place a float64."""
-    cells[i] = whole(load_cell(cells, i))
-
-
-@wp.func
-def add_to_cell(cells: wp.array[wp.float64], i: int, value: wp.float32):
-    """Adds to a pair in a float64's place."""
-    sum = added(load_cell(cells, i), value)
-    store_cell(cells, i, sum.high, sum.low)
-
-
-@wp.func
-def raise_cell(cells: wp.array[wp.float64], i: int, value: wp.float32):
-    """Makes what stands in a float64's place at least `value`."""
-    if value > load_parts(cells, i)[0]:
-        store_cell(cells, i, value, 0.0)

@@ -13,7 +13,7 @@ from typing import Any
 import warp as wp
 
 from ..structs import Hub, Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
-from ..sum_structs import MountSums, SprocketSums, StrandSums
+from ..sum_structs import LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
 from .block_kind import DECLARED, BlockKind
 from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
 
@@ -88,9 +88,16 @@ COURSE = 32
 def shared_rows(Real: type) -> int:
     """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y.
 
-    Where joints rub there are two more (`block_joints`).
+    Where joints rub there are more (`joint_rows`).
     """
     return 8 if Real == wp.float32 else 6
+
+
+def joint_rows(kind: BlockKind) -> int:
+    """Rows beside these for the friction of joints (`block_joints`)."""
+    if not kind.bending or (kind.threads == WARP and not kind.measuring):
+        return 0
+    return 1 if kind.threads == WARP and kind.Real == wp.float64 else 2
 
 
 @wp.func_native("""
@@ -168,6 +175,41 @@ def count_at(counts: wp.array[wp.int32], at: int):
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    const int bits = __float_as_int(value);
+    return __hiloint2double((bits & 0x80000000) | (((bits & 0x7fffffff) >> 3) + 0x38000000), bits << 29);
+#else
+    return value;
+#endif
+""")
+def widened(value: wp.float32) -> wp.float64:
+    """A float32 as float64 without an instruction of float64, those below 1e-38 as something as small."""
+    ...
+
+
+def _adds(**types_of: str) -> str:
+    """Adds the fields of a struct `more` to those of `tallies` at `at`, and does not wait for them."""
+    address = "__cvta_generic_to_global(&tallies.data[at].{0})"
+    letters = {"f64": "d", "u64": "l"}
+    red = """    asm volatile("red.global.add.{1} [%0], %1;" :: "l"({2}), "{3}"(more.{0}));"""
+    reds = [red.format(name, of, address.format(name), letters[of]) for name, of in types_of.items()]
+    adds = [f"    tallies.data[at].{name} += more.{name};" for name in types_of]
+    return "\n".join(["", "#if defined(__CUDA_ARCH__)", *reds, "#else", *adds, "#endif", ""])
+
+
+@wp.func_native(_adds(samples="u64", tension="f64", tension_square="f64"))
+def add_to_link(tallies: wp.array[LinkTally], at: int, more: LinkTally):
+    """Adds what `more` has to a link's tally; no other thread does."""
+    ...
+
+
+@wp.func_native(_adds(dissipated="f64", friction="f64"))
+def add_to_roller(tallies: wp.array[RollerTally], at: int, more: RollerTally):
+    """Adds what is dissipated in `more` to a roller's tally; no other thread does."""
+    ...
+
+
 @wp.func_native(ANY_LANE)
 def any_lane(flag: int) -> int:
     """Whether `flag` is not zero in any thread of the warp."""
@@ -203,6 +245,12 @@ def extremes(kind: BlockKind) -> int:
     return 2 * (kind.sprockets + 2)
 
 
+def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
+    """Where, after the extremes, each thread's squared rates and friction begin, and where they end."""
+    first = kind.threads // WARP * extremes(kind)
+    return first, first + kind.threads, first + (1 + kind.bending) * kind.threads
+
+
 ORDERED = 512
 """Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
 
@@ -225,7 +273,7 @@ class Room:
     parts: int  # values
     rows: int  # values
     held: int
-    seen: int  # values: extremes of tension, each link's squared rates, the work of each roller's joint friction
+    seen: int  # values: extremes of tension, each thread's squared rates and work of joint friction
     strand_of: int  # bytes
     size: int  # of a value [bytes]
     shares_rows: bool  # and held
@@ -266,9 +314,8 @@ def room(kind: BlockKind) -> Room:
     kinds = types(kind.Real)
     size = wp.types.type_size_in_bytes(kind.Real)
     parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
-    joints_rows = kind.bending and (kind.measuring or kind.threads > WARP)
-    rows = (shared_rows(kind.Real) + 2 * joints_rows) * kind.slots
-    seen = kind.threads // WARP * extremes(kind) + (1 + kind.bending) * kind.slots if kind.measuring else 1
+    rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.slots
+    seen = seen_rows(kind)[-1] if kind.measuring else 1
     strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band]
     of_each += [Strand, SprocketSums, StrandSums] if kind.measuring else []

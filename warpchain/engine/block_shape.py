@@ -54,7 +54,7 @@ class BlockShape:
                 ("float64", False): (12, 12, 8),
                 ("float64", True): (12, 12, 8),
                 ("float32", False): (20, 16, 12),
-                ("float32", True): (12, 12, 8),
+                ("float32", True): (20, 16, 8),
             }[precision, measuring][(self.per > 4) + (self.per > 6)]
         elif self.slots > LONGEST_ON_A_WARP and self.per > 1:
             most = 2 if self.per > 8 else 3 if precision == "float64" else 4
