@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import Hub, Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
+from ..structs import Hub, HubSums, Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
 from ..sum_structs import MountSums, SprocketSums, StrandSums
 from .block_kind import DECLARED, BlockKind
 from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
@@ -270,7 +270,7 @@ def room(kind: BlockKind) -> Room:
     seen = kind.threads // WARP * extremes(kind) + (1 + kind.bending) * kind.slots if kind.measuring else 1
     strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band, Strand, SprocketSums, StrandSums]
-    of_each += [Hub if kind.spinning else Mount, MountSums] if kind.moving else []
+    of_each += ([Hub, HubSums] if kind.spinning else [Mount, MountSums]) if kind.moving else []
     of_each += [wp.vec4f] * GEAR_ROWS if kind.paired else []
     of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
     used = kind.sprockets * (16 * COURSE * (not kind.spinning) + sum(map(_bytes, of_each)))
@@ -412,6 +412,9 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("hubs", sprockets))
     def hubs(like: kinds.Shared) -> wp.array[Hub]: ...
 
+    @wp.func_native(_shared_snippet("hub_sums", sprockets))
+    def hub_sums(like: kinds.Shared) -> wp.array[HubSums]: ...
+
     @wp.func_native(_shared_snippet("mounts", sprockets if moving else 1))
     def mounts(like: kinds.Shared) -> wp.array[Mount]: ...
 
@@ -460,6 +463,7 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.led = led(shared)
             if wp.static(moving):
                 shared.hubs = hubs(shared)
+                shared.hub_sums = hub_sums(shared)
         else:
             shared.motions = motions(shared)
             shared.course = course(shared)
@@ -482,8 +486,8 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.parts = own_parts(state.parts, block * wp.static(of.parts), wp.static(of.parts))
         if wp.static(not kind.spinning):
             shared.mounts = mounts(shared)
+            shared.mount_sums = mount_sums(shared)
         shared.strands = strands(shared)
-        shared.mount_sums = mount_sums(shared)
         if wp.static(kind.spinning):
             shared.spin_sums = spin_sums(shared)
         else:
