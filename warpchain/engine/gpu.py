@@ -133,9 +133,9 @@ class Bucket:
     tensioners: int
     profiles: bool
     curved: bool
-    pushing: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
+    pushing: bool = True
 
     @property
     def count(self) -> int:
@@ -266,8 +266,8 @@ class GpuEngine:
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
             profiles, curves, pushes = map(bool, others)
-            bodies = arms, tensioners, profiles, curves, pushes
-            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array))
+            bodies = arms, tensioners, profiles, curves
+            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, pushing=pushes))
         return buckets
 
     def _blocks(self, name: str, bucket: Bucket) -> int:
