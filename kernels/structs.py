@@ -329,6 +329,18 @@ class SpinRates:
 
 
 @wp.struct
+class HubSums:
+    """`MountSums` of a sprocket that is moved in pairs of float32."""
+
+    travel_x: Pair  # [m s]
+    travel_y: Pair
+    travel_max: wp.float32  # [m]
+    force: Pair  # [N s]
+    dissipated: Pair  # [J]
+    work: Pair  # [J]
+
+
+@wp.struct
 class SpinWrench:
     """`Wrench` in float32."""
 
@@ -593,6 +605,7 @@ def types(Real: type) -> SimpleNamespace:
         spins: wp.array[Spin]  # (S,), the same
         led: wp.array[Led]  # (S, steps), the same
         hubs: wp.array[Hub]  # (S,), the same where sprockets' centers move
+        hub_sums: wp.array[HubSums]  # (S,), the same
         lines: wp.array[wp.vec4f]  # rows of straight guide-bars, the same
         box: wp.array[wp.vec4f]  # (1,), the same: low and high corner beyond which a roller has left the drive [m]
         teeth: wp.array[Sprocket]  # (S,)

@@ -24,10 +24,11 @@ from ..physics.spin import (
     wheel_of,
     with_spin,
 )
-from ..structs import BodyState, Drive, Mount, Pose, Spin, SpinWrench, Wheel, Wrench, types
+from ..structs import BodyState, Drive, Mount, Pose, Spin, SpinRates, SpinWrench, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_forces import block_forces
+from .block_hub_sums import hub_sums_of, mount_sums_of
 from .block_kind import BlockKind, Mine, now_struct
 from .block_spin_sums import spin_sums_of, sprocket_sums_of
 from .block_wheels import follow, load_wheel, store_turn, store_wheel, velocity_of, within
@@ -57,7 +58,8 @@ class Seen:
     speed: wp.float32  # [rad/s]
     center: wp.vec2f  # [m]
     load: wp.float32  # moment [N m], at the speed that was known then
-    exact: BodyState  # the same in float64, where sums of a mount want it
+    velocity: wp.vec2f  # of the center, where sums of a mount want it [m/s]
+    turning: wp.vec3f  # of `mount.accelerations`, the same
 
 
 @wp.func
@@ -200,7 +202,9 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             if wp.static(not kind.spinning):
                 shared.mounts[s] = ensemble.mounts[b]
         if wp.static(kind.measuring):
-            if wp.static(moving):
+            if wp.static(moving and kind.spinning):
+                shared.hub_sums[s] = hub_sums_of(sums.mount[at])
+            elif wp.static(moving):
                 shared.mount_sums[s] = sums.mount[at]
             if wp.static(kind.spinning):
                 shared.spin_sums[s] = spin_sums_of(sums.sprocket[at])
@@ -225,7 +229,9 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         else:
             state.bodies[drive.first_body + s] = state_of(shared.poses[s])
         if wp.static(kind.measuring):
-            if wp.static(moving):
+            if wp.static(moving and kind.spinning):
+                sums.mount[at] = mount_sums_of(shared.hub_sums[s])
+            elif wp.static(moving):
                 sums.mount[at] = shared.mount_sums[s]
             if wp.static(kind.spinning):
                 sums.sprocket[at] = sprocket_sums_of(shared.spin_sums[s])
@@ -329,17 +335,18 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         else:
             turning[0] = 1.0
             turning[1] = led_growth(ensemble, mine, s, time, spin)
-        rates = hub_rates(time, wheel, hub, wrench, turning)
+        body = SpinRates()
+        body.speed = wp.where(spin.prescribed == 1, wheel.exact_speed, wheel.speed.high)
+        body.velocity = wheel.velocity
+        rates = hub_rates(time, wheel, body, hub, wrench, turning)
         lag = leapfrog_lag(now.step, h)
         seen.angle = rounded(wheel.angle)
         seen.center = wheel.center
         seen.load = wheel.load
         seen.speed = wp.where(spin.prescribed == 1, wheel.exact_speed, wheel.speed.high + lag * rates[2])
         if wp.static(kind.measuring) and now.measured != 0:
-            seen.exact = with_hub(with_spin(seen.exact, wheel), wheel, hub)
-            seen.exact.speed = wp.float64(seen.speed)
-            velocity = hub_velocity(time, lag, wheel, hub, rates)
-            seen.exact.velocity = wp.vec2d(wp.float64(velocity[0]), wp.float64(velocity[1]))
+            seen.velocity = hub_velocity(time, lag, wheel, hub, rates)
+            seen.turning = turning
         if now.going != 0:
             ahead = shared.led[course_of(s, now.step + 1)]
             kick = leapfrog_kick(now.step, h)

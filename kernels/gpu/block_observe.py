@@ -11,12 +11,15 @@ from functools import cache
 import warp as wp
 
 from ..batches import NOTES
+from ..pairs import counted
 from ..physics.body import body_energy, held_by
+from ..physics.hub import hub_held, with_hub
 from ..physics.link import link_chain
 from ..physics.motion import load_moment_at_speed
+from ..physics.mount import mounted_energy
 from ..physics.roller import roller_energy
 from ..rows import accessors
-from ..structs import BodyState, Drive, Mount, Pose, Wheel, Wrench, types
+from ..structs import BodyState, Drive, Mount, Pose, SpinRates, SpinWrench, Wheel, Wrench, types
 from ..sum_structs import ChainNote, ContactSums, LinkTally, RollerTally, Sums, Tallies
 from ..sums import (
     add_displacement,
@@ -33,6 +36,7 @@ from ..sums import (
 )
 from .block_bodies import Seen
 from .block_events import ENDS, START
+from .block_hub_sums import add_hub_sums
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_spin_sums import add_spin
@@ -265,23 +269,29 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         now: Now,
         seen: Seen,
         acting: wp.vec3f,
-        load: wp.float32,
+        before: Wheel,
     ):
-        """One step of the mount of the thread's sprocket, and its energy at the window's ends, in float64."""
+        """One step of the mount of the thread's sprocket, and its energy at the window's ends.
+
+        The load is in `seen.turning`; `before` is where the sprocket is.
+        """
         s = mine.sprocket
-        b = ensemble.drives[mine.variant].first_body + s
-        motion = ensemble.motions[b]
-        mount = ensemble.mounts[b]
-        body = seen.exact
-        time = wp.float64(now.step) * mine.h
-        wrench = Wrench()
-        wrench.moment = wp.float64(acting[0])
-        wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
-        held, power = held_by(time, body, wrench, wp.float64(load), motion, mount, ensemble.curves)
-        weight = wp.float64(now.weight)
-        shared.mount_sums[s] = add_mount(shared.mount_sums[s], body, mount, held, power, weight)
+        hub = shared.hubs[s]
+        body = SpinRates()
+        body.speed = seen.speed
+        body.velocity = seen.velocity
+        wrench = SpinWrench()
+        wrench.moment = acting[0]
+        wrench.force = wp.vec2f(acting[1], acting[2])
+        held, power = hub_held(counted(now.step, mine.step), before, body, hub, wrench, seen.turning)
+        shared.hub_sums[s] = add_hub_sums(shared.hub_sums[s], before, body, hub, held, power, now.weight)
         if now.flags & ENDS != 0:
-            energy = body_energy(body, motion, mount)
+            b = ensemble.drives[mine.variant].first_body + s
+            whole_body = with_hub(BodyState(), before, hub)
+            whole_body.speed = wp.float64(seen.speed)
+            whole_body.velocity = wp.vec2d(wp.float64(seen.velocity[0]), wp.float64(seen.velocity[1]))
+            heading = wp.vec2d(wp.float64(before.cosine.high), wp.float64(before.sine.high))
+            energy = mounted_energy(whole_body, heading, ensemble.mounts[b])
             tallies.body[b] = add_energy(tallies.body[b], now.flags & START != 0, energy)
 
     @wp.func
@@ -295,7 +305,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         acting: wp.vec3f,
         before: Wheel,
     ):
-        """As `observe_sprocket`, of a sprocket that is moved in pairs of float32; sums of mounts are float64."""
+        """As `observe_sprocket`, of a sprocket that is moved in pairs of float32."""
         s = mine.sprocket
         spin = shared.spins[s]
         time = float(now.step) * mine.step.high
@@ -304,7 +314,8 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         if wp.static(moving):
             mounted = shared.hubs[s].active
             if mounted != 0:
-                observe_hub(ensemble, tallies, shared, mine, now, seen, acting, load)
+                seen.turning[2] = load
+                observe_hub(ensemble, tallies, shared, mine, now, seen, acting, before)
         if now.flags & ENDS != 0 and spin.prescribed == 0 and mounted == 0:
             at = ensemble.drives[mine.variant].first_body + s
             energy = wp.float64(0.5 * seen.speed * seen.speed / spin.inverse_inertia)

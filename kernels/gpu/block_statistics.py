@@ -11,6 +11,7 @@ from ..slip import follow_slip, mid_wrap
 from ..structs import Drive, types
 from ..sum_structs import ChainNote, StrandNote, Sums, Tallies
 from ..tension_bins import BINS, bins_per_force, count_tension
+from .block_hub_sums import mount_sums_of
 from .block_kind import BlockKind, Mine
 from .block_observe import block_observing
 from .block_rows import block_rows
@@ -101,6 +102,9 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
                     sums.strand_notes[at] = of_strand
                     sums.sprocket_notes[at] = of_sprocket
                     if wp.static(moving):
-                        sums.mount_notes[at] = shared.mount_sums[s]
+                        if wp.static(kind.spinning):
+                            sums.mount_notes[at] = mount_sums_of(shared.hub_sums[s])
+                        else:
+                            sums.mount_notes[at] = shared.mount_sums[s]
 
     return StatisticsFunctions(look=look, note=note)

@@ -12,7 +12,7 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import Hub, Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
+from ..structs import Hub, HubSums, Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
 from ..sum_structs import LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
 from .block_kind import DECLARED, BlockKind
 from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
@@ -319,7 +319,7 @@ def room(kind: BlockKind) -> Room:
     strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band]
     of_each += [Strand, SprocketSums, StrandSums] if kind.measuring else []
-    of_each += [Hub if kind.spinning else Mount, MountSums] if kind.moving else []
+    of_each += ([Hub, HubSums] if kind.spinning else [Mount, MountSums]) if kind.moving else []
     of_each += [wp.vec4f] * GEAR_ROWS if kind.paired else []
     of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
     used = kind.sprockets * (16 * COURSE * (not kind.spinning) + sum(map(_bytes, of_each)))
@@ -458,6 +458,9 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("hubs", sprockets))
     def hubs(like: kinds.Shared) -> wp.array[Hub]: ...
 
+    @wp.func_native(_shared_snippet("hub_sums", sprockets))
+    def hub_sums(like: kinds.Shared) -> wp.array[HubSums]: ...
+
     @wp.func_native(_shared_snippet("mounts", sprockets if moving else 1))
     def mounts(like: kinds.Shared) -> wp.array[Mount]: ...
 
@@ -506,6 +509,8 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.led = led(shared)
             if wp.static(moving):
                 shared.hubs = hubs(shared)
+                if wp.static(kind.measuring):
+                    shared.hub_sums = hub_sums(shared)
         else:
             shared.motions = motions(shared)
             shared.course = course(shared)
@@ -530,10 +535,10 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.mounts = mounts(shared)
         if wp.static(kind.measuring):
             shared.strands = strands(shared)
-            shared.mount_sums = mount_sums(shared)
             if wp.static(kind.spinning):
                 shared.spin_sums = spin_sums(shared)
             else:
+                shared.mount_sums = mount_sums(shared)
                 shared.sprocket_sums = sprocket_sums(shared)
             shared.strand_sums = strand_sums(shared)
         return shared

@@ -193,7 +193,7 @@ def held_by(
     """
     heading = heading_of(body)
     rates = body_rates(time, body, heading, wrench, load, motion, mount, curves)
-    held = holding_force(body, heading, wrench, rates, mount)
+    held = holding_force(body.center - mount.home, body, heading, wrench, rates, mount)
     return held, prescribing_power(body, heading, held, rates, motion.prescribed, mount)
 
 

@@ -10,7 +10,7 @@ from ..pairs import Pair, apart, exact_product, pair, pair_of, plus, rounded, se
 from ..root import reciprocal
 from ..structs import BodyState, Hub, Mount, SpinRates, SpinWrench, Wheel
 from ..trigonometry import sine_cosine
-from .mount import PRESCRIBED, accelerations
+from .mount import PRESCRIBED, accelerations, holding_force, prescribing_power
 
 
 @wp.func
@@ -77,26 +77,38 @@ def speed_along(wheel: Wheel, hub: Hub, k: int):
 
 
 @wp.func
-def hub_rates(time: Pair, wheel: Wheel, hub: Hub, wrench: SpinWrench, turning: wp.vec3f):
+def off_home(wheel: Wheel, hub: Hub):
+    """The center from where it is at home [m]."""
+    return (wheel.center - hub.home) + (wheel.center_low - hub.home_low)
+
+
+@wp.func
+def hub_rates(time: Pair, wheel: Wheel, body: SpinRates, hub: Hub, wrench: SpinWrench, turning: wp.vec3f):
     """Accelerations of a sprocket's center [m/s^2] and angle [rad/s^2], as `mount.accelerations`, which has `turning`.
 
     Args:
         time: for a prescribed center [s].
-        wheel: the sprocket.
+        wheel: where the sprocket is.
+        body: its rates.
         hub: how its center is held.
         wrench: of the chain on it.
         turning: what its angle is led by.
     """
-    rates = SpinRates()
-    rates.speed = wp.where(turning[0] == 0.0, wheel.speed.high, wheel.exact_speed)
-    rates.velocity = wheel.velocity
     driven = wp.vec2f()
     if hub.moves == PRESCRIBED:
         sine, cosine = prescribed_phase(time, hub)
         driven = (-hub.amplitude.high * hub.frequency.high * hub.frequency.high * sine.high) * hub.direction
-    off = (wheel.center - hub.home) + (wheel.center_low - hub.home_low)
     heading = wp.vec2f(wheel.cosine.high, wheel.sine.high)
-    return accelerations(driven, off, rates, heading, wrench, turning, hub)
+    return accelerations(driven, off_home(wheel, hub), body, heading, wrench, turning, hub)
+
+
+@wp.func
+def hub_held(time: Pair, wheel: Wheel, body: SpinRates, hub: Hub, wrench: SpinWrench, turning: wp.vec3f):
+    """Force [N] of what holds the center, and power [W] of what prescribes it and the angle, as `body.held_by`."""
+    rates = hub_rates(time, wheel, body, hub, wrench, turning)
+    heading = wp.vec2f(wheel.cosine.high, wheel.sine.high)
+    held = holding_force(off_home(wheel, hub), body, heading, wrench, rates, hub)
+    return held, prescribing_power(body, heading, held, rates, int(turning[0]), hub)
 
 
 @wp.func

@@ -18,7 +18,7 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import BodyState, Mount, Wrench
+from ..structs import BodyState, Mount
 
 PRESCRIBED = wp.constant(1)
 FREE = wp.constant(2)
@@ -92,26 +92,26 @@ def mounted_energy(body: BodyState, heading: wp.vec2d, mount: Mount):
 
 
 @wp.func
-def holding_force(body: BodyState, heading: wp.vec2d, wrench: Wrench, rates: wp.vec3d, mount: Mount):
+def holding_force(apart: Any, body: Any, heading: Any, wrench: Any, rates: Any, mount: Any):
     """Force on the center of what holds it [N]: spring, damper and preload, or whatever prescribes or fixes it."""
-    held = spring_force(body.center - mount.home, body.velocity, mount)
+    held = spring_force(apart, body.velocity, mount)
     if mount.moves != FREE:
         arm = eccentric(heading, mount)
-        straight = wp.vec2d(rates[0], rates[1]) - mount.gravity
+        straight = type(heading)(rates[0], rates[1]) - mount.gravity
         held = mount.mass * straight + rates[2] * left(arm) - body.speed * body.speed * arm - wrench.force
     return held
 
 
 @wp.func
-def prescribing_power(body: BodyState, heading: wp.vec2d, held: wp.vec2d, rates: wp.vec3d, turned: int, mount: Mount):
+def prescribing_power(body: Any, heading: Any, held: Any, rates: Any, turned: int, mount: Any):
     """Power that keeps a prescribed center moving, and a wheel turning at a prescribed angle (`turned` = 1) [W].
 
     The chain's moment against a prescribed angle is not in it; it is counted with the contacts' work.
     """
-    power = wp.float64(0.0)
+    power = type(rates[2])(0.0)
     if mount.moves == PRESCRIBED:
         power += wp.dot(held, body.velocity)
     if turned == 1:
-        straight = wp.vec2d(rates[0], rates[1]) - mount.gravity
+        straight = type(heading)(rates[0], rates[1]) - mount.gravity
         power += body.speed * (mount.inertia * rates[2] + wp.dot(left(eccentric(heading, mount)), straight))
     return power

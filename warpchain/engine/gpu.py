@@ -133,10 +133,10 @@ class Bucket:
     tensioners: int
     profiles: bool
     curved: bool
-    pushing: bool
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
     stribeck: bool = True
+    pushing: bool = True
 
     @property
     def count(self) -> int:
@@ -248,8 +248,8 @@ class GpuKernels:
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
             profiles, curves, pushes, law = map(bool, others)
-            bodies = arms, tensioners, profiles, curves, pushes
-            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, law))
+            bodies = arms, tensioners, profiles, curves
+            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, law, pushes))
         return buckets
 
     def _blocks(self, name: str, bucket: Bucket) -> int:
