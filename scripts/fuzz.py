@@ -524,10 +524,8 @@ def a_folder(path: Path, run: Run) -> tuple[Path, pa.Table, dict[int, Any]]:
         recorded = small_run(run.drives[0], shard)
         archive = folder.archive_path(shard)
         write_archive(recorded, archive, options=ArchiveOptions(attachments=folder.mark(shard)))
-        found = [
-            Variant(row, metrics={"tension_max": float(shard), "status": "ok", "reason": ""})
-            for row in rows.slice(2 * shard, 2).to_pylist()
-        ]
+        measured = table_of([{"tension_max": float(shard), "status": "ok", "reason": ""}] * 2)
+        found = [Variant(row, measured=(measured, i)) for i, row in enumerate(rows.slice(2 * shard, 2).to_pylist())]
         found[0].archive = (archive.name, 0)
         folder.write(folder.table_path(shard), results_table(study, rows.slice(2 * shard, 2), found))
         kept[2 * shard] = recorded[0].position
