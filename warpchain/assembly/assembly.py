@@ -213,7 +213,7 @@ class _Placement:
             return
         fraction = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1]
         chord = position[:, end] - position[:, begin]
-        slack = np.flatnonzero(strain < -_STRAIGHT) if links > 1 else []
+        slack = np.flatnonzero((strain < -_STRAIGHT) & (links > 1))
         bent: tuple[Array, Array] | None = None
         if len(slack):
             gx, gy = (np.broadcast_to(self._own(part), (len(chord), 1))[slack] for part in gravity)
