@@ -9,7 +9,7 @@ from warpchain.drive import Drive
 from warpchain.kernels import relaxation, sum_structs
 from warpchain.results import metrics
 from warpchain.results.columns import same_columns
-from warpchain.results.metrics import Ended, _column, energy_balance, metrics_table
+from warpchain.results.metrics import Ended, _column, energy_balance, metrics_table, rows_of
 from warpchain.results.schedule import Schedule
 
 STRUCTS = {
@@ -87,6 +87,20 @@ def test_a_row_of_many_is_the_row_alone():
     assert [row["diverged"] for row in many] == [v == 2 for v in range(8)]
     assert many[2]["diverged_time"] == 70 * 3e-6
     assert many[2]["tension_mean"] is None and many[5]["tension_mean"] is None
+
+
+def test_variants_are_worked_on_a_block_at_a_time(monkeypatch):
+    whole = table_of(list(range(8)))
+    monkeypatch.setattr(metrics, "LARGEST", 2)
+    assert table_of(list(range(8))).equals(whole, check_metadata=True)
+
+
+def test_rows_hold_what_they_have():
+    table = table_of(list(range(8)))
+    expected = [{name: value for name, value in row.items() if value is not None} for row in table.to_pylist()]
+    found = rows_of(table)
+    assert found == expected and [list(row) for row in found] == [list(row) for row in expected]
+    assert metrics.table_of(found).equals(table.select(metrics.table_of(found).column_names))
 
 
 def test_columns_stand_where_the_first_variant_has_them():
