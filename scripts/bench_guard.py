@@ -3,9 +3,9 @@
     python scripts/bench_guard.py main~1 main
 
 Checks both out into a temporary folder, runs each in processes of its own, in turns A B A B, and takes of each case the
-best of the rounds in CPU time, so that others on the machine hardly count: the time loop of two drives, bare and with
-metrics, of one variant and of eight; assembly of 200 different variants. Both run the drives of A. Prints B over A, and
-exits 1 where a case of B is slower than `--limit` allows.
+best of the rounds in CPU time, so that others on the machine hardly count: the time loop of two drives, bare, with
+metrics and at float32, of one variant and of eight; assembly of 200 different variants. Both run the drives of A.
+Prints B over A, and exits 1 where a case of B is slower than `--limit` allows.
 """
 
 import argparse
@@ -41,10 +41,11 @@ FOREVER = 10**9
 found = {}
 for title, text in asked["drives"].items():
     drive = loads_drive(text)
-    for kind, window in (("bare", FOREVER - 1), ("metrics", 0)):
+    kinds = (("bare", FOREVER - 1, "float64"), ("metrics", 0, "float64"), ("float32", FOREVER - 1, "float32"))
+    for kind, window, precision in kinds:
         schedule = Schedule(resolve_step(drive), FOREVER, window, FOREVER, 0)
         for variants in (1, 8):
-            engine = CpuEngine(pack([drive] * variants, [schedule] * variants), 1)
+            engine = CpuEngine(pack([drive] * variants, [schedule] * variants).at_precision(precision), 1)
             frames = engine.frame_buffer(1)
             def run(steps):
                 begin = time.process_time()

@@ -10,7 +10,7 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.contact import dissipated, pressed, reaction, rub, rub_evenly, stored
+from ..physics.contact import power_taken, pressed, reaction, rub, rub_evenly, stored
 from ..physics.impact import elastic_force
 from ..rows import LANES, accessors
 from ..structs import Wanted, types
@@ -77,7 +77,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
     """The passes of contacts with one partner, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     lanes = LANES[Real]
-    vec2, acceleration = kinds.vec2, passes(Real, capacity).acceleration
+    vec2, accelerations = kinds.vec2, passes(Real, capacity).accelerations
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     store_seat, unlike_seat = accessors(wp.int32).store_row, accessors(wp.int32).unlike
     at = rows(capacity)
@@ -225,11 +225,20 @@ def contacts(Real: type, capacity: int) -> Contacts:
         return wp.where(load_row(w, PENETRATION + i) > Real(0.0) and load_row(w, BEFORE + i) <= Real(0.0), 1, 0)
 
     @wp.func
+    def power_of(w: wp.array[Real], i: int, x: Real, y: Real, memory: kinds.Memory, chain: kinds.Chain):
+        """Power that a force on roller i takes, as `contact.dissipated`."""
+        ax, ay = accelerations(w, i, chain.inverse_mass, chain.gravity)
+        speed_x = load_row(w, RELATIVE_X + i) - memory.lag * ax
+        speed_y = load_row(w, RELATIVE_Y + i) - memory.lag * ay
+        return where_touching(w, i, power_taken(x, y, speed_x, speed_y))
+
+    @wp.func
     def lose_one(w: wp.array[Real], i: int, memory: kinds.Memory, chain: kinds.Chain):
         """Power that roller i's damper takes."""
-        a = acceleration(w, i, chain.inverse_mass, chain.gravity)
-        damper = load_row(w, DAMPER + i) * normal_of(w, i)
-        store_row(w, DAMPED + i, where_touching(w, i, dissipated(damper, relative_of(w, i), a, memory.lag)))
+        damper = load_row(w, DAMPER + i)
+        x = damper * load_row(w, NORMAL_X + i)
+        y = damper * load_row(w, NORMAL_Y + i)
+        store_row(w, DAMPED + i, power_of(w, i, x, y, memory, chain))
 
     @wp.func
     def press_smoothly(
@@ -309,9 +318,9 @@ def contacts(Real: type, capacity: int) -> Contacts:
         if sliding.rubs != 0:
             i = group.low
             while i < group.high:
-                a = acceleration(w, i, chain.inverse_mass, chain.gravity)
-                drag = vec2(load_row(w, DRAG_X + i), load_row(w, DRAG_Y + i))
-                store_row(w, RUBBED + i, where_touching(w, i, dissipated(drag, relative_of(w, i), a, memory.lag)))
+                x = load_row(w, DRAG_X + i)
+                y = load_row(w, DRAG_Y + i)
+                store_row(w, RUBBED + i, power_of(w, i, x, y, memory, chain))
                 i = i + 1
 
     @wp.func

@@ -12,7 +12,7 @@ from functools import cache
 import warp as wp
 
 from ..physics.link import link_force
-from ..physics.roller import roller_acceleration, two_sum
+from ..physics.roller import acceleration_along, two_sum
 from ..rows import STATE_ROWS, accessors, whole_lanes
 from ..structs import types
 
@@ -111,6 +111,7 @@ class Passes:
     move: wp.Function
     link_pass: wp.Function
     place: wp.Function
+    accelerations: wp.Function
     acceleration: wp.Function
     kick_drift: wp.Function
     inside: wp.Function
@@ -221,13 +222,17 @@ def passes(Real: type, capacity: int) -> Passes:
         store_row(w, LINK_Y, load_row(w, LINK_Y + n))
 
     @wp.func
+    def accelerations(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
+        """Acceleration of roller i [m/s^2] in x and y: its two links, its contacts and gravity."""
+        x = load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i)
+        y = load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i)
+        return acceleration_along(x, inverse_mass, gravity[0]), acceleration_along(y, inverse_mass, gravity[1])
+
+    @wp.func
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration of roller i [m/s^2]: its two links, its contacts and gravity."""
-        force = vec2(
-            load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i),
-            load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i),
-        )
-        return roller_acceleration(force, inverse_mass, gravity)
+        """The same as a vector."""
+        ax, ay = accelerations(w, i, inverse_mass, gravity)
+        return vec2(ax, ay)
 
     @wp.func
     def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):
@@ -266,6 +271,7 @@ def passes(Real: type, capacity: int) -> Passes:
         move=move,
         link_pass=link_pass,
         place=place,
+        accelerations=accelerations,
         acceleration=acceleration,
         kick_drift=kick_drift,
         inside=inside,

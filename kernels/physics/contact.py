@@ -129,7 +129,13 @@ def dissipated(force: Any, relative: Any, acceleration: Any, lag: Any):
         acceleration: of the roller, with all that acts on it [m/s^2].
         lag: half a step with leapfrog, 0 with rk4 [s].
     """
-    return wp.dot(force, relative - lag * acceleration)
+    return power_taken(force[0], force[1], relative[0] - lag * acceleration[0], relative[1] - lag * acceleration[1])
+
+
+@wp.func
+def power_taken(force_x: Any, force_y: Any, speed_x: Any, speed_y: Any):
+    """Power [W] of a force [N] at a velocity [m/s], both by their components."""
+    return force_x * speed_x + force_y * speed_y
 
 
 @wp.func

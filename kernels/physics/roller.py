@@ -8,7 +8,15 @@ import warp as wp
 @wp.func
 def roller_acceleration(force: Any, inverse_mass: Any, gravity: Any):
     """Acceleration [m/s^2] of a roller, eq. (1), from the force of its two links and its contacts [N]."""
-    return type(gravity)(inverse_mass * force[0] + gravity[0], inverse_mass * force[1] + gravity[1])
+    return type(gravity)(
+        acceleration_along(force[0], inverse_mass, gravity[0]), acceleration_along(force[1], inverse_mass, gravity[1])
+    )
+
+
+@wp.func
+def acceleration_along(force: Any, inverse_mass: Any, gravity: Any):
+    """A component of `roller_acceleration`."""
+    return inverse_mass * force + gravity
 
 
 @wp.func
