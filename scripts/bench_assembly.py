@@ -4,10 +4,12 @@
     python scripts/bench_assembly.py --count 2000 --drives marine
     python scripts/bench_assembly.py --kinds 224           # the marine drive with as many numbers of teeth and links
 
-Stages: `made` by `Drive.with_values`, and by `Changes` as studies make them; `sorted` into stacks; `steps` resolved;
-`assembled`; `packed` into arrays (without assembling); `layouts` looked at; `metrics` formed of a run of a few steps.
-CPU time counts, the least of some rounds, as other work on the machine disturbs that less; beside it what one
-variant takes alone. Five values differ: stiffness, speed, the place of a sprocket, a load, an inertia.
+Stages: `made` by `Drive.with_values`, and by `Changes` as studies make them; `adjusted` as studies do, the second
+sprocket moved along x for the strain that the drive file has; `sorted` into stacks; `steps` resolved; `assembled`;
+`packed` into arrays (without assembling); `layouts` looked at; `metrics` formed of a run of a few steps. CPU time
+counts, the least of some rounds, as other work on the machine disturbs that less; beside it what one variant takes
+alone: to sort and pack (`alone`), to assemble and to fit. Five values differ: stiffness, speed, the place of a
+sprocket, a load, an inertia.
 """
 
 import argparse
@@ -21,6 +23,7 @@ from unittest import mock
 import numpy as np
 
 from warpchain import Record, load_drive, simulate
+from warpchain.assembly import assemble
 from warpchain.assembly.together import assemble_all
 from warpchain.drive import Drive
 from warpchain.drive.changes import Changes
@@ -31,8 +34,11 @@ from warpchain.engine import simulation
 from warpchain.engine.ends import layouts_of
 from warpchain.engine.start import start_warp
 from warpchain.errors import DriveError
+from warpchain.study.run.adjust import adjusted_all
+from warpchain.study.spec.parts import Adjust
 
-STAGES = ("made", "by changes", "sorted", "steps", "assembled", "packed", "layouts")
+STAGES = ("made", "by changes", "adjusted", "sorted", "steps", "assembled", "packed", "layouts")
+ALONE = ("alone", "assembled alone", "fit alone")
 NONE = Record("none")
 SLOW = 500
 """A drive with arms is assembled by itself: so many times fewer variants of it."""
@@ -92,6 +98,10 @@ def stages(bases: list[Drive], count: int, rounds: int) -> dict[str, float]:
         with spent(times, "by changes", count):
             for v, each in enumerate(values):
                 changes[v % len(bases)].drive(each)
+        if not bases[0].arms:
+            wanted = adjustment(bases[0])
+            with spent(times, "adjusted", count):
+                adjusted_all(drives, wanted, [{}] * count)
         with spent(times, "sorted", count):
             stacks = stacks_of(drives)
         with spent(times, "steps", count):
@@ -102,18 +112,27 @@ def stages(bases: list[Drive], count: int, rounds: int) -> dict[str, float]:
             packing.pack(drives, schedules, stacks)
         with spent(times, "layouts", count):
             layouts_of(drives, assemblies, stacks)
-    times["alone"] = alone(drives[:5], rounds)
-    return times
+    return times | alone(drives[:5], rounds)
 
 
-def alone(drives: list[Drive], rounds: int) -> float:
-    """Microseconds to sort, assemble and pack one drive by itself."""
-    times: dict[str, float] = {}
+def adjustment(base: Drive) -> Adjust:
+    """The second sprocket moved along x for the strain of the drive file."""
+    return Adjust(sprocket=base.sprockets[1].name, direction=(1.0, 0.0), strain=float(assemble(base).strain))
+
+
+def alone(drives: list[Drive], rounds: int) -> dict[str, float]:
+    """Microseconds that one drive takes by itself: to sort, assemble and pack, to assemble, to fit."""
+    times = dict.fromkeys(ALONE, np.inf)
+    wanted = adjustment(drives[0])
     for drive in drives * rounds:
         with spent(times, "alone", 1):
             stacks = stacks_of([drive])
             packing.pack([drive], simulation.schedules_of([drive], None, None, NONE, None, stacks), stacks)
-    return times["alone"]
+        with spent(times, "assembled alone", 1):
+            assemble(drive)
+        with spent(times, "fit alone", 1):
+            adjusted_all([drive], wanted, [{}])
+    return times
 
 
 def metrics(base: Drive, count: int) -> float:
@@ -148,16 +167,16 @@ def main() -> None:
     arguments = parser().parse_args()
     start_warp()
     warnings.simplefilter("ignore")
-    print("us a variant  " + "".join(f"{stage:>12}" for stage in (*STAGES, "all packing", "alone")))
+    print("us a variant  " + "".join(f"{stage:>16}" for stage in (*STAGES, "all packing", *ALONE)))
     for name in ["marine"] if arguments.kinds else arguments.drives:
         base = load_drive(drive_path(name))
         bases = kinds_of(base, arguments.kinds) if arguments.kinds else [base]
         count = max(20, arguments.count // SLOW) if base.arms else arguments.count
         times = stages(bases, count, arguments.rounds)
         whole = sum(times[stage] for stage in ("sorted", "steps", "assembled", "packed"))
-        row = [times[stage] for stage in STAGES] + [whole, times["alone"]]
+        row = [times[stage] for stage in STAGES] + [whole, *(times[stage] for stage in ALONE)]
         title = f"{name} {count}" + (f" of {len(bases)}" if arguments.kinds else "")
-        print(f"{title:14}" + "".join(f"{value:12.1f}" for value in row), flush=True)
+        print(f"{title:14}" + "".join(f"{value:16.1f}" for value in row), flush=True)
     if arguments.metrics:
         print(f"metrics of 2000 marine variants: {metrics(load_drive(drive_path('marine')), 2000):.1f} us each")
 

@@ -11,7 +11,7 @@ from layouts import PITCH, Placed, drive_of, loops
 
 from warpchain import Record, cli, load_drive, simulate
 from warpchain.assembly import assemble
-from warpchain.assembly.fit import fit_links, fit_position, strand_sag
+from warpchain.assembly.fit import drawn_paths, fit_links, fit_position, fit_positions, strand_sag
 from warpchain.assembly.route import chain_path
 from warpchain.assembly.summary import derive
 from warpchain.cli.fit import edited
@@ -239,3 +239,54 @@ def test_any_way_to_write_a_file_is_kept():
     drive = pair(distance=1.5, links=82)
     changed = text.replace("80", "82").replace("[2,0]", "[1.5,0]")
     assert edited(text, drive) == changed
+
+
+# ------------------------------------------------------------------------------------------------------- together
+
+
+def scattered(count):
+    """Marine drives with places and numbers of teeth of their own, some of which no place makes fit."""
+    random, base, found = np.random.default_rng(4), load_drive(MARINE), []
+    for v in range(count):
+        x, y = base.sprockets[2].center
+        apart = random.normal(0.0, 0.2 * base.chain.pitch, 2)  # so far that some chains go around the bar
+        values = {"sprockets.camshaft.center": (x + float(apart[0]), y + float(apart[1]))}
+        if v % 3 == 0:
+            values["sprockets.tightener.teeth"] = 25
+        if v % 11 == 0:
+            values["sprockets.camshaft.center"] = (x, y + 5.0)  # out of reach
+        found.append(base.with_values(values))
+    return found
+
+
+def outcome(work):
+    try:
+        return work()
+    except DriveError as error:
+        return str(error)
+
+
+def test_drives_moved_together_are_moved_as_if_alone():
+    """To the last bit: what the searches of a stack ask for has the same bits alone; refusals read the same."""
+    drives = scattered(24)
+    strains, travels = np.linspace(-0.002, 0.002, 24).tolist(), [0.2] * 24
+    together = fit_positions(drives, "tightener", (1.0, -0.2), strains, travels)
+    for drive, strain, found in zip(drives, strains, together, strict=True):
+        alone = outcome(lambda: fit_position(drive, "tightener", (1.0, -0.2), strain=strain, travel=0.2))  # noqa: B023
+        assert (str(found) if isinstance(found, DriveError) else found) == alone
+    moved = [drive for drive in together if not isinstance(drive, DriveError)]
+    assert 0 < len(moved) < 24
+    assert any(any(chain_path(drive).strings) for drive in moved)
+
+
+def test_paths_drawn_together_are_those_drawn_alone():
+    drives = [*scattered(8), pair(0.0001), pair()]
+    paths = drawn_paths(drives)
+    for drive, path in zip(drives, paths, strict=True):
+        alone = outcome(lambda: chain_path(drive))  # noqa: B023
+        if isinstance(alone, str):
+            assert str(path) == alone
+        else:
+            assert path.nominal_strain == alone.nominal_strain
+            assert path.strand_length.tolist() == alone.strand_length.tolist()
+    assert isinstance(paths[8], DriveError)

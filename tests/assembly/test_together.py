@@ -140,3 +140,15 @@ def test_zeros_given_values_and_counts_make_kinds():
     drives = [marine().with_values(change) for change in changes]
     assert sorted(stack.members.tolist() for stack in stacks_of(drives)) == [[0, 1, 5], [2], [3], [4], [6]]
     assert max(len(stack.members) for stack in stacks_of([drives[0], drives[1]] * LARGEST)) == LARGEST
+
+
+def test_a_tail_of_one_is_assembled_as_if_alone():
+    """Of one more drive than a stack holds, and of two of which one chain goes around a bar, one stays by itself."""
+    base = marine()
+    drives = [marine(sprockets__camshaft__center=(0.30, 5.96 + 1e-6 * v)) for v in range(3)]
+    stack = stacks_of([*drives, drives[0]] * (LARGEST // 4) + [drives[1]])[-1]
+    assert len(stack.members) == 1 and stack.drive == drives[1]
+    ends = zip(("start", "end"), (base.guides[0].start, base.guides[0].end), strict=True)
+    around = base.with_values({f"guides.tight strand.{end}": (x - 0.08, y) for end, (x, y) in ends})
+    for found, drive in zip(assemble_all(stacks_of([around, base])), (around, base), strict=True):
+        assert_same(found, assemble(drive))

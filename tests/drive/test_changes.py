@@ -5,6 +5,7 @@ import pytest
 
 from warpchain.drive import load_drive
 from warpchain.drive.changes import Changes
+from warpchain.drive.drive import NUMBER_RULES
 from warpchain.drive.examples import drive_path, example_names
 from warpchain.errors import DriveError
 
@@ -54,6 +55,26 @@ def test_numbers_that_stand_for_others_replace_them():
         made = changes.drive({"chain.mass_per_length": mass, "chain.damping_ratio": 0.1})
         assert made == changes.base.with_values({"chain.mass_per_length": mass, "chain.damping_ratio": 0.1})
         assert made.chain.roller_mass is None and made.chain.damping is None
+
+
+class Read(dict):
+    """A drive as a mapping, which notes what of it is read."""
+
+    def __init__(self, drive):
+        super().__init__(drive.__dict__)
+        self.keys_read = set()
+
+    def get(self, key, default=None):
+        self.keys_read.add(key)
+        return super().get(key, default)
+
+
+@pytest.mark.parametrize("name", example_names())
+def test_rules_read_no_more_than_they_say(name):
+    for rule, keys in NUMBER_RULES.items():
+        drive = Read(load_drive(drive_path(name)))
+        assert not list(rule(drive))
+        assert drive.keys_read <= keys
 
 
 def test_other_values_go_the_long_way():

@@ -10,8 +10,8 @@ from warpchain.assembly.fit import nearest_links
 from warpchain.assembly.route import chain_path
 from warpchain.drive import load_drive
 from warpchain.drive.examples import drive_path
-from warpchain.errors import StudyError
-from warpchain.study.run.adjust import adjusted
+from warpchain.errors import StudyError, WarpchainError
+from warpchain.study.run.adjust import adjusted, adjusted_all
 from warpchain.study.spec.parts import Adjust
 
 
@@ -91,3 +91,20 @@ def test_strain_of_a_preload_is_preload_over_stiffness_and_pitch():
     drive, _ = adjusted(pair(0.2), Adjust(sprocket="s1", direction=(1.0, 0.0), preload=127.0), {})
     assert assemble(drive).strain == pytest.approx(127.0 / (1e7 * PITCH), abs=1e-9)
     assert math.isclose(drive.sprockets[1].center[0], 16 * PITCH * 1.001, abs_tol=1e-9)
+
+
+@pytest.mark.parametrize("links", [None, "even", "any"])
+def test_rows_adjusted_together_are_adjusted_as_if_alone(links):
+    """Rows of all outcomes: first or second number of links, none within the travel, a wish without a value."""
+    adjust = Adjust(sprocket="s1", direction=(1.0, 0.0), strain="x / y", travel=0.4 * PITCH, links=links)
+    drives = [pair((16.0 + 0.15 * v) * PITCH) for v in range(10)] + [pair(1e-3)]
+    rows = [{"x": 1e-4 * v, "y": float(v != 4)} for v in range(11)]
+    together = adjusted_all(drives, adjust, rows)
+    for drive, row, found in zip(drives, rows, together, strict=True):
+        if isinstance(found, WarpchainError):
+            with pytest.raises(type(found)) as caught:
+                adjusted(drive, adjust, row)
+            assert str(caught.value) == str(found)
+        else:
+            assert found == adjusted(drive, adjust, row)
+    assert 2 <= sum(isinstance(found, WarpchainError) for found in together) < 9

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
 from warpchain.drive.oil import static_force
 from warpchain.errors import DriveError
 
@@ -42,7 +42,7 @@ _NEAR = 1e-11  # rad; the error after such a step is round-off
 _STILL = 1e-11  # rad
 
 
-def tension(drive: Drive, path: ChainPath, beyond: float = 0.0) -> float:
+def tension(drive: Drive, path: ChainPath | Course, beyond: float = 0.0) -> float:
     """Tension of the chain on its path [N], 0 where it is slack; `beyond` adds to its strain."""
     strain = min(path.nominal_strain, MAX_STRAIN) + beyond
     return drive.chain.mean_stiffness * path.pitch * max(strain, 0.0)
@@ -131,41 +131,47 @@ def stop_of(drive: Drive, a: int, angle: float) -> str | None:
     return "lower" if angle <= low + AT_STOP else "upper" if angle >= high - AT_STOP else None
 
 
-def chain_moment(drive: Drive, path: ChainPath, a: int, beyond: float = 0.0) -> float:
+def chain_moment(drive: Drive, path: ChainPath | Course, a: int, beyond: float = 0.0) -> float:
     """Moment of the chain on arm a about its pivot [N m]."""
     levers = sum(string.levers(drive.guides_of(a), drive.arms[a].pivot) for string in path.strings if string)
     return tension(drive, path, beyond) * levers
 
 
-def balanced(
-    drive: Drive,
-    beyond: float = 0.0,
-    angles: Sequence[float] | NDArray[np.float64] | None = None,
-    plan: Plan | None = None,
-) -> ChainPath:
-    """The path of the chain with all arms in balance (a), as that of a stack.
+class Balance:
+    """The arms of a drive in balance (a) with its chain.
 
     Args:
         drive: with arms.
-        beyond: what the chain's strain is beyond the path's nominal one [-].
-        angles: (A,) first guess [rad]; None is as drawn.
-        plan: of the drive, where it is known.
 
     Raises:
-        DriveError: an arm without a balance; or as `path_at`.
+        DriveError: as `Plan`.
     """
-    found = [0.0] * len(drive.arms) if angles is None else [float(angle) for angle in angles]
-    for a, arm in enumerate(drive.arms):
-        low, high = arm.stops_rad
-        found[a] = min(max(found[a], low), high)
-    plan, still = plan or Plan(drive), [StillArm(drive, a) for a in range(len(found))]
-    for _ in range(_SWEEPS):
-        before = list(found)
-        for a in range(len(found)):
-            found[a] = _balance(plan, still[a], found, a, beyond)
-        if len(found) == 1 or max(abs(x - y) for x, y in zip(found, before, strict=True)) <= _STILL:
-            break
-    return plan.path(found)
+
+    def __init__(self, drive: Drive) -> None:
+        self.plan = Plan(drive)
+        self.still = [StillArm(drive, a) for a in range(len(drive.arms))]
+
+    def path(self, beyond: float = 0.0, angles: Sequence[float] | NDArray[np.float64] | None = None) -> ChainPath:
+        """The path of the chain with all arms in balance, as that of a stack.
+
+        Args:
+            beyond: what the chain's strain is beyond the path's nominal one [-].
+            angles: (A,) first guess [rad]; None is as drawn.
+
+        Raises:
+            DriveError: an arm without a balance; or as `path_at`.
+        """
+        found = [0.0] * len(self.still) if angles is None else [float(angle) for angle in angles]
+        for a, still in enumerate(self.still):
+            low, high = still.arm.stops_rad
+            found[a] = min(max(found[a], low), high)
+        for _ in range(_SWEEPS):
+            before = list(found)
+            for a, still in enumerate(self.still):
+                found[a] = _balance(self.plan, still, found, a, beyond)
+            if len(found) == 1 or max(abs(x - y) for x, y in zip(found, before, strict=True)) <= _STILL:
+                break
+        return self.plan.path(found)
 
 
 def _balance(plan: Plan, still: StillArm, angles: Sequence[float], a: int, beyond: float) -> float:
@@ -175,8 +181,8 @@ def _balance(plan: Plan, still: StillArm, angles: Sequence[float], a: int, beyon
     drive = plan.drive
 
     def moment(angle: float) -> float:
-        path = plan.path([*angles[:a], angle, *angles[a + 1 :]])[0]
-        return still.moment(angle) + chain_moment(drive, path, a, beyond)
+        course = plan.course([*angles[:a], angle, *angles[a + 1 :]])
+        return still.moment(angle) + chain_moment(drive, course, a, beyond)
 
     quick = _secant(moment, angles[a])
     if quick is not None:

@@ -29,16 +29,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arms import balanced
-from warpchain.assembly.path import ChainPath, Plan, check_fit
+from warpchain.assembly.arms import Balance
+from warpchain.assembly.path import ChainPath, check_fit
 from warpchain.assembly.route import chain_path, chain_paths
 from warpchain.assembly.seating import Loop, Seating, seat_chain
 from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
 from warpchain.assembly.walk import Curve
 from warpchain.drive.copies import turned_on
-from warpchain.drive.each import hypot, joined, power, some
-from warpchain.drive.mounts import initial_center, initial_velocity
+from warpchain.drive.each import hypot, joined, many, power, some, table_of
+from warpchain.drive.mounts import initial_place, initial_velocity
 from warpchain.drive.profile import direction
 
 if TYPE_CHECKING:
@@ -118,118 +118,125 @@ def assemble_stack(drive: Drive) -> Assembly:
         Obstructed: a stack of which some go around guides.
     """
     path, seating, loop = _seated(drive)
-    angle, first_seat = _sprocket_angles(drive, seating)
-    speed = _sprocket_speeds(drive, path, len(angle))
-    count, variants = drive.chain.links, len(angle)
-    at = _Placement(
-        drive,
-        path,
-        np.empty((variants, count, 2)),
-        np.empty((variants, count, 2)),
-        np.broadcast_to(np.atleast_2d(drive.chain.pulled_lengths), (variants, count)),
-    )
+    count, variants = drive.chain.links, len(path.radius)
+    angle, first_seat = _sprocket_angles(drive, table_of(seating.first_angle, variants))
+    speed = _sprocket_speeds(drive, path, variants)
+    position, velocity = np.empty((variants, count, 2)), np.empty((variants, count, 2))
     seat_sprocket = np.full((variants, count), -1, dtype=np.int32)
     seat_index = np.full((variants, count), -1, dtype=np.int32)
-    first, last = seating.first, seating.last
-    for alike in _patterns(seating):
-        like = alike[0]
+    seats, links, first, last = (
+        table_of(column, variants) for column in (seating.seats, seating.links, seating.first, seating.last)
+    )
+    strain = np.atleast_1d(seating.strain)
+    for alike in _patterns(seats, links):
+        at = _Placement(drive, path, alike, count)
+        like = 0 if isinstance(alike, slice) else alike[0]
         for s, sprocket in enumerate(drive.sprockets):
             rollers = slice(first[like, s], last[like, s] + 1)
-            seat = sprocket.sign * np.arange(seating.seats[like, s]) + first_seat[alike, s, None]
-            at.seat(alike, s, rollers, angle[alike, s], speed[alike, s], seat % sprocket.teeth)
+            seat = sprocket.sign * np.arange(seats[like, s]) + first_seat[alike, s, None]
+            at.seat(s, rollers, angle[alike, s], speed[alike, s], seat % sprocket.teeth)
             seat_sprocket[alike, rollers], seat_index[alike, rollers] = s, seat % sprocket.teeth
-        for k, links in enumerate(seating.links[like].tolist()):
+        for k, own in enumerate(links[like].tolist()):
             begin, end = int(last[like, k]), int(first[like, (k + 1) % len(first[like])])
             strand = path.strings[k] and loop.string(seating, k)
-            at.strand(alike, (begin, end, links), seating.strain[alike], strand)
+            at.strand((begin, end, own), strain[alike], strand)
+        position[alike], velocity[alike] = at.position, at.velocity
     return Assembly(
-        position=at.position,
-        velocity=at.velocity,
+        position=position,
+        velocity=velocity,
         sprocket_angle=angle,
         sprocket_speed=speed,
         seat_sprocket=seat_sprocket,
         seat_index=seat_index,
         strand_first=last.astype(np.int32),
-        strand_links=seating.links.astype(np.int32),
-        strain=seating.strain,  # type: ignore[arg-type]  # (V,)
+        strand_links=links.astype(np.int32),
+        strain=strain,  # type: ignore[arg-type]  # (V,)
         path=path,
         arm_angle=path.arm_angle,
     )
 
 
-def _patterns(seating: Seating) -> list[NDArray[np.int64]]:
-    """Variants whose rollers sit alike."""
-    if len(seating.strain) == 1:
-        return [np.zeros(1, dtype=np.int64)]
-    table = np.concatenate([seating.seats, seating.links], axis=1)
+Alike = NDArray[np.int64] | slice
+
+
+def _patterns(seats: NDArray[np.int64], links: NDArray[np.int64]) -> list[Alike]:
+    """Variants whose rollers sit alike; a slice where all do."""
+    table = np.concatenate([seats, links], axis=1)
+    if (table == table[0]).all():
+        return [slice(None)]
     _, which = np.unique(table, axis=0, return_inverse=True)
     order = np.argsort(which.ravel(), kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(which.ravel()[order])) + 1)
+    return [*np.split(order, np.flatnonzero(np.diff(which.ravel()[order])) + 1)]
 
 
-@dataclass
 class _Placement:
-    """Rollers of a stack as they are put in their places; `lengths` (V, N) of the links [m]."""
+    """Rollers of those variants of a stack whose rollers sit alike, as they are put in their places.
 
-    drive: Drive
-    path: ChainPath
-    position: Array
-    velocity: Array
-    lengths: Array
+    Attributes:
+        position, velocity: (K, N, 2) of these.
+    """
 
-    def seat(
-        self, alike: NDArray[np.int64], s: int, rollers: slice, angle: Array, speed: Array, seat: NDArray[np.int64]
-    ) -> None:
-        """Places the rollers of variants that sit on sprocket s, each on its seat (V, rollers)."""
+    def __init__(self, drive: Drive, path: ChainPath, alike: Alike, count: int) -> None:
+        self.drive, self.path, self.alike = drive, path, alike
+        self.radius, self.turning = path.radius[alike], np.asarray(path.turning)[alike]
+        lengths = drive.chain.pulled_lengths
+        self.lengths = lengths[None] if lengths.ndim == 1 else lengths[alike]  # (1, N) or (K, N)
+        self.position, self.velocity = (np.empty((len(self.radius), count, 2)) for _ in range(2))
+
+    def _own(self, value: Any) -> Any:
+        """A number, or those (K, 1) of an array (V,), beside rows of rollers."""
+        return value[self.alike][:, None] if many(value) else value
+
+    def seat(self, s: int, rollers: slice, angle: Array, speed: Array, seat: NDArray[np.int64]) -> None:
+        """Places the rollers that sit on sprocket s, each on its seat (K, rollers)."""
         sprocket = self.drive.sprockets[s]
         forth = np.where(np.arange(rollers.start, rollers.stop) % 2, 1.0, -1.0)
         lean = sprocket.sign * self.drive.riding_lean(s) * forth
         polar = angle[:, None] + seat * (2.0 * math.pi / sprocket.teeth) + lean
-        radius = np.broadcast_to(self.path.radius[:, s], len(self.position))[alike]
-        arm = radius[:, None, None] * np.stack([np.cos(polar), np.sin(polar)], axis=2)
-        center, velocity = initial_center(sprocket), initial_velocity(sprocket)
-        self.position[alike, rollers] = _each(center, alike) + arm
-        turned = speed[:, None, None] * np.stack([-arm[..., 1], arm[..., 0]], axis=2)
-        self.velocity[alike, rollers] = _each(velocity, alike) + turned
+        radius = self.radius[:, s, None]
+        (x, y), velocity = initial_place(sprocket), initial_velocity(sprocket)
+        across, up = radius * np.cos(polar), radius * np.sin(polar)
+        self.position[:, rollers, 0] = self._own(x) + across
+        self.position[:, rollers, 1] = self._own(y) + up
+        self.velocity[:, rollers, 0] = self._own(velocity[..., 0]) + speed[:, None] * -up
+        self.velocity[:, rollers, 1] = self._own(velocity[..., 1]) + speed[:, None] * across
 
-    def strand(self, alike: NDArray[np.int64], span: tuple[int, int, int], strain: Array, string: Taut | None) -> None:
-        """Places the rollers of a strand of variants alike: between two rollers, with a number of links."""
+    def strand(self, span: tuple[int, int, int], strain: Array, string: Taut | None) -> None:
+        """Places the rollers of a strand: between two rollers, with a number of links."""
         begin, end, links = span
         rollers = slice(begin + 1, begin + links)
-        count = self.position.shape[1]
-        natural = np.take(self.lengths[alike], np.arange(begin, begin + links) % count, axis=1)
-        position, velocity = self.position, self.velocity
-        first, final = velocity[alike, begin], velocity[alike, end]
-        gravity = self.drive.run.gravity
+        natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1)
+        position, velocity, gravity = self.position, self.velocity, self.drive.run.gravity
         if string:  # of one variant alone
-            at, going = _around(string, natural[0], first[0], final[0], self.path[0], gravity)
-            position[0, rollers], velocity[0, rollers] = at, going
+            ends = velocity[0, begin], velocity[0, end]
+            position[0, rollers], velocity[0, rollers] = _around(string, natural[0], *ends, self.path[0], gravity)
             return
-        fraction = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1, None]
-        velocity[alike, rollers] = first[:, None] + fraction * (final - first)[:, None]
-        chord = position[alike, end] - position[alike, begin]
-        place = fraction * chord[:, None]
-        slack = np.flatnonzero(strain < -_STRAIGHT)
-        if len(slack) and links > 1:
-            pull, turning = joined(gravity), np.broadcast_to(self.path.turning, len(position))[alike]
-            pull = np.broadcast_to(pull, (len(position), 2))[alike]
-            place[slack] = _arc(chord[slack], natural[slack], turning[slack], pull[slack])
-        position[alike, rollers] = position[alike, begin][:, None] + place
+        fraction = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1]
+        chord = position[:, end] - position[:, begin]
+        slack = np.flatnonzero((strain < -_STRAIGHT) & (links > 1))
+        bent: tuple[Array, Array] | None = None
+        if len(slack):
+            gx, gy = (np.broadcast_to(self._own(part), (len(chord), 1))[slack] for part in gravity)
+            own = np.broadcast_to(natural, (len(chord), links))[slack]
+            bent = _arc(chord[slack], own, self.turning[slack], np.concatenate([gx, gy], axis=1))
+        for axis in range(2):
+            first, final = velocity[:, begin, axis, None], velocity[:, end, axis, None]
+            velocity[:, rollers, axis] = first + fraction * (final - first)
+            place = fraction * chord[:, axis, None]
+            if bent is not None:
+                place[slack] = bent[axis]
+            position[:, rollers, axis] = position[:, begin, axis, None] + place
 
 
-def _each(vector: Array, alike: NDArray[np.int64]) -> Array:
-    """A vector (2,), or those (V, 2) of some variants, beside their rollers."""
-    return vector if vector.ndim == 1 else vector[alike, None]
-
-
-def assembled_strain(drive: Drive) -> tuple[ChainPath, float]:
-    """The path and the strain of the assembled chain, without placing its rollers.
+def assembled_strains(drive: Drive) -> tuple[ChainPath, Array]:
+    """The paths of a stack and the strains (V,) of the assembled chains, without placing their rollers.
 
     Raises:
-        DriveError: as `assemble`.
+        DriveError: as `assemble`, of the first such variant.
+        Obstructed: a stack of which some go around guides.
     """
     path, seating, _ = _seated(drive)
-    return path[0], float(seating.strain[0])
+    return path, np.atleast_1d(seating.strain)
 
 
 def assembled_path(drive: Drive) -> ChainPath:
@@ -243,16 +250,16 @@ def assembled_path(drive: Drive) -> ChainPath:
 
 def _seated(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     """Path and seats of a stack, and its sprockets; arms in balance with the strain of the chain on its seats."""
-    path = chain_paths(drive)
+    balance = Balance(drive) if drive.arms else None
+    path = balance.path() if balance else chain_paths(drive)
     check_fit(drive, path)
     loop = Loop(drive, path)
     seating = seat_chain(drive, path, loop)
-    if not drive.arms:
+    if balance is None:
         return path, seating, loop
-    plan = Plan(drive)
     for _ in range(_BALANCES):
         before = path.arm_angle
-        path = balanced(drive, float((seating.strain - path.nominal_strain)[0]), before, plan)
+        path = balance.path(seating.strain - path[0].nominal_strain, before)
         seating = seat_chain(drive, path, loop)
         if float(np.abs(path.arm_angle - before).max()) <= _STILL:
             break
@@ -288,11 +295,9 @@ def _around(
         if len(inner) > 2:
             a, b = inner[0], inner[-1]
             points[: a + 1], points[b:] = ahead[: a + 1], behind[b:]
+            chord, turning = (points[b] - points[a])[None], np.array([path.turning])
             points[a + 1 : b] = (
-                points[a]
-                + _arc(
-                    (points[b] - points[a])[None], natural[None, a:b], np.array([path.turning]), joined(gravity)[None]
-                )[0]
+                points[a] + np.stack(_arc(chord, natural[None, a:b], turning, joined(gravity)[None]), 2)[0]
             )
     share = np.linspace(0.0, 1.0, len(places))[1:-1]
     speed = (1.0 - share) * np.hypot(*begin) + share * np.hypot(*end)
@@ -301,11 +306,11 @@ def _around(
     return points[1:-1], sense * speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 
-def _sprocket_angles(drive: Drive, seating: Seating) -> tuple[Array, NDArray[np.int64]]:
+def _sprocket_angles(drive: Drive, first_angle: Array) -> tuple[Array, NDArray[np.int64]]:
     """Sprocket angles (V, S) within half a pitch angle of zero, and the seat that then holds each first roller."""
     pitch_angle = 2.0 * math.pi / np.array([sprocket.teeth for sprocket in drive.sprockets])
-    seat = np.ceil(seating.first_angle / pitch_angle - 0.5 - _TIE).astype(np.int64)
-    return seating.first_angle - seat * pitch_angle, seat
+    seat = np.ceil(first_angle / pitch_angle - 0.5 - _TIE).astype(np.int64)
+    return first_angle - seat * pitch_angle, seat
 
 
 def _sprocket_speeds(drive: Drive, path: ChainPath, variants: int) -> Array:
@@ -316,7 +321,7 @@ def _sprocket_speeds(drive: Drive, path: ChainPath, variants: int) -> Array:
         * (travel / path.radius[:, s] if sprocket.prescribed is None else _prescribed_speed(drive, sprocket))
         for s, sprocket in enumerate(drive.sprockets)
     ]
-    return np.stack([np.broadcast_to(speed, variants) for speed in speeds], axis=1)
+    return table_of(speeds, variants)
 
 
 def _prescribed_speed(drive: Drive, sprocket: Sprocket) -> Any:
@@ -329,8 +334,8 @@ def _prescribed_speed(drive: Drive, sprocket: Sprocket) -> Any:
     return speed * (1.0 + sum(h.amplitude * np.cos(h.phase) for h in motion.harmonics))
 
 
-def _arc(chord: Array, natural: Array, turning: Array, gravity: Array) -> Array:
-    """The rollers between the ends of sagging strands (V, links - 1, 2), from their first ends [m]; (b) above.
+def _arc(chord: Array, natural: Array, turning: Array, gravity: Array) -> tuple[Array, Array]:
+    """The rollers between the ends of sagging strands, from their first ends [m]; (b) above. x and y (V, links - 1).
 
     Args:
         chord, natural: (V, 2) from end to end, (V, links) lengths of the links [m].
@@ -349,9 +354,14 @@ def _arc(chord: Array, natural: Array, turning: Array, gravity: Array) -> Array:
     with np.errstate(invalid="ignore"):
         sine = length[:, None] * np.sin(passed) / np.sin(whole)[:, None]
     rest = whole[:, None] - passed
-    bent = (sine * np.cos(rest))[..., None] * along[:, None] + (sine * np.sin(rest))[..., None] * off[:, None]
-    straight = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1, None] * chord[:, None]
-    return np.where((whole == 0.0)[:, None, None], straight, bent)
+    ahead, aside = sine * np.cos(rest), sine * np.sin(rest)
+    fraction = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1]
+
+    def part(axis: int) -> Array:
+        bent = ahead * along[:, axis, None] + aside * off[:, axis, None]
+        return np.where((whole == 0.0)[:, None], fraction * chord[:, axis, None], bent)
+
+    return part(0), part(1)
 
 
 def _half_angles(chord: Array, natural: Array) -> Array:

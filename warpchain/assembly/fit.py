@@ -19,44 +19,25 @@ moved until an arm stands there.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from warpchain.assembly.assembly import Assembly, assemble, assembled_strain
-from warpchain.assembly.path import MAX_STRAIN, ChainPath, path_at
+from warpchain.assembly.assembly import Assembly, assemble
+from warpchain.assembly.path import MAX_STRAIN, ChainPath, Plan, allowed_parts, path_at
 from warpchain.assembly.route import chain_path
+from warpchain.assembly.search import Goal, Search, search_all
+from warpchain.drive.changes import with_numbers
+from warpchain.drive.stack import stacks_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive
 
-_PLACES = 4000  # most places tried along the line
-_ENOUGH = 1e-10  # strain that the secant method may miss
 _DIGITS = 10  # centers are rounded to 1e-10 m, which files can show
-_UPRIGHT = 1e-6  # part of gravity across a strand below which it cannot sag
 _ANGLE = 0.01  # strain that a radian of an arm counts as, in what a search may miss
-_EXACT = 1e-7  # strain that a solution may miss; more is a jump where a roller changes seats
-
-
-@dataclass(frozen=True)
-class _Goal:
-    """What is wanted: the strain that it takes, and what a strain amounts to, at a strand's chord.
-
-    Or with `arm` an angle of it [rad]. `sags` where the chord counts.
-    """
-
-    text: str
-    unit: str
-    strain: Callable[[Drive, NDArray[np.float64]], float]
-    amount: Callable[[Drive, NDArray[np.float64], float], float]
-    strand: int
-    arm: int | None = None
-    angle: float = 0.0
-    sags: bool = False
+_UPRIGHT = 1e-6  # part of gravity across a strand below which it cannot sag
 
 
 def fit_position(
@@ -89,9 +70,32 @@ def fit_position(
         DriveError: unknown names, values that are not allowed, or no such place: the message has the range that can be
             reached.
     """
-    index = _sprocket_index(drive, sprocket)
+    index, line = _sprocket_index(drive, sprocket), _unit(direction)
+    return _one(_moved([Search(drive, index, line, _goal(drive, strain, preload, sag, strand), travel)]))
+
+
+def fit_positions(
+    drives: Sequence[Drive],
+    sprocket: str,
+    direction: Sequence[float],
+    strains: Sequence[float],
+    travels: Sequence[float | None],
+) -> list[Drive | DriveError]:
+    """`fit_position` of many drives at once, each for a strain and a farthest travel of its own.
+
+    Returns:
+        The drives with the sprocket's center moved; for those that are refused, what `fit_position` raises.
+
+    Raises:
+        DriveError: as `fit_position`, of the sprocket's name, the direction and the strains.
+    """
     line = _unit(direction)
-    return _moved(_Search(drive, index, line, _goal(drive, strain, preload, sag, strand), travel))
+    return _moved(
+        [
+            Search(drive, _sprocket_index(drive, sprocket), line, _goal(drive, strain, None, None, None), travel)
+            for drive, strain, travel in zip(drives, strains, travels, strict=True)
+        ]
+    )
 
 
 def fit_angle(
@@ -110,16 +114,28 @@ def fit_angle(
         DriveError: as `fit_position`; an angle beyond the arm's stops.
     """
     index, line = _sprocket_index(drive, sprocket), _unit(direction)
-    return _moved(_Search(drive, index, line, _angle_goal(drive, angle), travel))
+    return _one(_moved([Search(drive, index, line, _angle_goal(drive, angle), travel)]))
 
 
-def _moved(search: _Search) -> Drive:
-    for place in search.roots():
-        exact = search.refined(place)
-        if exact is not None:
-            center = [round(float(x), _DIGITS) for x in search.center(exact)]
-            return search.drive.with_values({f"sprockets.{search.index}.center": center})
-    raise DriveError(search.failure())
+def _moved(searches: Sequence[Search]) -> list[Drive | DriveError]:
+    """The drives with their sprockets at the places found, rounded; or what is said where there is none."""
+    found: list[Drive | DriveError] = []
+    for search, place in zip(searches, search_all(searches), strict=True):
+        if place is None:
+            found.append(DriveError(search.failure()))
+            continue
+        x, y = (round(part, _DIGITS) for part in search.center(place))
+        center = ("sprockets", search.index, "center")
+        found.append(with_numbers(search.drive, {(*center, 0): x, (*center, 1): y}))
+    return found
+
+
+def _one(found: Sequence[Drive | DriveError]) -> Drive:
+    """That of the only one."""
+    (drive,) = found
+    if isinstance(drive, DriveError):
+        raise drive
+    return drive
 
 
 def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None = None) -> Drive:
@@ -160,13 +176,28 @@ def fit_links(drive: Drive, odd: bool = False, angle: Mapping[str, float] | None
     )
 
 
-def drawn_path(drive: Drive) -> ChainPath:
-    """The path of the chain with its arms as drawn, or on the stop that is nearest to that.
+def drawn_paths(drives: Sequence[Drive]) -> list[ChainPath | DriveError]:
+    """The paths of chains with arms as drawn, or on the stop that is nearest to that; or why there is none."""
+    found: list[ChainPath | None] = [None] * len(drives)
+    for stack in stacks_of(drives):
+        members = stack.members.tolist()
+        for places, path in allowed_parts(stack.drive, len(members), _drawn):
+            for row, v in enumerate(places.tolist()):
+                found[members[v]] = path[row]
+    return [_refusal(drive) if path is None else path for drive, path in zip(drives, found, strict=True)]
 
-    Raises:
-        DriveError: as `path_at`.
-    """
-    return path_at(drive, _wanted_angles(drive, {}))
+
+def _drawn(drive: Drive) -> ChainPath:
+    """The paths of a stack's chains with arms as drawn."""
+    return Plan(drive).path(_wanted_angles(drive, {}))
+
+
+def _refusal(drive: Drive) -> ChainPath | DriveError:
+    """Why a drive's path cannot be drawn."""
+    try:
+        return _drawn(drive)[0]
+    except DriveError as error:
+        return error
 
 
 def nearest_links(path: ChainPath, strain: float, odd: bool = False) -> list[int]:
@@ -195,7 +226,10 @@ def strand_sag(drive: Drive, assembly: Assembly, strand: int) -> float:
         assembly: its assembly.
         strand: strand k leaves sprocket k.
     """
-    return _sag(drive, _chord(assembly, strand), assembly.strain)
+    first = int(assembly.strand_first[strand])
+    last = (first + int(assembly.strand_links[strand])) % len(assembly.position)
+    x, y = (assembly.position[last] - assembly.position[first]).tolist()
+    return _sag(drive, (x, y), assembly.strain)
 
 
 # ----------------------------------------------------------------------------------------------------------- what
@@ -208,11 +242,12 @@ def _sprocket_index(drive: Drive, name: str) -> int:
     return names.index(name)
 
 
-def _unit(direction: Sequence[float]) -> NDArray[np.float64]:
+def _unit(direction: Sequence[float]) -> tuple[float, float]:
     line = np.asarray(direction, dtype=float)
     if line.shape != (2,) or not np.isfinite(line).all() or not line.any():
         raise DriveError(f"direction {direction}: must be two finite numbers, not both 0")
-    return line / np.hypot(*line)
+    x, y = (line / np.hypot(*line)).tolist()
+    return x, y
 
 
 def _wanted_angles(drive: Drive, wanted: Mapping[str, float]) -> list[float]:
@@ -229,7 +264,7 @@ def _wanted_angles(drive: Drive, wanted: Mapping[str, float]) -> list[float]:
     return [min(max(angle, arm.stops_rad[0]), arm.stops_rad[1]) for angle, arm in zip(angles, drive.arms, strict=True)]
 
 
-def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float | None, strand: str | None) -> _Goal:
+def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float | None, strand: str | None) -> Goal:
     given = [name for name, x in (("strain", strain), ("preload", preload), ("sag", sag)) if x is not None]
     if len(given) != 1:
         raise DriveError(f"one of strain, preload and sag must be given, not {' and '.join(given) or 'none'}")
@@ -239,16 +274,15 @@ def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float 
     if strain is not None:
         if not abs(strain) <= MAX_STRAIN:
             raise DriveError(f"strain = {strain:g}: must be within {MAX_STRAIN:g}")
-        return _Goal(f"strain {strain:g}", "", lambda _, chord: strain, lambda _, chord, reached: reached, 0)
+        return Goal(f"strain {strain:g}", "", lambda reached: reached.strain - strain, lambda reached: reached.strain)
     if preload is not None:
         if not 0.0 <= preload <= MAX_STRAIN * tension:
             raise DriveError(f"preload = {preload:g}: must be at least 0 and at most {MAX_STRAIN * tension:.4g} N")
-        return _Goal(
+        return Goal(
             f"preload {preload:g} N",
             " N",
-            lambda _, chord: preload / tension,
-            lambda _, chord, reached: tension * reached,
-            0,
+            lambda reached: reached.strain - preload / tension,
+            lambda reached: tension * reached.strain,
         )
     assert sag is not None
     if not (math.isfinite(sag) and sag > 0.0):
@@ -261,43 +295,57 @@ def _goal(drive: Drive, strain: float | None, preload: float | None, sag: float 
     k = int(np.argmax(np.where(straight, path.strand_length, 0.0))) if strand is None else names.index(strand)
     if not straight[k]:
         raise DriveError(f'strand "{names[k]}": lies on a guide, so that it has no sag')
-    if _across(drive, path.strand_end[k] - path.strand_start[k]) <= 0.0:
+    x, y = (path.strand_end[k] - path.strand_start[k]).tolist()
+    if _across(drive, (x, y)) <= 0.0:
         raise DriveError(f'strand "{names[k]}": gravity does not act across it, so that it has no sag')
     text = f'sag {sag:g} m of strand "{names[k]}"'
-    return _Goal(text, " m", lambda moved, chord: _sag_strain(moved, chord, sag), _sag, k, sags=True)
+    return Goal(
+        text,
+        " m",
+        lambda reached: reached.strain - _sag_strain(drive, reached.chord, sag),
+        lambda reached: _sag(drive, reached.chord, reached.strain),
+        k,
+        sags=True,
+    )
 
 
-def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> _Goal:
+def _angle_goal(drive: Drive, angle: Mapping[str, float]) -> Goal:
     if len(angle) != 1:
         raise DriveError("angle: one arm at a time")
     ((name, degrees),) = angle.items()
     angles, a = _wanted_angles(drive, angle), drive.arm_index(name)
     assert a is not None  # as `_wanted_angles` has checked
     text = f'{degrees:g} degrees of arm "{name}"'
-    return _Goal(text, " degrees", lambda _, chord: 0.0, lambda _, chord, reached: reached, 0, a, angles[a])
+    return Goal(
+        text,
+        " degrees",
+        lambda reached: _ANGLE * (reached.angle - angles[a]),
+        lambda reached: math.degrees(reached.angle),
+        arm=a,
+    )
 
 
-def _across(drive: Drive, chord: NDArray[np.float64]) -> float:
+def _across(drive: Drive, chord: tuple[float, float]) -> float:
     """Gravity across a chord [m/s^2]; 0 for a strand that hangs upright."""
-    gravity = np.asarray(drive.run.gravity, dtype=float)
-    part = abs(float(chord[0] * gravity[1] - chord[1] * gravity[0])) / float(np.hypot(*chord))
-    return part if part > _UPRIGHT * float(np.hypot(*gravity)) else 0.0
+    (x, y), (gx, gy) = chord, drive.run.gravity
+    part = abs(x * gy - y * gx) / math.hypot(x, y)
+    return part if part > _UPRIGHT * math.hypot(gx, gy) else 0.0
 
 
-def _coefficients(drive: Drive, chord: NDArray[np.float64]) -> tuple[float, float, float]:
+def _coefficients(drive: Drive, chord: tuple[float, float]) -> tuple[float, float, float]:
     """A, B and D of eq. (a) as strain = A / h - B h^2 + D."""
-    square = float(chord @ chord)
+    square = chord[0] * chord[0] + chord[1] * chord[1]
     weight = drive.chain.mass / drive.chain.pitch * _across(drive, chord)
     given_way = 2.0 * (drive.contact.sprocket.clearance or 0.0) / math.sqrt(square)
     return weight * square / (8.0 * drive.chain.mean_stiffness * drive.chain.pitch), 8.0 / (3.0 * square), given_way
 
 
-def _sag_strain(drive: Drive, chord: NDArray[np.float64], sag: float) -> float:
+def _sag_strain(drive: Drive, chord: tuple[float, float], sag: float) -> float:
     elastic, geometric, given_way = _coefficients(drive, chord)
     return elastic / sag - geometric * sag * sag + given_way
 
 
-def _sag(drive: Drive, chord: NDArray[np.float64], strain: float) -> float:
+def _sag(drive: Drive, chord: tuple[float, float], strain: float) -> float:
     """The sag at a strain, eq. (a): the one positive root of B h^3 + (strain - D) h - A."""
     elastic, geometric, given_way = _coefficients(drive, chord)
     if elastic == 0.0:
@@ -306,148 +354,5 @@ def _sag(drive: Drive, chord: NDArray[np.float64], strain: float) -> float:
     return float(roots[np.isreal(roots)].real.max())
 
 
-def _chord(assembly: Assembly, strand: int) -> NDArray[np.float64]:
-    first = int(assembly.strand_first[strand])
-    last = (first + int(assembly.strand_links[strand])) % len(assembly.position)
-    chord: NDArray[np.float64] = assembly.position[last] - assembly.position[first]
-    return chord
-
-
-# ---------------------------------------------------------------------------------------------------------- where
-
-
 def _with_links(drive: Drive, links: int) -> Drive:
     return drive.model_copy(update={"chain": drive.chain.model_copy(update={"links": links})})
-
-
-class _Search:
-    """Looks for places along the line: first on the path of pitch circles, then on the assembly."""
-
-    def __init__(
-        self, drive: Drive, index: int, line: NDArray[np.float64], goal: _Goal, travel: float | None = None
-    ) -> None:
-        self.drive, self.index, self.line, self.goal = drive, index, line, goal
-        self.origin = np.asarray(drive.sprockets[index].center, dtype=float)
-        others = [s.center for i, s in enumerate(drive.sprockets) if i != index]
-        nearest = min(math.dist(self.origin, center) for center in others)
-        around = nearest + 0.5 * drive.chain.links * drive.chain.pitch  # beyond it no chain of that length goes round
-        self.travel = travel
-        self.reach = around if travel is None else travel
-        self.step = max(0.25 * drive.chain.pitch, 2.0 * self.reach / _PLACES)
-        self.amounts: list[tuple[float, float]] = []
-        self.jumped = False  # over what is wanted, where rollers find other seats
-
-    def center(self, place: float) -> NDArray[np.float64]:
-        """The sprocket's center at a place [m]."""
-        return self.origin + place * self.line
-
-    def moved(self, place: float) -> Drive:
-        """The drive with the sprocket at a place, unchecked."""
-        center = self.center(place)
-        sprockets = list(self.drive.sprockets)
-        sprockets[self.index] = sprockets[self.index].model_copy(
-            update={"center": (float(center[0]), float(center[1]))}
-        )
-        return self.drive.model_copy(update={"sprockets": tuple(sprockets)})
-
-    def nominal(self, place: float) -> float:
-        """Strain in excess of the wanted one on pitch circles and tangents; NaN where there is no path."""
-        drive = self.moved(place)
-        try:
-            path = chain_path(drive)
-        except DriveError:
-            return math.nan
-        if not math.isfinite(path.nominal_strain):
-            return math.nan
-        if self.goal.arm is not None:
-            self.amounts.append((place, math.degrees(path.arm_angle[self.goal.arm])))
-            return _ANGLE * (float(path.arm_angle[self.goal.arm]) - self.goal.angle)
-        chord = self._tangent(path)
-        if abs(path.nominal_strain) <= MAX_STRAIN:
-            self.amounts.append((place, self.goal.amount(drive, chord, path.nominal_strain)))
-        return path.nominal_strain - self.goal.strain(drive, chord)
-
-    def assembled(self, place: float) -> float:
-        """Strain in excess of the wanted one of the assembled drive; NaN where it does not assemble."""
-        drive = self.moved(place)
-        try:
-            if not self.goal.sags:  # where rollers stand does not matter
-                path, strain = assembled_strain(drive)
-                if self.goal.arm is not None:
-                    return _ANGLE * (float(path.arm_angle[self.goal.arm]) - self.goal.angle)
-                return strain - self.goal.strain(drive, self._tangent(path))
-            assembly = assemble(drive)
-        except DriveError:
-            return math.nan
-        return assembly.strain - self.goal.strain(drive, _chord(assembly, self.goal.strand))
-
-    def roots(self) -> Iterator[float]:
-        """Places where the path has the wanted strain, the nearest first: sought from the middle outwards."""
-        ends = dict.fromkeys((-1.0, 1.0), (0.0, self.nominal(0.0)))
-        for ring in range(math.ceil(self.reach / self.step)):
-            found = []
-            for side, (inner, before) in ends.items():
-                outer = side * min((ring + 1) * self.step, self.reach)
-                after = self.nominal(outer)
-                if before * after <= 0.0:
-                    found.append(_root(self.nominal, inner, outer, 1e-4 * self.step))
-                ends[side] = outer, after
-            yield from sorted((place for place in found if math.isfinite(place)), key=abs)
-
-    def refined(self, place: float) -> float | None:
-        """The place nearby where the assembly has the wanted strain; None where there is none."""
-        exact = self._secant(place)
-        half = self.step / 32.0
-        while exact is None and half <= 2.0 * self.drive.chain.pitch:
-            low, high = place - half, place + half
-            if self.assembled(low) * self.assembled(high) <= 0.0:
-                exact = _root(self.assembled, low, high)
-                if not abs(self.assembled(exact)) <= _EXACT:
-                    self.jumped = True
-                    return None
-            half *= 2.0
-        return exact if exact is not None and abs(exact) <= self.reach else None
-
-    def _secant(self, place: float) -> float | None:
-        """The place nearby by the secant method; None where it does not come to one, as at a jump."""
-        first, step = place, 1e-5 * self.drive.chain.pitch
-        before = self.assembled(place)
-        for _ in range(12):
-            if abs(before) <= _ENOUGH:
-                return place
-            after = self.assembled(place + step)
-            if not math.isfinite(after - before) or after == before:
-                return None
-            place, step, before = place + step, -after * step / (after - before), after
-            if abs(place + step - first) > 2.0 * self.drive.chain.pitch:
-                return None
-        return None
-
-    def failure(self) -> str:
-        """The message when nothing was found: what can be reached, and where."""
-        name, direction = self.drive.sprockets[self.index].name, [round(float(x), 6) for x in self.line]
-        within = "" if self.travel is None else f" within {self.travel:g} m"
-        text = f'sprocket "{name}": no place along {direction}{within} gives {self.goal.text}'
-        if not self.amounts:
-            links, size = self.drive.chain.links, 100.0 * MAX_STRAIN
-            return f"{text}; nowhere on the line does a chain of {links} links fit within {size:g} % strain"
-        places, values = zip(*sorted(self.amounts), strict=True)
-        unit, jump = self.goal.unit, ", but jumps over that" if self.jumped else ""
-        return (
-            f"{text}; it can have {min(values):.4g} to {max(values):.4g}{unit}, moved by {places[0]:+.4g} to "
-            f"{places[-1]:+.4g} m{jump}"
-        )
-
-    def _tangent(self, path: ChainPath) -> NDArray[np.float64]:
-        chord: NDArray[np.float64] = path.strand_end[self.goal.strand] - path.strand_start[self.goal.strand]
-        return chord
-
-
-def _root(function: Callable[[float], float], low: float, high: float, enough: float = 1e-15) -> float:
-    """A place in (low, high) where the function changes sign, to `enough`; NaN where it has no value in between."""
-    from scipy.optimize import brentq
-
-    try:
-        return float(brentq(function, low, high, xtol=enough))
-    except ValueError:
-        return math.nan

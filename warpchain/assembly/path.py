@@ -16,18 +16,19 @@ Where guides reach into a strand it is the taut string around them (`warpchain.a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from itertools import combinations, product
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.guided import Placed, Run, obstacles, obstructed
 from warpchain.assembly.taut import Arc, Taut, TautError, circle, taut
-from warpchain.drive.each import joined
-from warpchain.drive.mounts import initial_center
-from warpchain.drive.stack import size_of
+from warpchain.drive.each import arctan2, largest, many, rint, smallest, some, sqrt, table_of, total
+from warpchain.drive.mounts import initial_place
+from warpchain.drive.stack import picked, size_of
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -35,6 +36,11 @@ if TYPE_CHECKING:
 
 MAX_STRAIN = 0.05
 """Largest nominal strain of a chain that counts as fitting its path, taut or slack."""
+
+Found = TypeVar("Found")
+Item = TypeVar("Item")
+Pair = tuple[Any, Any]
+"""Two coordinates, each a number or an array (V,) of a stack's variants."""
 
 _NO_WRAP = 1e-9  # rad
 _NOT_STACKED = ("strings", "obstacles", "arm_angle")
@@ -101,7 +107,8 @@ class ChainPath:
         It solves sum(wrap angle / pitch angle) + sum(strand length) / (pitch (1 + strain)) = links; infinite where the
         wrapped arcs alone take as many links or more.
         """
-        return float(_strain(links, self.wrapped_pitches, self.strand_length.sum() / self.pitch))
+        free = links - self.wrapped_pitches
+        return float(self.strand_length.sum()) / self.pitch / free - 1.0 if free > 0.0 else math.inf
 
     def fitting_links(self) -> tuple[int, ...]:
         """Every number of links whose nominal strain is within `MAX_STRAIN`, ascending; empty where there is none."""
@@ -122,7 +129,7 @@ def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
 
 
 class Obstructed(Exception):
-    """Chains of some variants of a stack go around guides, which is worked out for one variant alone.
+    """Chains of some variants of a stack go around guides or on arms, which is worked out for one variant alone.
 
     Attributes:
         which: (V,) those variants.
@@ -131,6 +138,51 @@ class Obstructed(Exception):
     def __init__(self, which: NDArray[np.bool_]) -> None:
         super().__init__()
         self.which = which
+
+
+def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> list[tuple[NDArray[np.int64], Found]]:
+    """What is worked out of a stack of `count`, in parts: which of its variants (K,), and what of them.
+
+    Those that are `Obstructed` are parts of one.
+    """
+    try:
+        return [(np.arange(count), worked_out(drive))]
+    except Obstructed as around:
+        free, others = np.flatnonzero(~around.which), np.flatnonzero(around.which)
+    found = [(free, worked_out(picked(drive, free)))] if len(free) else []
+    return found + [(np.array([v]), worked_out(picked(drive, int(v)))) for v in others]
+
+
+def allowed_parts(
+    drive: Drive, count: int, worked_out: Callable[[Drive], Found]
+) -> list[tuple[NDArray[np.int64], Found]]:
+    """What is worked out of a stack as by `in_parts`, without the variants that are refused; these cost halvings."""
+    try:
+        return in_parts(drive, count, worked_out)
+    except DriveError:
+        if count == 1:
+            return []
+    found = []
+    for half in np.array_split(np.arange(count), 2):
+        parts = allowed_parts(picked(drive, half), len(half), worked_out)
+        found += [(half[places], part) for places, part in parts]
+    return found
+
+
+@dataclass(frozen=True)
+class Course:
+    """What makes up a `ChainPath`, as numbers and arrays (V,) of a stack: lists (S,) of them, and what has one each."""
+
+    pitch: Any
+    wrap: list[Any]
+    arriving: list[Any]  # headings
+    start: list[Pair]
+    end: list[Pair]
+    length: list[Any]
+    wrapped_pitches: Any
+    nominal_strain: Any
+    strings: tuple[Taut | None, ...]
+    obstacles: tuple[tuple[Run, ...], ...]
 
 
 class Plan:
@@ -146,48 +198,69 @@ class Plan:
 
     def __init__(self, drive: Drive) -> None:
         sprockets = drive.sprockets
-        self.drive = drive
-        self.pitch = np.atleast_2d(drive.chain.pulled_lengths).mean(axis=-1)
-        centers = [np.atleast_2d(initial_center(sprocket)) for sprocket in sprockets]
-        self.center = center = np.stack(np.broadcast_arrays(*centers), axis=1)
-        self.radius = radius = np.atleast_2d(joined([drive.riding_radius(s) for s in range(len(sprockets))]))
-        self.sign = sign = np.array([sprocket.sign for sprocket in sprockets], dtype=float)
-        self.teeth = np.array([sprocket.teeth for sprocket in sprockets], dtype=float)
-        variants = size_of(drive)
-        self.pitch = np.broadcast_to(self.pitch, variants)
-        self.center = center = np.broadcast_to(center, (variants, *center.shape[1:]))
-        self.radius = radius = np.broadcast_to(radius, (variants, *radius.shape[1:]))
-        _check_tips(drive, radius)
-        _check_apart(drive, center, radius)
+        self.drive, self.variants = drive, size_of(drive)
+        if drive.arms and self.variants > 1:
+            raise Obstructed(np.ones(self.variants, dtype=bool))
+        pitch = np.atleast_2d(drive.chain.pulled_lengths).mean(axis=-1)
+        self.pitch = pitch if len(pitch) > 1 else float(pitch[0])
+        self.center = [initial_place(sprocket) for sprocket in sprockets]
+        self.radius = [drive.riding_radius(s) for s in range(len(sprockets))]
+        self.sign = [float(sprocket.sign) for sprocket in sprockets]
+        self.teeth = [float(sprocket.teeth) for sprocket in sprockets]
+        _check_tips(drive, self.radius)
+        _check_apart(drive, self.center, self.radius)
 
-        span = _next(center) - center
-        lateral = _next(sign * radius) - sign * radius
-        square = np.einsum("vsi,vsi->vs", span, span)
-        self.length = np.sqrt(square - lateral**2)
-        ahead = self.length[..., None] * span - lateral[..., None] * _left(span)
-        self.direction = ahead / square[..., None]
-        arm = (sign * radius)[..., None]
-        normal = _left(self.direction)
-        self.start, self.end = center - arm * normal, _next(center) - _next(arm) * normal
-
-        self.leaving = np.arctan2(self.direction[..., 1], self.direction[..., 0])
-        self.arriving = np.roll(self.leaving, 1, axis=1)
+        arms = [w * r for w, r in zip(self.sign, self.radius, strict=True)]
+        self.lines = [
+            _tangent(one, other, arm, following)
+            for (one, arm), (other, following) in _pairs(zip(self.center, arms, strict=True))
+        ]
         self.placed = self._obstacles()
-        circles = zip(center[0].tolist(), radius[0].tolist(), sign.tolist(), strict=True)
-        self.ends = [circle(c, r, w) for c, r, w in circles]
+        self.ends: list[Arc] = []
+        if self.placed:
+            self.ends = [circle(c, r, w) for c, r, w in zip(self.center, self.radius, self.sign, strict=True)]
         self.known: dict[int, Taut | None] = {}  # the strings that no arm can move, once they are found
 
     def _obstacles(self) -> tuple[Placed, ...]:
         """The guides that strands may have to go around; of a stack, none."""
         if not self.drive.guides:
             return ()
-        which = obstructed(self.drive, self.start, self.end)
-        if len(which) > 1 and which.any():
+        if self.variants == 1:
+            return obstacles(self.drive, [(line.start, line.end) for line in self.lines])
+        start, end = (self._points([getattr(line, name) for line in self.lines]) for name in ("start", "end"))
+        which = obstructed(self.drive, start, end)
+        if which.any():
             raise Obstructed(which)
-        if not which.any():
-            return ()
-        ends = zip(self.start[0].tolist(), self.end[0].tolist(), strict=True)
-        return obstacles(self.drive, [((a[0], a[1]), (b[0], b[1])) for a, b in ends])
+        return ()
+
+    def course(self, arm_angle: Sequence[float]) -> Course:
+        """The course of the chain with the arms at angles (A,) [rad].
+
+        Raises:
+            DriveError: as `path_at`.
+        """
+        sign, strands = self.sign, range(len(self.sign))
+        start, end = [line.start for line in self.lines], [line.end for line in self.lines]
+        length = [line.length for line in self.lines]
+        leaving = [line.heading for line in self.lines]
+        arriving = [leaving[k - 1] for k in strands]
+        met: list[tuple[Run, ...]] = [
+            tuple(placed.standing(arm_angle) for placed in self.placed if placed.strand == k) for k in strands
+        ]
+        strings = tuple(self._string(k, runs) for k, runs in enumerate(met))
+        for k, string in enumerate(strings):
+            if string is not None:
+                following = (k + 1) % len(strings)
+                leaving[k], arriving[following] = string.first, string.last
+                start[k], end[k] = self.ends[k].at(string.first), self.ends[following].at(string.last)
+                length[k] = string.chain_length(self.pitch)
+        turned = zip(sign, leaving, arriving, strict=True)
+        wrap = [w * (leave - arrive) % (2.0 * math.pi) for w, leave, arrive in turned]
+        _check_wraps(self.drive, wrap, [2.0 * math.pi / z for z in self.teeth])
+        _check_clear(self, start, length, [k for k in strands if strings[k] is None])
+        wrapped = total([angle * z for angle, z in zip(wrap, self.teeth, strict=True)]) / (2.0 * math.pi)
+        strain = _strain(self.drive.chain.links, wrapped, total(length) / self.pitch)
+        return Course(self.pitch, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met))
 
     def path(self, arm_angle: Sequence[float]) -> ChainPath:
         """The path with the arms at angles (A,) [rad], as that of a stack.
@@ -195,43 +268,35 @@ class Plan:
         Raises:
             DriveError: as `path_at`.
         """
-        drive, ends, sign = self.drive, self.ends, self.sign
-        start, end, length = self.start.copy(), self.end.copy(), self.length.copy()
-        leaving, arriving = self.leaving.copy(), self.arriving.copy()
-        met = tuple(
-            tuple(placed.standing(arm_angle) for placed in self.placed if placed.strand == k) for k in range(len(ends))
-        )
-        strings = tuple(self._string(k, runs) for k, runs in enumerate(met))
-        for k, string in enumerate(strings):
-            if string is not None:
-                following = (k + 1) % len(strings)
-                leaving[:, k], arriving[:, following] = string.first, string.last
-                start[:, k], end[:, k] = ends[k].at(string.first), ends[following].at(string.last)
-                length[:, k] = string.chain_length(float(self.pitch[0]))
-        wrap = np.mod(sign * (leaving - arriving), 2.0 * math.pi)
-        _check_wraps(drive, wrap, 2.0 * math.pi / self.teeth)
-        free = [k for k, string in enumerate(strings) if string is None]
-        _check_clear(self, start, length, free)
-
-        wrapped = np.sum(wrap * self.teeth, axis=-1) / (2.0 * math.pi)
+        course, variants = self.course(arm_angle), self.variants
+        turns = rint(total([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)]) / (2.0 * math.pi))
+        arrival = [angle - w * (0.5 * math.pi) for angle, w in zip(course.arriving, self.sign, strict=True)]
+        own = course.pitch, 2.0 * math.pi * turns, course.wrapped_pitches, course.nominal_strain
+        pitch, turning, wrapped, strain = (np.broadcast_to(value, variants) for value in own)
         return ChainPath(
-            pitch=self.pitch,
-            radius=self.radius,
-            wrap_angle=wrap,
-            arrival_angle=arriving - sign * (0.5 * math.pi),
-            turning=2.0 * math.pi * np.rint(np.sum(sign * wrap, axis=-1) / (2.0 * math.pi)),
-            strand_start=start,
-            strand_end=end,
-            strand_length=length,
-            wrapped_pitches=wrapped,
-            nominal_strain=_strain(drive.chain.links, wrapped, length.sum(axis=-1) / self.pitch),  # type: ignore[arg-type]  # (V,)
-            strings=strings,
-            obstacles=met,
+            pitch=pitch,  # type: ignore[arg-type]  # (V,), as are the others
+            radius=table_of(self.radius, variants),
+            wrap_angle=table_of(course.wrap, variants),
+            arrival_angle=table_of(arrival, variants),
+            turning=turning,  # type: ignore[arg-type]
+            strand_start=self._points(course.start),
+            strand_end=self._points(course.end),
+            strand_length=table_of(course.length, variants),
+            wrapped_pitches=wrapped,  # type: ignore[arg-type]
+            nominal_strain=strain,  # type: ignore[arg-type]
+            strings=course.strings,
+            obstacles=course.obstacles,
             arm_angle=np.array(arm_angle, dtype=float),
         )
 
+    def _points(self, points: Sequence[Pair]) -> NDArray[np.float64]:
+        """Points (V, S, 2) of as many pairs of coordinates."""
+        return table_of([part for pair in points for part in pair], self.variants).reshape(self.variants, -1, 2)
+
     def _string(self, k: int, runs: tuple[Run, ...]) -> Taut | None:
-        """The way of strand k around its guides."""
+        """The way of strand k around its guides; None where it touches none."""
+        if not runs:
+            return None
         if k not in self.known:
             string = _string(self.drive, self.ends[k], self.ends[(k + 1) % len(self.ends)], runs)
             if any(placed.strand == k and placed.arm is not None for placed in self.placed):
@@ -241,9 +306,7 @@ class Plan:
 
 
 def _string(drive: Drive, first: Arc, last: Arc, runs: tuple[Run, ...]) -> Taut | None:
-    """The way of a strand around its guides; None where it touches none."""
-    if not runs:
-        return None
+    """The taut string of a strand; None where it touches nothing."""
     try:
         string = taut(first, last, runs)
     except TautError as error:
@@ -284,8 +347,34 @@ def check_fit(drive: Drive, path: ChainPath) -> None:
     )
 
 
-def _strain(links: int, wrapped: Any, straight: Any) -> NDArray[np.float64]:
-    free = np.asarray(links - wrapped)
+@dataclass(frozen=True)
+class _Line:
+    """A straight strand: its unit vector and heading [rad], its ends and its length [m]; numbers, or arrays (V,)."""
+
+    direction: Pair
+    heading: Any
+    start: Pair
+    end: Pair
+    length: Any
+
+
+def _tangent(one: Pair, other: Pair, arm: Any, following: Any) -> _Line:
+    """The common tangent of two circles about centers [m], of signed radii w R [m], (a) and (b) above."""
+    dx, dy = other[0] - one[0], other[1] - one[1]
+    h = following - arm
+    square = dx * dx + dy * dy
+    length = sqrt(square - h * h)
+    ux, uy = (length * dx + h * dy) / square, (length * dy - h * dx) / square
+    start = one[0] + arm * uy, one[1] - arm * ux
+    end = other[0] + following * uy, other[1] - following * ux
+    return _Line((ux, uy), arctan2(uy, ux), start, end, length)
+
+
+def _strain(links: int, wrapped: Any, straight: Any) -> Any:
+    """What `ChainPath.strain` is."""
+    free = links - wrapped
+    if not many(free):
+        return straight / free - 1.0 if free > 0.0 else math.inf
     with np.errstate(divide="ignore"):
         return np.where(free > 0.0, straight / free - 1.0, math.inf)
 
@@ -299,66 +388,69 @@ def _percent(strain: float) -> str:
     return f"{100.0 * strain:+.3f} %" if math.isfinite(strain) else "too short to go round"
 
 
-def _next(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.roll(values, -1, axis=1)
+def _pairs(values: Iterable[Item]) -> Iterator[tuple[Item, Item]]:
+    """Each with the one that follows, the last with the first."""
+    items = list(values)
+    return zip(items, items[1:] + items[:1], strict=True)
 
 
-def _left(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.stack([-vectors[..., 1], vectors[..., 0]], axis=-1)
+def _first(condition: Any) -> int | None:
+    """The first variant for which a condition holds; None where there is none."""
+    return int(np.argmax(condition)) if some(condition) else None
 
 
-def _check_tips(drive: Drive, radius: NDArray[np.float64]) -> None:
+def _check_tips(drive: Drive, radius: Sequence[Any]) -> None:
     for s, sprocket in enumerate(drive.sprockets):
-        tips = np.atleast_1d(drive.tip_radius(s))
-        over = radius[:, s] > tips
-        if over.any():
-            v = int(over.argmax())
-            tip = float(tips[min(v, len(tips) - 1)])
+        tips = drive.tip_radius(s)
+        v = _first(radius[s] > tips)
+        if v is not None:
+            tip = _of(tips, v)
             limit = 2.0 * tip * math.sin(math.pi / sprocket.teeth)
             raise DriveError(
                 f'sprocket "{sprocket.name}": links of {_of(drive.chain.worn_pitch, v):.6g} m would ride over its '
-                f"tips, at {radius[v, s]:.6g} m against {tip:.6g} m; allowed are links of at most {limit:.6g} m"
+                f"tips, at {_of(radius[s], v):.6g} m against {tip:.6g} m; allowed are links of at most {limit:.6g} m"
             )
 
 
-def _check_apart(drive: Drive, center: NDArray[np.float64], radius: NDArray[np.float64]) -> None:
-    offset = center[:, :, None, :] - center[:, None, :, :]
-    distance = np.hypot(offset[..., 0], offset[..., 1])
-    reach = radius[:, :, None] + radius[:, None, :]
-    for v, a, b in np.argwhere(np.triu(distance <= reach, 1)):
-        first, second = drive.sprockets[a].name, drive.sprockets[b].name
-        raise DriveError(
-            f'sprockets "{first}" and "{second}": pitch circles overlap, no tangent joins them; their centers are '
-            f"{distance[v, a, b]:.6g} m apart, allowed is more than the sum of pitch radii, {reach[v, a, b]:.6g} m"
-        )
+def _check_apart(drive: Drive, center: Sequence[Pair], radius: Sequence[Any]) -> None:
+    for a, b in combinations(range(len(center)), 2):
+        dx, dy = center[b][0] - center[a][0], center[b][1] - center[a][1]
+        square, reach = dx * dx + dy * dy, radius[a] + radius[b]
+        v = _first(square <= reach * reach)
+        if v is not None:
+            first, second = drive.sprockets[a].name, drive.sprockets[b].name
+            raise DriveError(
+                f'sprockets "{first}" and "{second}": pitch circles overlap, no tangent joins them; their centers are '
+                f"{math.sqrt(_of(square, v)):.6g} m apart, allowed is more than the sum of pitch radii, "
+                f"{_of(reach, v):.6g} m"
+            )
 
 
-def _check_wraps(drive: Drive, wrap: NDArray[np.float64], pitch_angle: NDArray[np.float64]) -> None:
-    for v, s in np.argwhere((wrap < _NO_WRAP) | (wrap > 2.0 * math.pi - pitch_angle)):
-        sprocket = drive.sprockets[s]
-        degrees = math.degrees(wrap[v, s])
-        allowed = 360.0 - math.degrees(pitch_angle[s])
-        raise DriveError(
-            f'sprocket "{sprocket.name}": with wrap = "{sprocket.wrap}" the chain turns {degrees:.4g} degrees around '
-            f"it, allowed is more than 0 and at most {allowed:.4g}; it stands on the other side of the chain's path, "
-            f"or its wrap is the other one"
-        )
+def _check_wraps(drive: Drive, wrap: Sequence[Any], pitch_angle: Sequence[float]) -> None:
+    for s, sprocket in enumerate(drive.sprockets):
+        v = _first((wrap[s] < _NO_WRAP) | (wrap[s] > 2.0 * math.pi - pitch_angle[s]))
+        if v is not None:
+            degrees = math.degrees(_of(wrap[s], v))
+            allowed = 360.0 - math.degrees(pitch_angle[s])
+            raise DriveError(
+                f'sprocket "{sprocket.name}": with wrap = "{sprocket.wrap}" the chain turns {degrees:.4g} degrees '
+                f"around it, allowed is more than 0 and at most {allowed:.4g}; it stands on the other side of the "
+                f"chain's path, or its wrap is the other one"
+            )
 
 
-def _check_clear(plan: Plan, start: NDArray[np.float64], length: NDArray[np.float64], free: Sequence[int]) -> None:
-    drive, direction = plan.drive, plan.direction
-    count = len(drive.sprockets)
-    if count < 3:
-        return
-    offset = plan.center[:, None, :, :] - start[:, :, None, :]  # strand, sprocket
-    along = np.clip(np.einsum("vksi,vki->vks", offset, direction), 0.0, length[..., None])
-    gap = offset - along[..., None] * direction[:, :, None, :]
-    through = np.hypot(gap[..., 0], gap[..., 1]) < plan.radius[:, None, :]
-    strand = np.arange(count)
-    through[:, [k for k in range(count) if k not in free]] = False  # they go around guides
-    through[:, strand, strand] = through[:, strand, (strand + 1) % count] = False
-    for _, k, s in np.argwhere(through):
-        raise DriveError(
-            f'strand "{drive.strand_names[k]}": passes through the pitch circle of sprocket '
-            f'"{drive.sprockets[s].name}"; allowed is a path clear of the other sprockets'
-        )
+def _check_clear(plan: Plan, start: Sequence[Pair], length: Sequence[Any], free: Sequence[int]) -> None:
+    """Checks the strands that go around no guides."""
+    drive, count = plan.drive, len(plan.lines)
+    for k, s in product(free, range(count)):
+        if s in (k, (k + 1) % count):
+            continue
+        (x, y), (ux, uy), radius = start[k], plan.lines[k].direction, plan.radius[s]
+        dx, dy = plan.center[s][0] - x, plan.center[s][1] - y
+        along = smallest(largest(dx * ux + dy * uy, 0.0), length[k])
+        gx, gy = dx - along * ux, dy - along * uy
+        if some(gx * gx + gy * gy < radius * radius):
+            raise DriveError(
+                f'strand "{drive.strand_names[k]}": passes through the pitch circle of sprocket '
+                f'"{drive.sprockets[s].name}"; allowed is a path clear of the other sprockets'
+            )

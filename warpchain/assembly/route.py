@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from warpchain.assembly.arms import balanced
+from warpchain.assembly.arms import Balance
 from warpchain.assembly.path import ChainPath, Plan
 
 if TYPE_CHECKING:
@@ -27,4 +27,4 @@ def chain_paths(drive: Drive) -> ChainPath:
         DriveError: as `chain_path`, of the first such variant.
         Obstructed: a stack of which some go around guides.
     """
-    return balanced(drive) if drive.arms else Plan(drive).path(())
+    return Balance(drive).path() if drive.arms else Plan(drive).path(())

@@ -27,6 +27,7 @@ than `Taut.chain_length`, where arcs and straight parts meet, is found by laying
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -37,8 +38,23 @@ from numpy.typing import NDArray
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.taut import Taut, TautError, point, taut
 from warpchain.assembly.walk import Curve
-from warpchain.drive.each import hypot, some
-from warpchain.drive.mounts import initial_center
+from warpchain.drive.each import (
+    ceil,
+    columns,
+    cos,
+    floor,
+    hypot,
+    largest,
+    many,
+    sin,
+    smallest,
+    some,
+    table_of,
+    taken,
+    total,
+    where,
+)
+from warpchain.drive.mounts import initial_place
 from warpchain.drive.profile import direction
 from warpchain.errors import DriveError
 
@@ -52,45 +68,54 @@ _ITERATIONS = 40
 _LAYINGS = 8  # of links on strings; each leaves a thousandth of the error
 _CLOSED = 1e-10  # of a pitch
 
+Places = NDArray[np.int64]
 
-Numbers = NDArray[np.float64]
-Counts = NDArray[np.int64]
+Number = Any
+"""A number, or an array (V,) of those of a stack's variants."""
 
 
 @dataclass
 class Seating:
     """The chains of a stack of V variants seated on their sprockets; S sprockets, as many strands.
 
+    Of a stack all are arrays (V,), of one variant alone plain numbers.
+
     Attributes:
-        first_angle: (V, S) polar angles of the seats that hold the first roller of each sprocket [rad].
-        seats: (V, S) numbers of seated rollers.
-        links: (V, S) numbers of links of the strands.
-        strain: (V,) strain of the strands' links, negative in a slack chain.
+        first_angle: (S,) polar angles of the seats that hold the first roller of each sprocket [rad].
+        seats: (S,) numbers of seated rollers.
+        links: (S,) numbers of links of the strands.
+        strain: strain of the strands' links, negative in a slack chain.
     """
 
-    first_angle: Numbers
-    seats: Counts
-    links: Counts
-    strain: Numbers
+    first_angle: list[Number]
+    seats: list[Number]
+    links: list[Number]
+    strain: Number
 
-    def of(self, chosen: NDArray[np.int64]) -> Seating:
+    def of(self, chosen: Places) -> Seating:
         """Some of the variants."""
-        return Seating(self.first_angle[chosen], self.seats[chosen], self.links[chosen], self.strain[chosen])
+        angle, seats, links = ([column[chosen] for column in own] for own in (self.first_angle, self.seats, self.links))
+        return Seating(angle, seats, links, self.strain[chosen])
 
-    def put(self, chosen: NDArray[np.int64], other: Seating) -> None:
+    def put(self, chosen: Places, other: Seating) -> None:
         """Sets some of the variants."""
-        self.first_angle[chosen], self.seats[chosen] = other.first_angle, other.seats
-        self.links[chosen], self.strain[chosen] = other.links, other.strain
+        for name in ("first_angle", "seats", "links"):
+            for column, new in zip(getattr(self, name), getattr(other, name), strict=True):
+                column[chosen] = new
+        self.strain[chosen] = other.strain
 
     @property
-    def first(self) -> Counts:
-        """(V, S) indices of the first roller on each sprocket."""
-        return np.cumsum(self.seats - 1 + self.links, axis=1) - (self.seats - 1 + self.links)
+    def first(self) -> list[Number]:
+        """(S,) indices of the first roller on each sprocket."""
+        found = [0 * self.seats[0]]
+        for seats, links in zip(self.seats[:-1], self.links[:-1], strict=True):
+            found.append(found[-1] + (seats - 1 + links))
+        return found
 
     @property
-    def last(self) -> Counts:
-        """(V, S) indices of the last roller on each sprocket."""
-        return self.first + self.seats - 1
+    def last(self) -> list[Number]:
+        """(S,) indices of the last roller on each sprocket."""
+        return [first + seats - 1 for first, seats in zip(self.first, self.seats, strict=True)]
 
 
 def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seating:
@@ -108,114 +133,115 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seati
     loop = loop or Loop(drive, path)
     loop.take(path)
     seating = loop.count(drive, path)
-    todo = np.arange(len(seating.strain))
+    part, mine, todo = loop, seating, np.arange(len(path.radius))
     for turn in range(_ROUNDS + 1):
-        part, mine = loop.of(todo), seating.of(todo)
         part.close(mine)
-        changed = part.adjust(mine) if turn < _ROUNDS else np.zeros(len(todo), dtype=bool)
-        seating.put(todo, mine)
-        todo = todo[changed]
-        if not len(todo):
+        changed: Any = turn < _ROUNDS and part.adjust(mine)
+        if mine is not seating:
+            seating.put(todo, mine)
+        if not some(changed):
             break
+        if many(changed) and not changed.all():
+            todo = todo[changed]
+            part, mine = loop.of(todo), seating.of(todo)
     return seating
 
 
-def forth(roller: Counts) -> Counts:
+def forth(roller: Number) -> Number:
     """1 where an outer link ends at a roller, -1 where one begins (`Drive.riding_lean`)."""
-    return np.where(roller % 2, 1, -1)
+    return 2 * (roller % 2) - 1
 
 
 class Loop:
-    """The sprockets of a stack as plain numbers, in the order of the chain's travel.
+    """The sprockets of a stack in the order of the chain's travel, S numbers or arrays (V,) each.
 
-    Arrays have a first axis of V, guides' strings are those of one variant alone.
+    Guides' strings are those of one variant alone.
     """
 
     def __init__(self, drive: Drive, path: ChainPath) -> None:
+        self.variants = len(path.radius)
         self.size = len(drive.sprockets)
         self.driver = drive.driver
         self.names = [sprocket.name for sprocket in drive.sprockets]
-        self.teeth = np.array([sprocket.teeth for sprocket in drive.sprockets])
-        self.pitch_angle = 2.0 * math.pi / self.teeth
-        self.step = np.array([sprocket.sign for sprocket in drive.sprockets]) * self.pitch_angle
+        self.teeth = [sprocket.teeth for sprocket in drive.sprockets]
+        self.pitch_angle = [2.0 * math.pi / teeth for teeth in self.teeth]
+        self.step = [sprocket.sign * angle for sprocket, angle in zip(drive.sprockets, self.pitch_angle, strict=True)]
         self.lean = [sprocket.sign * drive.riding_lean(s) for s, sprocket in enumerate(drive.sprockets)]
         self.leans = any(map(some, self.lean))
         self.guides = [guide.name for guide in drive.guides]
-        variants = len(path.radius)
-        wide = (variants, self.size)
-        self.center = np.stack(
-            [np.broadcast_to(initial_center(sprocket), (variants, 2)) for sprocket in drive.sprockets], axis=1
-        )
-        self.radius = np.broadcast_to(path.radius, wide)
-        self.pitch = np.broadcast_to(path.pitch, variants)
+        self.x, self.y = zip(*(initial_place(sprocket) for sprocket in drive.sprockets), strict=True)
+        self.radius = columns(path.radius)
+        (self.pitch,) = columns(np.asarray(path.pitch)[:, None])
+        self.links = np.atleast_2d(drive.chain.pulled_lengths)
+        reach = np.cumsum(np.tile(self.links, 2), axis=1)
+        self.reach = np.concatenate([np.zeros((len(reach), 1)), reach], axis=1)
         self.take(path)
-        links = np.atleast_2d(drive.chain.pulled_lengths)
-        self.links = np.broadcast_to(links, (variants, links.shape[1]))
-        reach = np.cumsum(np.tile(links, 2), axis=1)
-        reach = np.concatenate([np.zeros((len(links), 1)), reach], axis=1)
-        self.reach = np.broadcast_to(reach, (variants, reach.shape[1]))
 
     def take(self, path: ChainPath) -> None:
         """Goes over to another path of the same drive, whose arms stand elsewhere."""
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
+        self.around = any(self.runs)
         self.strings: dict[int, tuple[tuple[float, float], Taut]] = {}  # as last drawn, from where to where
-        self.chords = np.zeros(self.radius.shape)  # what links laid on a string measure beyond its chain length [m]
+        self.chords = [0.0] * self.size  # what links laid on a string measure beyond its chain length [m]
 
-    def of(self, chosen: NDArray[np.int64]) -> Loop:
-        """That of some of the variants."""
-        if len(chosen) == len(self.pitch):
-            return self
+    def of(self, chosen: Places) -> Loop:
+        """That of some of the variants of a stack."""
         part = copy(self)
-        for name in ("center", "radius", "pitch", "chords", "links", "reach"):
-            setattr(part, name, getattr(self, name)[chosen])
+        part.variants, part.pitch = len(chosen), self.pitch[chosen]
+        for name in ("x", "y", "radius", "lean"):
+            setattr(part, name, [taken(value, chosen) for value in getattr(self, name)])
+        if len(self.reach) > 1:
+            part.links, part.reach = self.links[chosen], self.reach[chosen]
         return part
 
     def count(self, drive: Drive, path: ChainPath) -> Seating:
         """The whole numbers and the first guess of the angles, from the path measured in pitches."""
-        variants = len(self.pitch)
-        wide = (variants, self.size)
-        strain = np.broadcast_to(path.nominal_strain, variants).copy()
-        seating = Seating(np.zeros(wide), np.zeros(wide, dtype=np.int64), np.zeros(wide, dtype=np.int64), strain)
+        arrival, wrap, length = (columns(table) for table in (path.arrival_angle, path.wrap_angle, path.strand_length))
+        (strain,) = columns(np.asarray(path.nominal_strain)[:, None])
         link = self.pitch * (1.0 + strain)
-        phase = 0.0 if drive.run.phase is None else drive.run.phase
-        position, previous = np.broadcast_to(0.0 - phase, variants), np.zeros(variants, dtype=np.int64)
-        begin = np.ceil(position - 0.5 - _TIE).astype(np.int64)
+        position: Any = 0.0 - (0.0 if drive.run.phase is None else drive.run.phase)
+        if self.variants > 1:
+            position = np.broadcast_to(position, self.variants)
+        begin = ceil(position - 0.5 - _TIE)
+        angles, seats, links = ([0.0] * self.size for _ in range(3))
+        previous: Any = 0
         for turn in range(self.size):
             s = (self.driver + turn) % self.size
-            first = np.ceil(position - 0.5 - _TIE).astype(np.int64)
-            seating.first_angle[:, s] = path.arrival_angle[:, s] + (first - position) * self.step[s]
+            first = ceil(position - 0.5 - _TIE)
+            angles[s] = arrival[s] + (first - position) * self.step[s]
             if turn > 0:
-                seating.links[:, s - 1] = first - previous
-            position = position + path.wrap_angle[:, s] / self.pitch_angle[s]
-            previous = np.floor(position + 0.5 + _TIE).astype(np.int64)
-            seating.seats[:, s] = previous - first + 1
-            position = position + path.strand_length[:, s] / link
-        seating.links[:, self.driver - 1] = drive.chain.links + begin - previous
-        self._check_counts(seating, path)
-        return seating
+                links[s - 1] = first - previous
+            position = position + wrap[s] / self.pitch_angle[s]
+            previous = floor(position + 0.5 + _TIE)
+            seats[s] = previous - first + 1
+            position = position + length[s] / link
+        links[self.driver - 1] = drive.chain.links + begin - previous
+        self._check_counts(seats, links, path)
+        return Seating(angles, seats, links, strain)
 
-    def _check_counts(self, seating: Seating, path: ChainPath) -> None:
-        for v, s in np.argwhere((seating.seats > self.teeth) | (seating.links < 1)):
-            name = self.names[s]
-            if seating.seats[v, s] > self.teeth[s]:
+    def _check_counts(self, seats: Sequence[Any], links: Sequence[Any], path: ChainPath) -> None:
+        for s, name in enumerate(self.names):
+            if some(seats[s] > self.teeth[s]):
                 raise DriveError(
-                    f'sprocket "{name}": the chain would put {seating.seats[v, s]} rollers on it, '
+                    f'sprocket "{name}": the chain would put {np.max(seats[s])} rollers on it, '
                     f"allowed are at most its {self.teeth[s]} teeth"
                 )
-            raise DriveError(
-                f'strand "{name}->{self.names[(s + 1) % self.size]}": {path[v].strand_length[s]:.6g} m long, '
-                f"which leaves no link between the seats; allowed is more than the pitch, {self.pitch[v]:.6g} m"
-            )
+            if some(links[s] < 1):
+                v = int(np.argmin(links[s]))
+                raise DriveError(
+                    f'strand "{name}->{self.names[(s + 1) % self.size]}": {path[v].strand_length[s]:.6g} m long, '
+                    f"which leaves no link between the seats; allowed is more than the pitch, {path[v].pitch:.6g} m"
+                )
 
-    def ends(self, seating: Seating, k: Any) -> tuple[Numbers, Numbers]:
-        """Polar angles of the last roller before strand k and of the first one after it, (V,), or (V, K) of some."""
+    def ends(self, seating: Seating, k: int) -> tuple[Number, Number]:
+        """Polar angles of the last roller before strand k and of the first one after it."""
         following = (k + 1) % self.size
-        leave = seating.first_angle[:, k] + (seating.seats[:, k] - 1) * self.step[k]
-        arrive = seating.first_angle[:, following]
+        leave = seating.first_angle[k] + (seating.seats[k] - 1) * self.step[k]
+        arrive = seating.first_angle[following]
         if self.leans:
-            last, lean = seating.last[:, k], np.array(self.lean)
-            leave = leave + forth(last) * lean[k]
-            arrive = arrive + forth(last + seating.links[:, k]) * lean[following]
+            last = seating.last[k]
+            leave = leave + forth(last) * self.lean[k]
+            arrive = arrive + forth(last + seating.links[k]) * self.lean[following]
         return leave, arrive
 
     def string(self, seating: Seating, k: int) -> Taut | None:
@@ -223,8 +249,7 @@ class Loop:
         if not self.runs[k]:
             return None
         following = (k + 1) % self.size
-        leave, arrive = self.ends(seating, k)
-        ends = float(leave[0]), float(arrive[0])
+        ends = self.ends(seating, k)
         known, string = self.strings.get(k, (None, None))
         if string is None or known != ends:
             seats = self._seat(k, ends[0]), self._seat(following, ends[1])
@@ -236,156 +261,174 @@ class Loop:
         return string if string.touches else None
 
     def _seat(self, s: int, polar: float) -> tuple[float, float]:
-        (x, y), radius = self.center[0, s].tolist(), float(self.radius[0, s])
-        return x + radius * math.cos(polar), y + radius * math.sin(polar)
+        radius = self.radius[s]
+        return self.x[s] + radius * math.cos(polar), self.y[s] + radius * math.sin(polar)
 
-    def inward(self, seating: Seating, k: int) -> tuple[Numbers, Numbers]:
-        """Unit vectors of strand k where it leaves and arrives, times the outward unit vectors of the seats there."""
+    def strand(self, seating: Seating, k: int) -> _Strand:
+        """Strand k from seat to seat, around its guides."""
+        following = (k + 1) % self.size
         leave, arrive = self.ends(seating, k)
-        string = self.string(seating, k)
-        if string is None:
-            (x, y), _ = self.chord(leave, arrive, k)
-            u, v = x, y
-        else:
-            (x, y), (u, v) = ([np.array([part]) for part in direction(h)] for h in (string.first, string.last))
-        return x * np.cos(leave) + y * np.sin(leave), u * np.cos(arrive) + v * np.sin(arrive)
+        leaving, arriving = (cos(leave), sin(leave)), (cos(arrive), sin(arrive))
+        string = self.string(seating, k) if self.around else None
+        if string is not None:
+            length = string.chain_length(self.pitch) + self.chords[k]
+            return _Strand(leaving, arriving, direction(string.first), direction(string.last), length)
+        x = self.x[following] + self.radius[following] * arriving[0]
+        y = self.y[following] + self.radius[following] * arriving[1]
+        x = x - (self.x[k] + self.radius[k] * leaving[0])
+        y = y - (self.y[k] + self.radius[k] * leaving[1])
+        length = hypot(x, y)
+        along = x / length, y / length
+        return _Strand(leaving, arriving, along, along, length)
 
     def laid(self, seating: Seating, k: int) -> float:
         """What the links of strand k, laid as chords on its string, measure beyond its chain length [m]."""
         string = self.string(seating, k)
         if string is None:
             return 0.0
-        roller = int(seating.last[0, k])
-        links = self.links[0, np.arange(roller, roller + seating.links[0, k]) % self.links.shape[1]]
-        return Curve(string.pieces).scale(links) * float(links.sum()) - string.chain_length(float(self.pitch[0]))
+        roller = seating.last[k]
+        links = self.links[0, np.arange(roller, roller + seating.links[k]) % self.links.shape[1]]
+        return Curve(string.pieces).scale(links) * float(links.sum()) - string.chain_length(self.pitch)
 
-    def chord(self, leave: Numbers, arrive: Numbers, k: Any) -> tuple[tuple[Numbers, Numbers], Numbers]:
-        """Strand k from seat to seat, between polar angles: its unit vectors' components and lengths [m]."""
-        following = (k + 1) % self.size
-        center, radius = self.center, self.radius
-        x = center[:, following, 0] + radius[:, following] * np.cos(arrive)
-        y = center[:, following, 1] + radius[:, following] * np.sin(arrive)
-        x = x - (center[:, k, 0] + radius[:, k] * np.cos(leave))
-        y = y - (center[:, k, 1] + radius[:, k] * np.sin(leave))
-        length = hypot(x, y)
-        return (x / length, y / length), length
-
-    def natural(self, seating: Seating) -> Numbers:
-        """(V, S) unloaded lengths of the strands: the sums of their own links'."""
-        last = seating.last
-        begin, end = (np.take_along_axis(self.reach, places, axis=1) for places in (last, last + seating.links))
-        return np.asarray(end - begin)
+    def natural(self, seating: Seating) -> list[Number]:
+        """(S,) unloaded lengths of the strands: the sums of their own links'."""
+        row = 0 if len(self.reach) == 1 else np.arange(self.variants)
+        ends = [(last, last + links) for last, links in zip(seating.last, seating.links, strict=True)]
+        found = [self.reach[row, end] - self.reach[row, begin] for begin, end in ends]
+        return [length if many(length) else float(length) for length in found]
 
     def close(self, seating: Seating) -> None:
         """Solves the closing conditions (a) for the whole numbers as they stand."""
         lengths = self.natural(seating)
-        for _ in range(_LAYINGS if any(self.runs) else 1):
+        for _ in range(_LAYINGS if self.around else 1):
             self._solve(seating, lengths)
-            if not any(self.runs):
+            if not self.around:
                 break
-            before, self.chords = self.chords, np.array([[self.laid(seating, k) for k in range(self.size)]])
-            if np.abs(before - self.chords).max() <= 1e-3 * _CLOSED * self.pitch[0]:
+            before, self.chords = self.chords, [self.laid(seating, k) for k in range(self.size)]
+            change = max(abs(old - new) for old, new in zip(before, self.chords, strict=True))
+            if change <= 1e-3 * _CLOSED * self.pitch:
                 break
 
-    def _solve(self, seating: Seating, lengths: Numbers) -> None:
+    def _solve(self, seating: Seating, lengths: list[Number]) -> None:
         self._newton(seating, lengths, lengths)
-        short = seating.links == 1
-        slack = np.flatnonzero((seating.strain < 0.0) & short.any(axis=1))
-        if len(slack):
-            sagging = np.where(short[slack], 0.0, lengths[slack])
-            if not sagging.any(axis=1).all():
-                raise DriveError("chain.links: the chain is slack, but no strand has a second link with which to sag")
-            mine = seating.of(slack)
-            self.of(slack)._newton(mine, lengths[slack], sagging)
-            seating.put(slack, mine)
+        slack = seating.strain < 0.0
+        short = [slack & (links == 1) for links in seating.links]
+        if not any(map(some, short)):
+            return
+        sagging = [where(alone, 0.0, length) for alone, length in zip(short, lengths, strict=True)]
+        if some(slack & (total(sagging) == 0.0)):
+            raise DriveError("chain.links: the chain is slack, but no strand has a second link with which to sag")
+        if not many(slack):
+            self._newton(seating, lengths, sagging)
+            return
+        chosen = np.flatnonzero(np.any(short, axis=0))
+        mine = seating.of(chosen)
+        own, elastic = ([taken(value, chosen) for value in values] for values in (lengths, sagging))
+        self.of(chosen)._newton(mine, own, elastic)
+        seating.put(chosen, mine)
 
-    def _newton(self, seating: Seating, lengths: Numbers, elastic: Numbers) -> None:
+    def _newton(self, seating: Seating, lengths: list[Number], elastic: list[Number]) -> None:
         """Newton's method; `elastic` is the part of each strand's unloaded length that takes the strain.
 
         Column `driver` of the Jacobian belongs to the strain, the others to the sprockets' angles. A variant that is
         done stays as it is while others go on.
         """
-        todo, worst = np.arange(len(lengths)), np.full(len(lengths), math.inf)
-        angles = np.arange(self.size) != self.driver
-        part, mine = self, seating
+        angles = [s for s in range(self.size) if s != self.driver]
+        part, mine, todo, worst = self, seating, np.arange(self.variants), math.inf
         for _ in range(_ITERATIONS):
-            residual, jacobian = part._conditions(mine, lengths[todo], elastic[todo])
-            before, worst = worst, np.abs(residual).max(axis=1)
+            residual, jacobian = part._conditions(mine, lengths, elastic)
+            before, worst = worst, largest(*map(abs, residual))
             done = (0.5 * before <= worst) & (worst <= _CLOSED * part.pitch)  # round-off is reached
-            if done.any():
-                seating.put(todo, mine)
-                todo, worst, residual, jacobian = todo[~done], worst[~done], residual[~done], jacobian[~done]
-                if not len(todo):
+            if some(done):
+                if mine is not seating:
+                    seating.put(todo, mine)
+                if not many(done) or done.all():
                     return
-                part, mine = self.of(todo), seating.of(todo)
+                left = np.flatnonzero(~done)
+                todo, worst, jacobian = todo[left], worst[left], jacobian[left]
+                lengths, elastic, residual = ([taken(c, left) for c in own] for own in (lengths, elastic, residual))
+                part, mine = part.of(left), mine.of(left)
             try:
-                change = np.linalg.solve(jacobian, -residual[..., None])[..., 0]
+                solved = np.linalg.solve(jacobian, -table_of(residual, part.variants)[..., None])[..., 0]
             except np.linalg.LinAlgError:
                 break
-            farthest = np.abs(change[:, angles] / self.pitch_angle[angles]).max(axis=1)
-            change = change * np.minimum(1.0, 0.5 / np.maximum(1e-300, farthest))[:, None]
-            mine.first_angle[:, angles] += change[:, angles]
-            mine.strain += change[:, self.driver]
-        total = int(seating.links[0].sum() + seating.seats[0].sum()) - self.size
+            change = columns(solved)
+            farthest = largest(*(abs(change[s] / self.pitch_angle[s]) for s in angles))
+            share = smallest(1.0, 0.5 / largest(1e-300, farthest))
+            for s in angles:
+                mine.first_angle[s] = mine.first_angle[s] + change[s] * share
+            mine.strain = mine.strain + change[self.driver] * share
+        seats, links = (sum(np.max(column) for column in own) for own in (seating.seats, seating.links))
         raise DriveError(
-            f"chain.links = {total}: no placement with the seated rollers on their seats closes the chain "
-            f"(a gap of {worst[0]:.3g} m remains)"
+            f"chain.links = {seats + links - self.size}: no placement with the seated rollers on their seats closes "
+            f"the chain (a gap of {np.max(worst):.3g} m remains)"
         )
 
-    def _conditions(self, seating: Seating, lengths: Numbers, elastic: Numbers) -> tuple[Numbers, Numbers]:
-        """What is left of (a) (V, S) [m], and its Jacobian (V, S, S)."""
-        strands = np.arange(self.size)
-        following = (strands + 1) % self.size
-        leave, arrive = self.ends(seating, strands)
-        (x, y), length = self.chord(leave, arrive, strands)
-        (u, v) = (x, y)
-        if any(self.runs):
-            x, y, u, v = x.copy(), y.copy(), x.copy(), y.copy()
-            for k in range(self.size):
-                string = self.string(seating, k)
-                if string is not None:
-                    length[:, k] = string.chain_length(float(self.pitch[0])) + self.chords[:, k]
-                    (x[:, k], y[:, k]), (u[:, k], v[:, k]) = direction(string.first), direction(string.last)
-        jacobian = np.zeros((*lengths.shape, self.size))
-        radius = self.radius
-        jacobian[:, strands, following] = radius[:, following] * (v * np.cos(arrive) - u * np.sin(arrive))
-        jacobian[:, strands, strands] = -radius * (y * np.cos(leave) - x * np.sin(leave))
-        jacobian[:, :, self.driver] = -elastic
-        return length - lengths - elastic * seating.strain[:, None], jacobian
+    def _conditions(
+        self, seating: Seating, lengths: list[Number], elastic: list[Number]
+    ) -> tuple[list[Number], NDArray[np.float64]]:
+        """What is left of (a) (S,) [m], and its Jacobian (V, S, S)."""
+        residual, jacobian = [], np.zeros((self.variants, self.size, self.size))
+        for k in range(self.size):
+            following = (k + 1) % self.size
+            strand = self.strand(seating, k)
+            (cl, sl), (ca, sa), (x, y), (u, v) = strand.leaving, strand.arriving, strand.first, strand.final
+            jacobian[:, k, following] = self.radius[following] * (v * ca - u * sa)
+            jacobian[:, k, k] = -self.radius[k] * (y * cl - x * sl)
+            jacobian[:, k, self.driver] = -elastic[k]
+            residual.append(strand.length - lengths[k] - elastic[k] * seating.strain)
+        return residual, jacobian
 
-    def adjust(self, seating: Seating) -> NDArray[np.bool_]:
-        """Adds and gives back seats at both ends of every strand; where anything has changed (V,).
+    def adjust(self, seating: Seating) -> Any:
+        """Adds and gives back seats at both ends of every strand; where anything has changed.
 
         The driver's first seat stays, since it carries the angle that is not solved for.
         """
-        link = self.pitch * (1.0 + np.maximum(seating.strain, 0.0))
-        changed = np.zeros(len(link), dtype=bool)
+        link = self.pitch * (1.0 + largest(seating.strain, 0.0))
+        changed = link != link  # False, or an array of it
         for k in range(self.size):
             following = (k + 1) % self.size
-            leave, arrive = self.inward(seating, k)
-            change = self._missing(seating, k, k, -leave, link)
-            seating.seats[:, k] += change
-            seating.links[:, k] -= change
-            changed |= change != 0
+            strand = self.strand(seating, k)
+            (cl, sl), (ca, sa), (x, y), (u, v) = strand.leaving, strand.arriving, strand.first, strand.final
+            change = self._missing(seating, k, k, -(x * cl + y * sl), link)
+            seating.seats[k] = seating.seats[k] + change
+            seating.links[k] = seating.links[k] - change
+            changed = changed | (change != 0)
             if following != self.driver:
-                change = self._missing(seating, k, following, arrive, link)
-                seating.seats[:, following] += change
-                seating.links[:, k] -= change
-                seating.first_angle[:, following] -= change * self.step[following]
-                changed |= change != 0
+                change = self._missing(seating, k, following, u * ca + v * sa, link)
+                seating.seats[following] = seating.seats[following] + change
+                seating.links[k] = seating.links[k] - change
+                seating.first_angle[following] = seating.first_angle[following] - change * self.step[following]
+                changed = changed | (change != 0)
         return changed
 
-    def _missing(self, seating: Seating, k: int, s: int, inward: Numbers, link: Numbers) -> Counts:
-        """+1, -1 or 0 (V,): seats to add on sprocket s where strand k ends on it.
+    def _missing(self, seating: Seating, k: int, s: int, inward: Number, link: Number) -> Number:
+        """+1, -1 or 0: seats to add on sprocket s where strand k ends on it.
 
         `inward` is the cosine between the strand's direction towards the sprocket and the seat's outward vector e, the
         sine of the angle by which the seat lies within the arc. A straight strand's next roller, a link L away, stands
         at the radius sqrt(R^2 - 2 R L inward + L^2): inside the pitch circle, in the next gap, if inward > L / (2 R).
         Beyond half a pitch angle outside the arc the strand bends away from the seat.
         """
-        radius, seats = self.radius[:, s], seating.seats[:, s]
+        radius, seats = self.radius[s], seating.seats[s]
         inside = link * (link - 2.0 * radius * inward) < -_TIE * self.pitch * radius
         outside = -inward > math.sin((0.5 + _SPARE) * self.pitch_angle[s])
-        more = inside & (seating.links[:, k] > 1) & (seats < self.teeth[s])
-        less = ~inside & outside & (seats > 1)
-        return more.astype(np.int64) - less
+        more = inside & (seating.links[k] > 1) & (seats < self.teeth[s])
+        return where(more, 1, where((inside ^ True) & outside & (seats > 1), -1, 0))
+
+
+@dataclass(frozen=True)
+class _Strand:
+    """A strand from seat to seat.
+
+    Attributes:
+        leaving, arriving: (2,) outward unit vectors of the seats at its ends.
+        first, final: (2,) its unit vectors there.
+        length: [m].
+    """
+
+    leaving: tuple[Number, Number]
+    arriving: tuple[Number, Number]
+    first: tuple[Number, Number]
+    final: tuple[Number, Number]
+    length: Number

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.assembly.assembly import Assembly, assemble_stack
-from warpchain.assembly.path import Obstructed
+from warpchain.assembly.path import in_parts
 from warpchain.drive import Drive
 from warpchain.drive.stack import Stack, arrays_of, first_of, first_refused, picked, size_of
 from warpchain.errors import DriveError
@@ -70,19 +70,20 @@ def assemble_all(stacks: Sequence[Stack]) -> Assemblies:
     refused: list[tuple[int, DriveError]] = []
     for stack in stacks:
         drive, which = _layouts(stack.drive, len(stack.members))
-        key = _layout(drive) if size_of(drive) == 1 else None
+        size = size_of(drive)
+        key = _layout(drive) if size == 1 else None
         if key is not None and key in known:
             block[stack.members] = known[key]
             continue
         try:
-            found = _assembled(drive)
+            found = in_parts(drive, size, assemble_stack)
         except DriveError:
-            refused.append(first_refused(stack, _assembled))
+            refused.append(first_refused(stack, lambda drive: in_parts(drive, size_of(drive), assemble_stack)))
             continue
         if key is not None:
             known[key] = len(blocks)
         for places, assembly in found:
-            own = np.full(size_of(drive), -1)
+            own = np.full(size, -1)
             own[places] = np.arange(len(places))
             mine = own[which] >= 0
             block[stack.members[mine]], row[stack.members[mine]] = len(blocks), own[which][mine]
@@ -92,32 +93,22 @@ def assemble_all(stacks: Sequence[Stack]) -> Assemblies:
     return Assemblies(tuple(blocks), block, row)
 
 
-def _assembled(drive: Drive) -> list[tuple[Places, Assembly]]:
-    """The states of a stack, in parts: which of its variants, and theirs."""
-    every = np.arange(size_of(drive))
-    try:
-        return [(every, assemble_stack(drive))]
-    except Obstructed as around:
-        free, others = np.flatnonzero(~around.which), np.flatnonzero(around.which)
-    found = [(free, assemble_stack(picked(drive, free)))] if len(free) else []
-    return found + [(np.array([v]), assemble_stack(picked(drive, int(v)))) for v in others]
-
-
 def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
     """A stack of the layouts of a stack, each once, and which of them each of its variants has (V,).
 
     A layout is all of a drive that its initial state hangs on.
     """
-    one = picked(drive, 0)
-    chain = {name: getattr(drive.chain, name) for name in ("pitch", "elongation", "roller_radius")}
-    run = {name: getattr(drive.run, name) for name in ("gravity", "phase")}
-    own = [{name: getattr(s, name) for name in ("center", "pitch", "prescribed", "mount")} for s in drive.sprockets]
+    if count == 1:
+        return drive, np.zeros(1, dtype=np.int64)
+    one, own = picked(drive, 0), _hung_on(drive)
     layout = one.model_copy(
         update={
-            "chain": one.chain.model_copy(update=chain),
-            "sprockets": tuple(s.model_copy(update=of) for s, of in zip(one.sprockets, own, strict=True)),
+            "chain": one.chain.model_copy(update=own["chain"]),
+            "sprockets": tuple(
+                sprocket.model_copy(update=of) for sprocket, of in zip(one.sprockets, own["sprockets"], strict=True)
+            ),
             "guides": drive.guides,
-            "run": one.run.model_copy(update=run),
+            "run": one.run.model_copy(update=own["run"]),
         }
     )
     columns = list(arrays_of(layout))
@@ -132,10 +123,22 @@ def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
 
 def _layout(drive: Drive) -> Hashable:
     """The layout of one drive, by value: with arms, what pulls and pushes them counts."""
-    chain = drive.chain
-    sprockets = tuple((s.name, s.center, s.teeth, s.pitch, s.wrap, s.prescribed, s.mount) for s in drive.sprockets)
-    wear = (chain.elongation, chain.worn_links, chain.outer, chain.play)
-    lengths = (chain.pitch, chain.links, *wear, chain.roller_radius)
-    pulls = (chain.stiffness, chain.mass) if drive.arms else ()
-    bodies = drive.guides, drive.arms, drive.tensioners
-    return (*lengths, *pulls, sprockets, *bodies, drive.contact.sprocket, drive.run.gravity, drive.run.phase)
+    own = _hung_on(drive)
+    values = [value for of in (own["chain"], *own["sprockets"], own["run"]) for value in of.values()]
+    pulls = (drive.chain.stiffness, drive.chain.mass) if drive.arms else ()
+    return (*values, *pulls, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
+
+
+def _hung_on(drive: Drive) -> dict[str, Any]:
+    """What of a drive's chain, sprockets and run its layout hangs on, by name."""
+
+    def some(part: Any, *names: str) -> dict[str, Any]:
+        return {name: getattr(part, name) for name in names}
+
+    lengths = "pitch", "links", "elongation", "worn_links", "outer", "play", "roller_radius"
+    places = "name", "center", "teeth", "pitch", "wrap", "prescribed", "mount"
+    return {
+        "chain": some(drive.chain, *lengths),
+        "sprockets": [some(sprocket, *places) for sprocket in drive.sprockets],
+        "run": some(drive.run, "gravity", "phase"),
+    }

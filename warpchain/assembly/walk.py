@@ -28,6 +28,7 @@ class Curve:
         self.pieces = tuple(pieces)
         self.begins = [0.0, *accumulate(piece.length for piece in self.pieces)]
         self.length = self.begins.pop()
+        self.ends = [begin + piece.length for begin, piece in zip(self.begins, self.pieces, strict=True)]
         self.longest = max(range(len(self.pieces)), key=lambda i: self._straight(i))
 
     def _straight(self, i: int) -> float:
@@ -45,14 +46,8 @@ class Curve:
             x, y = x + (inner - held) * ux, y + (inner - held) * uy
         return (x, y), heading
 
-    def step(self, s: float, link: float) -> float:
-        """Where a link that begins at s ends [m]: in closed form on one piece, else by Newton's method."""
-        i = bisect_right(self.begins, s) - 1
-        if i >= 0:
-            half = 0.5 * link * abs(self.pieces[i].curvature)
-            ahead = s + (link if half == 0.0 else link * math.asin(half) / half if half < 1.0 else math.inf)
-            if ahead <= self.begins[i] + self.pieces[i].length:
-                return ahead
+    def _over(self, s: float, link: float) -> float:
+        """Where a link that begins at s and ends on another piece ends [m], by Newton's method."""
         (x, y), _ = self.at(s)
         ahead = s + link
         for _ in range(_NEWTON):
@@ -66,11 +61,21 @@ class Curve:
                 break
         return ahead
 
-    def places(self, links: Sequence[float] | NDArray[np.float64], begin: float = 0.0) -> list[float]:
-        """Where the rollers stand [m]: one more than there are links, the first at `begin`."""
-        found = [begin]
-        for link in links:
-            found.append(self.step(found[-1], float(link)))
+    def _along(self, i: int, link: float) -> float:
+        """How far a link reaches that begins and ends on piece i [m]."""
+        half = 0.5 * link * abs(self.pieces[i].curvature)
+        return link if half == 0.0 else link * math.asin(half) / half if half < 1.0 else math.inf
+
+    def places(self, links: NDArray[np.float64]) -> list[float]:
+        """Where the rollers stand [m]: one more than there are links, the first at 0."""
+        found, s, i, of = [0.0], 0.0, -1, math.nan
+        for link in links.tolist():
+            while i + 1 < len(self.begins) and self.begins[i + 1] <= s:
+                i, of = i + 1, math.nan
+            if link != of:
+                reach, of = self._along(i, link), link
+            s = s + reach if s + reach <= self.ends[i] else self._over(s, link)
+            found.append(s)
         return found
 
     def points(self, places: Sequence[float]) -> NDArray[np.float64]:

@@ -89,6 +89,8 @@ def arm_rules(drive: Any) -> Iterator[Problem]:
 
 def tensioner_rules(drive: Any) -> Iterator[Problem]:
     """Tensioners push what can give way, and towards the chain."""
+    if not elements(drive, "tensioners"):
+        return
     arms, sprockets = (_by_name(elements(drive, kind)) for kind in ("arms", "sprockets"))
     for t, node in enumerate(elements(drive, "tensioners")):
         on = get(node, "on")

@@ -60,8 +60,14 @@ RULES = (
 )
 """What ties the parts of a drive together, in the order in which errors are told."""
 
-WORD_RULES = (sprocket_rules, name_rules, shaft_rules, rolling_rules)
-"""Those of the rules that look at no number."""
+NUMBER_RULES = {
+    place_rules: {"sprockets", "guides", "arms", "tensioners", "probes"},
+    guide_rules: {"guides", "contact"},
+    size_rules: {"chain", "contact", "guides"},
+    profile_rules: {"chain", "guides"},
+    tensioner_rules: {"chain", "sprockets", "guides", "arms", "tensioners"},
+}
+"""Those of the rules that look at numbers, and what of the drive they read."""
 
 
 class Drive(Part):
@@ -315,9 +321,9 @@ class Drive(Part):
             yield from rule(node)
 
     @classmethod
-    def _number_rules(cls, node: Any) -> Iterable[Problem]:
-        for rule in RULES:
-            if rule not in WORD_RULES:
+    def _number_rules(cls, node: Any, changed: Iterable[str]) -> Iterable[Problem]:
+        for rule, read in NUMBER_RULES.items():
+            if not read.isdisjoint(changed):
                 yield from rule(node)
 
     @model_validator(mode="wrap")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial, reduce, wraps
+from operator import add
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -57,6 +58,52 @@ def sqrt(value: Any) -> Any:
     return np.sqrt(value)
 
 
+def _rounded_as_numpy(name: str) -> Callable[..., Any]:
+    """A function of numpy's, which a number goes through too, since Python's own may round otherwise."""
+
+    def over(*values: Any) -> Any:
+        import numpy as np
+
+        found = getattr(np, name)(*values)
+        return found if many(found) else float(found)
+
+    return over
+
+
+sin = _rounded_as_numpy("sin")
+cos = _rounded_as_numpy("cos")
+arctan2 = _rounded_as_numpy("arctan2")
+rint = _rounded_as_numpy("rint")
+
+
+def floor(value: Any) -> Any:
+    """The whole number below, or numbers."""
+    if not many(value):
+        return math.floor(value)
+    import numpy as np
+
+    return np.floor(value).astype(np.int64)
+
+
+def ceil(value: Any) -> Any:
+    """The whole number above, or numbers."""
+    return -floor(-value)
+
+
+def where(condition: Any, yes: Any, no: Any) -> Any:
+    """One where a condition holds, else the other."""
+    if not many(condition):
+        return yes if condition else no
+    import numpy as np
+
+    return np.where(condition, yes, no)
+
+
+def total(values: Sequence[Any]) -> Any:
+    """The sum, from the first to the last; Python's own sum of numbers keeps what it rounds off."""
+    return reduce(add, values)
+
+
 def largest(*values: Any) -> Any:
     """The largest of numbers, or of arrays at each place."""
     if not many(*values):
@@ -87,6 +134,25 @@ def joined(values: Sequence[Any]) -> NDArray[np.float64]:
     if not many(*values):
         return np.array(values, dtype=float)
     return np.stack(np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in values)), axis=-1)
+
+
+def columns(table: NDArray[Any]) -> list[Any]:
+    """The columns of a table (V, K), each an array (V,); of one with a single row, its numbers."""
+    return table[0].tolist() if len(table) == 1 else list(table.T.copy())
+
+
+def table_of(values: Sequence[Any], rows: int) -> NDArray[Any]:
+    """A table (rows, K) of as many numbers or arrays (rows,): `columns` backwards."""
+    import numpy as np
+
+    if rows == 1 and not many(*values):
+        return np.array([values])
+    return np.stack([np.broadcast_to(value, rows) for value in values], axis=1)
+
+
+def taken(value: Any, places: Any) -> Any:
+    """Some of an array (V,) of numbers; a number stays, as it is that of all."""
+    return value[places] if many(value) else value
 
 
 def along(value: Any) -> Any:

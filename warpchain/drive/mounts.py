@@ -7,12 +7,12 @@ its springs are relaxed; the preload acts from the first step on.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.each import along, hypot, joined, largest, power, some
+from warpchain.drive.each import cos, hypot, joined, largest, power, sin, some
 from warpchain.drive.motion import ElasticMount, FixedMount, PrescribedMount, SliderMount
 
 if TYPE_CHECKING:
@@ -20,16 +20,28 @@ if TYPE_CHECKING:
 
 
 def unit(direction: tuple[float, float]) -> NDArray[np.float64]:
-    """The unit vector along a direction."""
-    return joined(direction) / along(hypot(*direction))
+    """The unit vector along a direction (2,)."""
+    return joined(_unit(direction))
+
+
+def _unit(direction: tuple[float, float]) -> tuple[Any, Any]:
+    x, y = direction
+    size = hypot(x, y)
+    return x / size, y / size
+
+
+def initial_place(sprocket: Sprocket) -> tuple[Any, Any]:
+    """Coordinates of the center at t = 0 [m], numbers or arrays (V,) of a stack."""
+    (x, y), mount = sprocket.center, sprocket.mount
+    if not isinstance(mount, PrescribedMount):
+        return x, y
+    (ux, uy), way = _unit(mount.direction), mount.offset + mount.amplitude * sin(mount.phase)
+    return x + ux * way, y + uy * way
 
 
 def initial_center(sprocket: Sprocket) -> NDArray[np.float64]:
     """Center at t = 0 (2,) [m]."""
-    center, mount = joined(sprocket.center), sprocket.mount
-    if isinstance(mount, PrescribedMount):
-        center = center + unit(mount.direction) * along(mount.offset + mount.amplitude * np.sin(mount.phase))
-    return center
+    return joined(initial_place(sprocket))
 
 
 def initial_velocity(sprocket: Sprocket) -> NDArray[np.float64]:
@@ -37,8 +49,9 @@ def initial_velocity(sprocket: Sprocket) -> NDArray[np.float64]:
     mount = sprocket.mount
     if not isinstance(mount, PrescribedMount):
         return np.zeros(2)
-    rate = 2.0 * math.pi * mount.frequency
-    return unit(mount.direction) * along(mount.amplitude * rate * np.cos(mount.phase))
+    (ux, uy), rate = _unit(mount.direction), 2.0 * math.pi * mount.frequency
+    speed = mount.amplitude * rate * cos(mount.phase)
+    return joined((ux * speed, uy * speed))
 
 
 def farthest(sprocket: Sprocket) -> float:

@@ -261,8 +261,8 @@ class Part(BaseModel):
         return ()
 
     @classmethod
-    def _number_rules(cls, node: Any) -> Iterable[Problem]:
-        """Those of the rules that look at numbers."""
+    def _number_rules(cls, node: Any, changed: Iterable[str]) -> Iterable[Problem]:
+        """Those of the rules that look at numbers under keys that have changed."""
         return cls._rules(node)
 
     @classmethod

@@ -11,7 +11,7 @@ number: of drives with these a stack differs in their sprockets' loads alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any, TypeVar
@@ -28,7 +28,7 @@ from warpchain.errors import DriveError
 
 Value = TypeVar("Value")
 
-_PLAIN = (float, int, str, bool, type(None))
+_PLAIN = frozenset((float, int, str, bool, type(None)))
 
 LARGEST = 1024
 """Most variants of a stack: more are several, so that what is worked on stays in the processor's caches."""
@@ -168,11 +168,11 @@ def stacked(values: Sequence[Value]) -> Value:
 def picked(value: Value, places: Any) -> Value:
     """Some variants of a stack, or of a part of one, as a stack; `places` is an index of arrays (V,).
 
-    One number gives that variant alone.
+    A single one is a drive alone, of plain numbers.
     """
     if isinstance(value, np.ndarray):
         found = value[places]
-        return found if found.ndim else float(found)  # type: ignore[return-value]
+        return found if found.size > 1 else found.item()
     if isinstance(value, tuple):
         return _same(value, tuple(picked(inner, places) for inner in value))  # type: ignore[return-value]
     if not isinstance(value, Part) or isinstance(value, Table):
@@ -189,14 +189,15 @@ def _same(old: tuple[Any, ...], new: tuple[Any, ...]) -> tuple[Any, ...]:
 
 def size_of(drive: Drive) -> int:
     """Number of variants of a stack; 1 where they do not differ."""
-    todo: list[Any] = [drive]
+    todo: list[Iterable[Any]] = [drive.__dict__.values()]
     while todo:
-        value = todo.pop()
-        if type(value) in _PLAIN or isinstance(value, Table):
-            continue
-        if isinstance(value, np.ndarray):
-            return len(value)
-        todo.extend(value if isinstance(value, tuple) else value.__dict__.values())
+        for value in todo.pop():
+            kind = type(value)
+            if kind in _PLAIN or kind is Table:
+                continue
+            if kind is np.ndarray:
+                return len(value)
+            todo.append(value if kind is tuple else value.__dict__.values())
     return 1
 
 
@@ -222,7 +223,7 @@ def first_refused(stack: Stack, attempt: Callable[[Drive], object]) -> tuple[int
 
     def refusal(end: int) -> DriveError | None:
         try:
-            attempt(picked(stack.drive, slice(begin, end) if end > begin + 1 else begin))
+            attempt(picked(stack.drive, slice(begin, end)))
         except DriveError as error:
             return error
         return None

@@ -35,7 +35,7 @@ from warpchain.engine.fill import (
 )
 from warpchain.engine.fill_bodies import fill_arm, fill_profile, guide_heft, piece_count, profiled
 from warpchain.engine.fill_tensioner import fill_tensioner
-from warpchain.engine.packed import KINDS, Packed, numbered, spread, state_rows, store
+from warpchain.engine.packed import KINDS, Packed, dtype_of, numbered, spread, state_rows, store
 from warpchain.engine.resting import lay_to_rest
 from warpchain.engine.tension_scale import tension_scale
 from warpchain.kernels import structs
@@ -56,7 +56,7 @@ def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequenc
     """
     stacks = stacks_of(drives) if stacks is None else stacks
     assemblies = assemble_all(stacks)
-    rows = np.zeros(len(drives), dtype=structs.Drive.numpy_dtype())
+    rows = np.zeros(len(drives), dtype=dtype_of(structs.Drive))
     for part, assembly in _parts(stacks, assemblies):
         row = np.zeros(len(part.members), dtype=rows.dtype)
         fill_drive(row, part.drive, assembly)
@@ -171,14 +171,14 @@ def _empty(drives: NDArray[Any], assemblies: Assemblies) -> Packed:
     count = {name: int(kind.count(drives).sum()) for name, kind in KINDS.items()}
 
     def zeros(struct: Any, kind: str) -> NDArray[Any]:
-        return np.zeros(max(count[kind], 1), dtype=struct.numpy_dtype())
+        return np.zeros(max(count[kind], 1), dtype=dtype_of(struct))
 
     return Packed(
         precision="float64",
         drives=drives,
-        chains=np.zeros(len(drives), dtype=kinds.Chain.numpy_dtype()),
-        joints=np.zeros(len(drives), dtype=kinds.Joint.numpy_dtype()),
-        links=np.zeros(len(drives), dtype=kinds.Links.numpy_dtype()),
+        chains=np.zeros(len(drives), dtype=dtype_of(kinds.Chain)),
+        joints=np.zeros(len(drives), dtype=dtype_of(kinds.Joint)),
+        links=np.zeros(len(drives), dtype=dtype_of(kinds.Links)),
         lengths=np.zeros(count["roller"]),
         sprockets=zeros(kinds.Sprocket, "sprocket"),
         motions=zeros(structs.Motion, "body"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,12 @@ FIELDS = {
     "seat": ("contact", 1),
 }
 """What each array of an ensemble counts by, and how many values each has; a new array of parts needs a row here."""
+
+
+@cache
+def dtype_of(struct: Any) -> np.dtype[Any]:
+    """The numpy type of rows of a Warp struct; Warp takes long to lay it out."""
+    return np.dtype(struct.numpy_dtype())
 
 
 def numbered(drives: NDArray[Any]) -> NDArray[Any]:
@@ -245,14 +252,14 @@ class Packed:
         other = replace(
             self,
             precision=precision,
-            chains=self.chains.astype(kinds.Chain.numpy_dtype()),
-            joints=self.joints.astype(kinds.Joint.numpy_dtype()),
-            links=self.links.astype(kinds.Links.numpy_dtype()),
+            chains=self.chains.astype(dtype_of(kinds.Chain)),
+            joints=self.joints.astype(dtype_of(kinds.Joint)),
+            links=self.links.astype(dtype_of(kinds.Links)),
             lengths=self.lengths.astype(precision),
-            sprockets=self.sprockets.astype(kinds.Sprocket.numpy_dtype()),
-            guides=self.guides.astype(kinds.Guide.numpy_dtype()),
-            tooth_sliding=self.tooth_sliding.astype(kinds.Sliding.numpy_dtype()),
-            guide_sliding=self.guide_sliding.astype(kinds.Sliding.numpy_dtype()),
+            sprockets=self.sprockets.astype(dtype_of(kinds.Sprocket)),
+            guides=self.guides.astype(dtype_of(kinds.Guide)),
+            tooth_sliding=self.tooth_sliding.astype(dtype_of(kinds.Sliding)),
+            guide_sliding=self.guide_sliding.astype(dtype_of(kinds.Sliding)),
             rollers=rollers,
         )
         for v in range(self.variants):

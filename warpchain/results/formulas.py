@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from warpchain.drive import Drive
-from warpchain.results.statistics import drift, quantile, share_below, standard_error, steady
+from warpchain.results.statistics import counted_below, drift, quantile, share_below, standard_error, steady
 
 Values = Any
 """A number, or an array of one number a variant (V,)."""
@@ -71,9 +71,9 @@ class Summed:
 
     @cached_property
     def below(self) -> NDArray[np.float64]:
-        """(V, bins) link tensions in each bin and those before it."""
+        """(V, bins) link tensions in each bin and those before it (`statistics.counted_below`)."""
         assert self.tension is not None
-        return np.cumsum(self.tension[0], axis=1, dtype=np.float64)
+        return counted_below(self.tension[0])
 
 
 def total(field: str) -> Callable[[Summed], Values]:
@@ -127,7 +127,7 @@ def tension_share_below(value: float) -> Callable[[Summed], Values]:
 
     def share(of: Summed) -> Values:
         assert of.tension is not None
-        return share_below(*of.tension, of.sums["tension_min"], of.sums["tension_max"], value)
+        return share_below(*of.tension, of.sums["tension_min"], of.sums["tension_max"], value, of.below)
 
     return share
 

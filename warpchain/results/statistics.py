@@ -33,13 +33,15 @@ LARGE = 0.01
 """and if it is more than this of the mean."""
 
 
+def counted_below(counts: NDArray[np.integer]) -> Array:
+    """(V, bins) how many were counted in each bin and those before it; nan where a bin has overflowed."""
+    below = np.cumsum(counts, axis=1, dtype=np.float64)
+    below[counts.min(axis=1) < 0] = np.nan
+    return below
+
+
 def quantile(
-    counts: NDArray[np.integer],
-    edges: Array,
-    low: ArrayLike,
-    high: ArrayLike,
-    share: float,
-    below: Array | None = None,
+    counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, share: float, below: Array | None = None
 ) -> Array:
     """The value that a share of what was counted lies below, (V,); nan where nothing was counted.
 
@@ -50,12 +52,11 @@ def quantile(
         edges: (V, bins + 1) ascending.
         low, high: (V,) the smallest and the largest value.
         share: from 0 to 1.
-        below: (V, bins) in each bin and those before it, where it is known.
+        below: (V, bins) `counted_below`, where it is known.
     """
-    below = np.cumsum(counts, axis=1, dtype=np.float64) if below is None else below
-    total = below[:, -1]
-    wanted = share * total
-    bins = np.minimum((below < wanted[:, None]).sum(axis=1), counts.shape[1] - 1)
+    below = counted_below(counts) if below is None else below
+    wanted = share * below[:, -1]
+    bins = (below >= wanted[:, None]).argmax(axis=1)
     row = np.arange(len(counts))
     inside = counts[row, bins]
     part = (wanted - (below[row, bins] - inside)) / np.where(inside > 0, inside, np.nan)
@@ -63,23 +64,30 @@ def quantile(
     from_, to = np.clip(edges[row, bins], least, most), np.clip(edges[row, bins + 1], least, most)
     from_ = np.where(bins == 0, least, from_)
     to = np.where(bins == counts.shape[1] - 1, most, to)
-    return np.where((counts < 0).any(axis=1), np.nan, from_ + part * (to - from_))
+    return np.asarray(from_ + part * (to - from_))
 
 
-def share_below(counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float) -> Array:
+def share_below(
+    counts: NDArray[np.integer], edges: Array, low: ArrayLike, high: ArrayLike, value: float, below: Array | None = None
+) -> Array:
     """The share of what was counted that lies below a value, (V,); nan where nothing was counted.
 
     Within a bin values count as evenly spread, as in `quantile`, whose arguments these are.
     """
-    least, most = np.asarray(low, dtype=float)[:, None], np.asarray(high, dtype=float)[:, None]
-    ends = np.clip(edges, least, most)
-    ends = np.hstack([least, ends[:, 1:-1], most])
-    width = np.diff(ends, axis=1)
-    part = np.clip((value - ends[:, :-1]) / np.where(width > 0.0, width, 1.0), 0.0, 1.0)
-    part = np.where(width > 0.0, part, ends[:, :-1] < value)
-    total = counts.sum(axis=1)
-    share = (part * counts).sum(axis=1) / np.where(total > 0, total, np.nan)
-    return np.where((counts < 0).any(axis=1), np.nan, share)
+    below = counted_below(counts) if below is None else below
+    least, most = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    last = counts.shape[1] - 1
+    begun = 1 + (edges[:, 1:-1] < value).sum(axis=1)  # bins that begin below the value
+    begun = np.where(least < value, np.where(most < value, last + 1, begun), 0)
+    row, bins = np.arange(len(counts)), np.maximum(begun - 1, 0)  # the last of these
+    from_ = np.where(bins == 0, least, np.clip(edges[row, bins], least, most))
+    to = np.where(bins == last, most, np.clip(edges[row, bins + 1], least, most))
+    width = to - from_
+    part = np.where(width > 0.0, np.clip((value - from_) / np.where(width > 0.0, width, 1.0), 0.0, 1.0), 1.0)
+    found = np.where(np.arange(last + 1) < bins[:, None], counts, 0.0)
+    found[row, bins] = np.where(begun > 0, part, 0.0) * counts[row, bins]
+    total = below[:, -1]
+    return np.asarray(found.sum(axis=1) / np.where(total > 0, total, np.nan))
 
 
 def correlation(values: Array) -> Array:

@@ -26,7 +26,7 @@ from warpchain.errors import StudyError, WarpchainError
 from warpchain.results.judgement import common_reasons
 from warpchain.study.analysis.pure_error import PureError, pure_error, pure_errors, student
 from warpchain.study.results import Results, read_results
-from warpchain.study.run.batch import Variant, buildable
+from warpchain.study.run.batch import Variant, try_out
 from warpchain.study.run.prepare import CORE_RATE, GPU_RATE, gpus_of, read_study, shard_size
 from warpchain.study.spec import Study
 
@@ -175,17 +175,12 @@ def plan_study(
 def _built(study: Study, base: Drive, rows: Sequence[dict[str, Any]]) -> tuple[list[Drive], list[str]]:
     """Drives of some rows, evenly spread, and why others of these give none."""
     chosen = sorted({round(place) for place in np.linspace(0, len(rows) - 1, min(len(rows), LOOKED)).tolist()})
-    drives: list[Drive] = []
-    reasons: list[str] = []
+    variants = [Variant(rows[i]) for i in chosen]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for i in chosen:
-            variant = buildable(study, base, Variant(rows[i]))
-            if variant.drive is None:
-                reasons.append(variant.reason or "no reason given")
-            else:
-                drives.append(variant.drive)
-    return drives, reasons
+        try_out(study, base, variants)
+    drives = [variant.drive for variant in variants if variant.drive is not None]
+    return drives, [variant.reason or "no reason given" for variant in variants if variant.drive is None]
 
 
 def _cost(study: Study, drives: Sequence[Drive], count: float, cores: int, calibrate: bool) -> Cost:

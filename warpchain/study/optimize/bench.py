@@ -24,7 +24,7 @@ from warpchain.study.design.rows import table_of_rows
 from warpchain.study.optimize.rounds import round_file, round_name, rounds_done, together
 from warpchain.study.optimize.search import Optimizer
 from warpchain.study.results import Results, read_results
-from warpchain.study.run.batch import Variant, _build
+from warpchain.study.run.batch import Variant, build
 from warpchain.study.run.folder import make_folder
 from warpchain.study.run.prepare import read_study, shard_size
 from warpchain.study.run.runner import run_folder
@@ -90,8 +90,7 @@ class Bench:
 
     def _variants(self, design: pa.Table) -> list[Variant]:
         variants = [Variant(row, reason=row["reason"]) for row in design.to_pylist()]
-        for variant in variants:
-            _build(self.study, self.drive, variant)
+        build(self.study, self.drive, variants)
         return variants
 
     def digests(self, design: pa.Table) -> list[str | None]:

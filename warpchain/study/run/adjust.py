@@ -6,14 +6,15 @@ The strain is that of the strands' links at assembly; a preload T is the strain 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from warpchain.assembly.fit import drawn_path, fit_position, nearest_links
+from warpchain.assembly.fit import drawn_paths, fit_positions, nearest_links
 from warpchain.assembly.path import MAX_STRAIN
 from warpchain.drive import Drive
+from warpchain.drive.changes import with_numbers
 from warpchain.drive.toml import value_text
-from warpchain.errors import DriveError, StudyError
+from warpchain.errors import DriveError, StudyError, WarpchainError
 from warpchain.study.design.values import evaluate
 from warpchain.study.spec.parts import Adjust
 
@@ -21,7 +22,11 @@ TRAVEL = 4.0
 """Farthest that a sprocket moves either way unless the study says, in pitches."""
 
 
-def adjusted(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> tuple[Drive, dict[str, Any]]:
+Adjusted = tuple[Drive, dict[str, Any]]
+"""A drive made to fit, and what was adjusted: "adjusted_links", "adjusted_travel" [m], as far as asked for."""
+
+
+def adjusted(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> Adjusted:
     """A drive made to fit.
 
     Args:
@@ -29,45 +34,93 @@ def adjusted(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> tuple[Driv
         adjust: what may move, and what is wanted.
         row: values of the factors, for expressions.
 
-    Returns:
-        The drive, and what was adjusted: "adjusted_links", "adjusted_travel" [m], as far as asked for.
-
     Raises:
         StudyError: no number of links or no place does it, or the wanted strain has no value.
         DriveError: the chain's path cannot be drawn.
     """
-    strain = _wanted(drive, adjust, row)
-    if adjust.links is None:
-        return _moved(drive, adjust, strain)
-    counts = nearest_links(drawn_path(drive), strain, odd=adjust.links == "any")
-    if not counts:
-        raise StudyError("adjust.links: no number of links goes round")
-    refused = None
-    for count in counts[:2] if adjust.sprocket is not None else counts[:1]:
+    (found,) = adjusted_all([drive], adjust, [row])
+    if isinstance(found, WarpchainError):
+        raise found
+    return found
+
+
+def adjusted_all(
+    drives: Sequence[Drive], adjust: Adjust, rows: Sequence[Mapping[str, Any]]
+) -> list[Adjusted | WarpchainError]:
+    """Drives of as many rows made to fit, as by `adjusted`; where one is refused, why.
+
+    Args:
+        drives: with the rows' factors in them.
+        adjust: what may move, and what is wanted.
+        rows: values of the factors, for expressions.
+    """
+    found: dict[int, Adjusted | WarpchainError] = {}
+    strains: dict[int, float] = {}
+    for v, (drive, row) in enumerate(zip(drives, rows, strict=True)):
         try:
-            fitted, done = _moved(drive.with_values({"chain.links": count}), adjust, strain)
+            strains[v] = _wanted(drive, adjust, row)
         except StudyError as error:
-            refused = refused or error
+            found[v] = error
+    counts = _counts(drives, adjust, strains, found)
+    for turn in range(2):
+        trying: dict[int, Drive] = {}
+        for v in [v for v in counts if turn < len(counts[v]) and not isinstance(found.get(v), tuple)]:
+            try:
+                trying[v] = _with_links(drives[v], counts[v][turn])
+            except DriveError as error:
+                found[v] = error
+        moved = _moved(list(trying.values()), adjust, [strains[v] for v in trying])
+        for v, outcome in zip(trying, moved, strict=True):
+            if isinstance(outcome, StudyError):
+                found.setdefault(v, outcome)
+            else:
+                links = counts[v][turn]
+                found[v] = outcome[0], outcome[1] if links is None else {"adjusted_links": links, **outcome[1]}
+    return [found[v] for v in range(len(drives))]
+
+
+def _with_links(drive: Drive, links: int | None) -> Drive:
+    """The drive with a number of links; None is its own."""
+    return drive if links is None else with_numbers(drive, {("chain", "links"): links})
+
+
+def _counts(
+    drives: Sequence[Drive],
+    adjust: Adjust,
+    strains: Mapping[int, float],
+    refused: dict[int, Any],
+) -> dict[int, list[int | None]]:
+    """The numbers of links to try, by row; None is the drive's own. Rows without any are refused."""
+    if adjust.links is None:
+        return {v: [None] for v in strains}
+    found: dict[int, list[int | None]] = {}
+    for v, path in zip(strains, drawn_paths([drives[v] for v in strains]), strict=True):
+        if isinstance(path, DriveError):
+            refused[v] = path
+        elif counts := nearest_links(path, strains[v], odd=adjust.links == "any"):
+            found[v] = [*counts[: 1 if adjust.sprocket is None else 2]]
         else:
-            return fitted, {"adjusted_links": count, **done}
-    assert refused is not None
-    raise refused
+            refused[v] = StudyError("adjust.links: no number of links goes round")
+    return found
 
 
-def _moved(drive: Drive, adjust: Adjust, strain: float) -> tuple[Drive, dict[str, Any]]:
-    """The drive with its sprocket moved, if one is to be."""
+def _moved(drives: Sequence[Drive], adjust: Adjust, strains: Sequence[float]) -> list[Adjusted | StudyError]:
+    """The drives with their sprockets moved, if one is to be."""
     if adjust.sprocket is None:
-        return drive, {}
+        return [(drive, {}) for drive in drives]
     assert adjust.direction is not None  # the table's own rule
-    travel = adjust.travel if adjust.travel is not None else TRAVEL * drive.chain.pitch
-    try:
-        moved = fit_position(drive, adjust.sprocket, adjust.direction, strain=strain, travel=travel)
-    except DriveError as error:
-        raise StudyError(f"adjust: {error}") from None
-    index = [sprocket.name for sprocket in drive.sprockets].index(adjust.sprocket)
-    way = [there - here for here, there in zip(*(d.sprockets[index].center for d in (drive, moved)), strict=True)]
-    along = sum(x * d for x, d in zip(way, adjust.direction, strict=True)) / math.hypot(*adjust.direction)
-    return moved, {"adjusted_travel": along}
+    travels = [TRAVEL * drive.chain.pitch if adjust.travel is None else adjust.travel for drive in drives]
+    found: list[Adjusted | StudyError] = []
+    fitted = fit_positions(drives, adjust.sprocket, adjust.direction, strains, travels)
+    for drive, moved in zip(drives, fitted, strict=True):
+        if isinstance(moved, DriveError):
+            found.append(StudyError(f"adjust: {moved}"))
+            continue
+        index = [sprocket.name for sprocket in drive.sprockets].index(adjust.sprocket)
+        way = [there - here for here, there in zip(*(d.sprockets[index].center for d in (drive, moved)), strict=True)]
+        along = sum(x * d for x, d in zip(way, adjust.direction, strict=True)) / math.hypot(*adjust.direction)
+        found.append((moved, {"adjusted_travel": along}))
+    return found
 
 
 def _wanted(drive: Drive, adjust: Adjust, row: Mapping[str, Any]) -> float:

@@ -19,7 +19,7 @@ from warpchain.engine.simulation import MEMORY
 from warpchain.errors import DriveError, SimulationError, StudyError, WarpchainError
 from warpchain.results.run import RunInfo, Trajectory
 from warpchain.study.reasons import reason_of
-from warpchain.study.run.adjust import adjusted
+from warpchain.study.run.adjust import adjusted_all
 from warpchain.study.run.places import placed
 from warpchain.study.spec import Study
 
@@ -139,14 +139,13 @@ def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant]) -> Non
 
 def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
     """Makes the drives of all rows, each once, and the copies that are run of them."""
-    made: Variant | None = None
-    changes = Changes(base)
+    made: dict[int, Variant] = {}
     for variant in variants:
-        if made is not None and made.row["variant"] == variant.row["variant"]:
-            variant.drive, variant.reason, variant.adjusted = made.drive, made.reason, made.adjusted
-        else:
-            _build(study, base, variant, changes)
-            made = variant
+        made.setdefault(variant.row["variant"], variant)
+    build(study, base, list(made.values()))
+    for variant in variants:
+        first = made[variant.row["variant"]]
+        variant.drive, variant.reason, variant.adjusted = first.drive, first.reason, first.adjusted
     feasible = [(variant, variant.drive) for variant in variants if variant.drive is not None]
     numbers = [variant.copy for variant, _ in feasible]
     copies = copies_of([drive for _, drive in feasible], numbers, study.design.replicate_by or "phase")
@@ -154,25 +153,34 @@ def _build_all(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
         variant.drive = drive
 
 
-def _build(study: Study, base: Drive, variant: Variant, changes: Changes | None = None) -> None:
-    """Makes a row's drive."""
-    if variant.reason is not None:
+def build(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
+    """Makes rows' drives, adjusted together; a row that gives none says why."""
+    changes = Changes(base) if len(variants) > 1 else None
+    for variant in variants:
+        if variant.reason is not None:
+            continue
+        try:
+            variant.drive = placed(study, base, variant.row, changes)
+        except (DriveError, StudyError) as error:
+            variant.fail(error)
+    if study.adjust is None:
         return
-    try:
-        drive = placed(study, base, variant.row, changes)
-        if study.adjust is not None:
-            drive, variant.adjusted = adjusted(drive, study.adjust, variant.row)
-        variant.drive = drive
-    except (DriveError, StudyError) as error:
-        variant.fail(error)
+    whole = [(variant, variant.drive) for variant in variants if variant.drive is not None]
+    rows = [variant.row for variant, _ in whole]
+    outcomes = adjusted_all([drive for _, drive in whole], study.adjust, rows)
+    for (variant, _), outcome in zip(whole, outcomes, strict=True):
+        if isinstance(outcome, WarpchainError):
+            variant.fail(outcome)
+        else:
+            variant.drive, variant.adjusted = outcome
 
 
-def buildable(study: Study, base: Drive, variant: Variant) -> Variant:
-    """A row with its drive, if that can be assembled and stepped; else with the reason why not."""
-    _build(study, base, variant)
-    if variant.drive is not None:
-        _try_alone(study, variant)
-    return variant
+def try_out(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
+    """Makes rows' drives; one that cannot be assembled or stepped says why."""
+    build(study, base, variants)
+    for variant in variants:
+        if variant.drive is not None:
+            _try_alone(study, variant)
 
 
 def _simulate(

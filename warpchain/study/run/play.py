@@ -8,7 +8,7 @@ from warpchain.drive import load_drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.study.results import read_results
-from warpchain.study.run.batch import Variant, _build
+from warpchain.study.run.batch import Variant, build
 from warpchain.study.run.recordings import places
 from warpchain.study.spec import load_study
 from warpchain.view.chosen import NEEDED
@@ -54,7 +54,7 @@ def recording_of(
         return archive, read_archive(archive).numbers[0]  # 0 where an earlier version played it
     row = {factor.name: results.table[factor.name][rows[0]].as_py() for factor in study.factors}
     made = Variant(row)
-    _build(study, drive, made)
+    build(study, drive, [made])
     if made.drive is None:
         raise StudyError(f"variant {variant}: {made.reason}")
     archive.parent.mkdir(exist_ok=True)
