@@ -41,3 +41,32 @@ def test_drives_that_differ_do_so_in_five_values_and_can_be_assembled(bench):
     assert a.elongation != b.elongation and a.roller_mass != b.roller_mass and a.damping != b.damping
     assert ends[0].sprockets[1].center != ends[1].sprockets[1].center
     assert ends[0].sprockets[2].load.torque != ends[1].sprockets[2].load.torque
+
+
+class Asked(dict):
+    """Figures of no case, which notes whose are asked for."""
+
+    def __init__(self):
+        self.keys_asked = set()
+
+    def get(self, key, default=None):
+        self.keys_asked.add(key)
+        return default
+
+
+def test_what_is_aimed_at_is_measured_also_where_less_is(bench, tmp_path):
+    asked = Asked()
+    assert all(value != value for _, value, _ in bench.aims(asked))  # nothing was found
+    quick = {task.key for name in bench.NAMES for task in bench.tasks_of(name, True, tmp_path)}
+    every = {task.key for name in bench.NAMES for task in bench.tasks_of(name, False, tmp_path)}
+    assert asked.keys_asked <= quick < every
+
+
+def test_what_was_measured_is_not_measured_again(bench, tmp_path):
+    path = tmp_path / "figures.json"
+    first, second = bench.tasks_of("kinds", True, tmp_path)
+    store = bench.Store(path)
+    store.put(first, ("a line", {"times": 1.25}))
+    store.put(second, bench.failure(second, RuntimeError("no memory\nmore")))
+    assert store.lines[second.key][0] == "kinds float32: failed: no memory"
+    assert bench.Store(path).lines == {first.key: ("a line", {"times": 1.25})}  # what failed is measured again

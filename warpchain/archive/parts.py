@@ -18,6 +18,7 @@ from warpchain.archive.options import ArchiveOptions
 from warpchain.archive.target import Target
 from warpchain.drive import Drive, dumps_drive
 from warpchain.errors import ArchiveError
+from warpchain.results.replaced import with_column
 from warpchain.results.run import RunInfo
 
 if TYPE_CHECKING:
@@ -159,7 +160,7 @@ class Parts:
             if not part.file.finished:
                 self._finish_part(part, {"ended": "continued"})
         if self._options.numbers is not None:
-            metrics = _numbered(metrics, self._numbers)
+            metrics = with_column(metrics, "variant", self._numbers)
         last.file.attachment(schema.METRICS_ATTACHMENT, media_type(schema.METRICS_ATTACHMENT), _arrow_bytes(metrics))
         end = {"ended": info.ended, "wall_time": repr(float(info.wall_time)), "parts": str(len(self._parts))}
         self._finish_part(last, end)
@@ -229,14 +230,6 @@ def numbers_of(options: ArchiveOptions, drives: Sequence[Drive]) -> Sequence[int
     if len(options.numbers) != len(drives):
         raise ArchiveError(f"numbers: there are {len(options.numbers)} for {len(drives)} variants; give one each")
     return options.numbers
-
-
-def _numbered(metrics: pa.Table, numbers: Sequence[int]) -> pa.Table:
-    """Metrics whose column `variant` has these numbers."""
-    import pyarrow as pa
-
-    at = metrics.column_names.index("variant")
-    return metrics.set_column(at, metrics.schema.field(at), pa.array(numbers, pa.int64()))
 
 
 def _arrow_bytes(table: pa.Table) -> bytes:

@@ -379,6 +379,7 @@ def lines(gpus: Sequence[str], cores: int) -> list[str]:
         more = f" a core, {speed.cores:.3g} times that on all" if name.startswith("cpu") else ""
         if not more:
             more = f" when full, {speed.latency * 1e6:.3g} us a step, {speed.start:.2g} s to begin"
+        more += f", {speed.compiling:.2g} s to compile kernels" if speed.compiling else ""
         told.append(f"{name}, measured: {about}{more}")
     if not known:
         told.append("not measured: the choice of a device goes by its class (warpchain devices --calibrate measures)")

@@ -6,8 +6,7 @@ the same columns are worked on at once, as arrays.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.drive import Drive
-from warpchain.drive.stack import Stack
+from warpchain.drive.stack import LARGEST, Stack
 from warpchain.results.columns import (
     BALANCE,
     DESIGN,
@@ -227,13 +226,6 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     return columns | {name: np.ma.asarray(settled[name]) for name in names if name in settled}
 
 
-PIECE = 2048
-"""Most variants whose metrics are found at once, so that what is worked on stays in the processor's caches."""
-
-THREADS = 4
-"""That work at the metrics of many variants."""
-
-
 def metrics_table(
     ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[str, Any]], limits: Limits | None = None
 ) -> pa.Table:
@@ -249,14 +241,8 @@ def metrics_table(
     known |= run_columns(ended)
     columns = {name: (values.filled(0), np.ma.getmaskarray(values)) for name, values in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
-    pieces = [
-        variants[begin : begin + PIECE]
-        for variants in same_columns(ended.drives, ended.stacks)
-        for begin in range(0, len(variants), PIECE)
-    ]
-    with ThreadPoolExecutor(THREADS) as pool:
-        made = pool.map(lambda variants: metrics_of(ended.of(variants), sums_of(variants)), pieces)
-    for variants, found in zip(pieces, made, strict=True):
+    for variants in _blocks(same_columns(ended.drives, ended.stacks)):
+        found = metrics_of(ended.of(variants), sums_of(variants))
         for place, (name, values) in enumerate(found.items()):
             having = ~np.ma.getmaskarray(values)
             if having.any():
@@ -269,6 +255,12 @@ def metrics_table(
     judged = judge(ended.drives, columns, ended.measured, limits, ended.layouts, ended.causes)
     words = {"status": (judged.status, None), "reason": (judged.reason, None)}
     return _table({name: words.get(name) or columns[name] for name in sorted(columns, key=places.__getitem__)})
+
+
+def _blocks(kinds: Iterable[NDArray[np.int64]]) -> Iterator[NDArray[np.int64]]:
+    """Variants of a kind, at most `LARGEST` at a time, so that what is worked on stays in the processor's caches."""
+    for variants in kinds:
+        yield from np.split(variants, range(LARGEST, len(variants), LARGEST))
 
 
 def table_of(rows: Sequence[Row]) -> pa.Table:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from warpchain.drive import Drive, dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY, available_cores
 from warpchain.errors import StudyError
+from warpchain.results.replaced import with_column
 from warpchain.study.columns import ARCHIVED
 from warpchain.study.design import make_design
 from warpchain.study.design.rows import table_of_rows
@@ -153,7 +154,7 @@ class Bench:
             if digest is None or (digest not in self._known and digest not in asked):
                 new.append(i)
                 asked.add(digest or "")
-        chosen = numbered(design.take(pa.array(new, pa.int64())), [before + i for i in new])
+        chosen = with_column(design.take(pa.array(new, pa.int64())), "variant", [before + i for i in new])
         fresh = self._simulated(place, prefix, chosen, progress) if new else None
         if fresh is not None:
             fresh = fresh.append_column(DIGEST, pa.array([digests[i] for i in new], pa.string()))
@@ -164,8 +165,6 @@ class Bench:
         return _with_factors(found, design, [factor.name for factor in self.study.factors])
 
     def _simulated(self, place: Path, prefix: str, design: pa.Table, progress: Report) -> pa.Table:
-        import pyarrow as pa
-
         study, cores = self.study, self._workers or available_cores()
         runs = design.num_rows * study.design.copies
         size = study.run.shard or shard_size(study, self.drive, runs, 1, cores, self._memory)
@@ -179,9 +178,7 @@ class Bench:
             table = self._with_recorded(table, place)
         archive = ARCHIVED[0]
         if archive in table.column_names:
-            at = table.column_names.index(archive)
-            names = [name and prefix + name for name in table[archive].to_pylist()]
-            table = table.set_column(at, table.schema.field(at), pa.array(names, pa.string()))
+            table = with_column(table, archive, [name and prefix + name for name in table[archive].to_pylist()])
         return table
 
     def _with_recorded(self, table: pa.Table, place: Path) -> pa.Table:
@@ -215,9 +212,8 @@ class Bench:
             raise StudyError(f"{path / 'results.parquet'}: has no column {missing[0]}, which {self.source} needs")
         design = table_of_rows(self.study, table.select(self._factors).to_pylist())
         if ARCHIVED[0] in table.column_names:  # recordings stay where they are
-            for name, kind in zip(ARCHIVED, (pa.string(), pa.int64()), strict=True):
-                nothing = pa.nulls(table.num_rows, kind)
-                table = table.set_column(table.column_names.index(name), table.schema.field(name), nothing)
+            for name in ARCHIVED:
+                table = with_column(table, name, [None] * table.num_rows)
         if DIGEST in table.column_names:
             table = table.drop_columns([DIGEST])
         self._remember(table.append_column(DIGEST, pa.array(self.digests(design), pa.string())))
@@ -277,7 +273,7 @@ def _with_factors(found: pa.Table, design: pa.Table, factors: Sequence[str]) -> 
         at = found.column_names.index(name)
         column = design["variant"] if name == "variant" else design[name]
         found = found.set_column(at, design.schema.field(name), column.combine_chunks())
-    return numbered(found, range(found.num_rows))
+    return with_column(found, "variant", range(found.num_rows))
 
 
 def settings_of(study: Study) -> dict[str, Any]:
@@ -286,14 +282,6 @@ def settings_of(study: Study) -> dict[str, Any]:
     settings["run"] = study.run.model_dump(mode="json", exclude={"shard", "keep_states"})
     settings["copies"] = [study.design.copies, study.design.replicate_by]
     return settings
-
-
-def numbered(table: pa.Table, numbers: Sequence[int]) -> pa.Table:
-    """A table whose column `variant` has these numbers."""
-    import pyarrow as pa
-
-    at = table.column_names.index("variant")
-    return table.set_column(at, table.schema.field(at), pa.array(numbers, pa.int64()))
 
 
 def open_study(

@@ -20,9 +20,10 @@ from pathlib import Path
 from warpchain.drive import dumps_drive, load_drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.results.replaced import with_column
 from warpchain.study.columns import ARCHIVED
 from warpchain.study.design.rows import table_of_rows
-from warpchain.study.optimize.bench import Bench, Report, make_run, numbered
+from warpchain.study.optimize.bench import Bench, Report, make_run
 from warpchain.study.optimize.goals import Goals, goals_of
 from warpchain.study.optimize.recommend import Recommended, recommend
 from warpchain.study.optimize.rounds import round_file, together
@@ -164,7 +165,7 @@ def _recorded(
     place = folder / "recommended" / f"{len(results.status):04d}"
     rows = results.table.select(bench._factors).take([one.row for one in chosen]).to_pylist()
     study = bench.study.model_copy(update={"record": Recording(every=1, rate=bench.study.record.rate)})
-    design = numbered(table_of_rows(study, rows), [one.variant for one in chosen])
+    design = with_column(table_of_rows(study, rows), "variant", [one.variant for one in chosen])
     table = read_table(make_run(study, bench.drive, place, design, bench._workers, bench._memory))
     files = []
     for k, drive in enumerate(bench.drives(rows), 1):

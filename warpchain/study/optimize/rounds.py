@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from warpchain.results.replaced import with_column
 from warpchain.study.store import read_table
 
 if TYPE_CHECKING:
@@ -51,5 +52,4 @@ def together(folder: Path, rounds: int) -> pa.Table:
             facts[field.name] = facts.get(field.name) or dict(field.metadata or {})
     fields = [field.with_metadata(facts[field.name] or None) for field in table.schema]
     table = pa.Table.from_arrays(table.columns, schema=pa.schema(fields))
-    at = table.column_names.index("variant")
-    return table.set_column(at, table.schema.field(at), pa.array(range(table.num_rows), pa.int64()))
+    return with_column(table, "variant", range(table.num_rows))

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 from warpchain.drive import dumps_drive
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.results.replaced import with_column
 from warpchain.results.replicates import COPY
 from warpchain.results.run import Run, RunInfo, Trajectory
 from warpchain.study.columns import ARCHIVED
@@ -205,8 +206,7 @@ def _renumbered(folder: Folder, pool: _Pool, f: int, design: pa.Table) -> pa.Tab
     row_of = {variant: row for row, variant in enumerate(folder.design()["variant"].to_pylist())}
     rows = [row_of[variant] for variant in table["variant"].to_pylist()]
     numbers = pa.array([pool.numbers[f][row] for row in rows], pa.int64())
-    table = table.append_column("before", pa.array(rows, pa.int64()))
-    table = table.set_column(table.column_names.index("variant"), table.schema.field("variant"), numbers)
+    table = with_column(table.append_column("before", pa.array(rows, pa.int64())), "variant", numbers.to_pylist())
     if COPY not in table.column_names:
         table = table.add_column(1, COPY, pa.array([0] * table.num_rows, pa.int64()))
     inputs = design.take(numbers)
@@ -296,7 +296,6 @@ def _with_recordings(joined: Folder, shard: int, table: pa.Table, owners: Sequen
         write_archive(run, path, True, ArchiveOptions(numbers=numbers, attachments=joined.mark(shard)))
     files = [f"shards/{path.name}" if name is not None else None for name in names]
     numbers_ = [v if name is not None else None for v, name in zip(table["variant"].to_pylist(), names, strict=True)]
-    for name, values, kind in ((ARCHIVED[0], files, pa.string()), (ARCHIVED[1], numbers_, pa.int64())):
-        at = table.column_names.index(name)
-        table = table.set_column(at, table.schema.field(name), pa.array(values, kind))
+    for name, values in zip(ARCHIVED, (files, numbers_), strict=True):
+        table = with_column(table, name, values)
     return table

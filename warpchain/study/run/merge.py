@@ -16,6 +16,7 @@ from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
 from warpchain.results.fatigue import Woehler
+from warpchain.results.replaced import with_column
 from warpchain.results.replicates import COPY, summary
 from warpchain.study.columns import ARCHIVED
 from warpchain.study.results import read_results
@@ -188,8 +189,7 @@ def _with_archives(table: pa.Table, second: pa.Table) -> pa.Table:
         values = table[name].to_pylist()
         for row in second.select(["variant", *keys[1:], name]).to_pylist():
             values[place_of[tuple(row[key] for key in keys)]] = row[name]
-        place = table.column_names.index(name)
-        table = table.set_column(place, table.schema.field(name), pa.array(values, table.schema.field(name).type))
+        table = with_column(table, name, values)
     return table
 
 
