@@ -246,9 +246,9 @@ def extremes(kind: BlockKind) -> int:
 
 
 def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
-    """Where, after the extremes, each thread's squared rates and friction begin, and where they end."""
+    """Where, after the extremes, each link's squared rates and each thread's friction begin, and where they end."""
     first = kind.threads // WARP * extremes(kind)
-    return first, first + kind.threads, first + (1 + kind.bending) * kind.threads
+    return first, first + kind.slots, first + kind.slots + kind.bending * kind.threads
 
 
 ORDERED = 512
@@ -274,7 +274,7 @@ class Room:
     parts: int  # values
     rows: int  # values
     held: int
-    seen: int  # values: extremes of tension, each thread's squared rates and work of joint friction
+    seen: int  # values: extremes of tension, each link's squared rates, the work of each roller's joint friction
     strand_of: int  # bytes
     size: int  # of a value [bytes]
     shares_rows: bool  # and held
