@@ -258,8 +258,8 @@ ORDERED = 512
 def parts_of_a_body(kind: BlockKind) -> int:
     """Into how many parts the sum over all rollers of what acts on a body is taken apart.
 
-    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many. A warp that
-    has no rollers has none.
+    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many. What has
+    no rollers has none.
     """
     return kind.threads if kind.threads == WARP or kind.slots > ORDERED else kind.slots - WARP * kind.crewed
 
