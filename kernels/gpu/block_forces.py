@@ -69,7 +69,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     load_bar, store_bar = gears(kind).load_bar, gears(kind).store_bar
     SPROCKETS = wp.constant((1 << sprockets) - 1)
     width = parts_of_a_body(kind)
-    of_rollers = width == kind.slots
+    of_rollers = width != threads
 
     @wp.func
     def by_profile(bar: kinds.Guide):

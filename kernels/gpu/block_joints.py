@@ -2,8 +2,8 @@
 
 Each link's tension and rate of turning lie in two rows until its neighbors have worked out their joints' moments. On a
 block of one warp, whose barriers cost little, these are the rows of forces, and each moment is worked out once; on
-several warps two more, and twice. Where metrics are taken the couples' forces are kept for the friction work: as
-float32, which rounds off 3e-8 of each, at random, and leaves room for more blocks.
+several warps two more, and twice. Where metrics are taken the couples' forces are kept for the friction work, as
+float32: that rounds off 3e-8 of each, at random, and leaves room for more blocks.
 """
 
 from dataclasses import dataclass

@@ -246,9 +246,9 @@ def extremes(kind: BlockKind) -> int:
 
 
 def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
-    """Where, after the extremes, each thread's squared rates and friction begin, and where they end."""
+    """Where, after the extremes, each link's squared rates and each thread's friction begin, and where they end."""
     first = kind.threads // WARP * extremes(kind)
-    return first, first + kind.threads, first + (1 + kind.bending) * kind.threads
+    return first, first + kind.slots, first + kind.slots + kind.bending * kind.threads
 
 
 ORDERED = 512
@@ -258,9 +258,10 @@ ORDERED = 512
 def parts_of_a_body(kind: BlockKind) -> int:
     """Into how many parts the sum over all rollers of what acts on a body is taken apart.
 
-    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many.
+    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many. What has
+    no rollers has none.
     """
-    return kind.threads if kind.threads == 32 or kind.slots > ORDERED else kind.slots
+    return kind.threads if kind.threads == WARP or kind.slots > ORDERED else kind.slots - WARP * kind.crewed
 
 
 @dataclass(frozen=True)
@@ -273,7 +274,7 @@ class Room:
     parts: int  # values
     rows: int  # values
     held: int
-    seen: int  # values: extremes of tension, each thread's squared rates and work of joint friction
+    seen: int  # values: extremes of tension, each link's squared rates, the work of each roller's joint friction
     strand_of: int  # bytes
     size: int  # of a value [bytes]
     shares_rows: bool  # and held

@@ -296,7 +296,8 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
         mine, theirs_ = flat(getattr(sums, name).numpy()), flat(summed[name])
         for field in mine:
             scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
-            loose = 1e-9 if precision == "float64" else 1e-2
+            exact = 1.2e-7 if (name, field) == ("chain", "friction") else 1e-9  # of couples that are kept as float32
+            loose = exact if precision == "float64" else 1e-2
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
     # 7 looks at each link (steps 111, 128 to 288); round-off may take a tension over the edge of its bin to the next
     mine, theirs_ = (each.reshape(-1, BINS) for each in (sums.tension_counts.numpy(), summed["tension_counts"]))

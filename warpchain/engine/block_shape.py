@@ -61,7 +61,7 @@ class BlockShape:
             most = most * 128 // self.threads
         else:
             most = (512 if precision == "float64" and self.threads <= 160 else 768) // self.threads
-        return max(1, min(most, max(wanted, 2)))
+        return max(1, min(most, wanted))
 
 
 def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:

@@ -41,8 +41,8 @@ OLDEST = 70
 FRAME_BYTES = 32 * 2**20
 """Most bytes of frames of one launch: pinned memory takes long to get, and small copies hide behind the next steps."""
 
-LAUNCH_WORK = 5.0e9
-"""Roller-steps of one launch, about a quarter of a second, so that progress shows and Ctrl-C is heard."""
+LAUNCH_WORK = 1.0e10
+"""Roller-steps of one launch, about a third of a second, so that progress shows and Ctrl-C is heard."""
 
 STREAMS = 4
 """On which launches of unlike variants go side by side."""

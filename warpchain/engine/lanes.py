@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-PARTS = 4
+PARTS = 8
 """Launches that the steps of one are cut into."""
 
 Phase = tuple[str, int, int]
