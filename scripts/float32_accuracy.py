@@ -1,6 +1,6 @@
 """Energy residual and tension at float32 beside float64: 64 copies of a drive, unlike by 0.1 % in links' stiffness.
 
-    python scripts/float32_accuracy.py [NAME ...] [--device DEVICE] [--precision float64]
+    python scripts/float32_accuracy.py [NAME ...] --device cuda:0
 
 Drives are the two equal sprockets of `bench_cpu.py` and examples by name. Run it in two trees to compare them (it needs
 nothing but the package and `bench_cpu.py`).
@@ -32,13 +32,18 @@ def copies(drive: Drive) -> list[Drive]:
     return [drive.with_values({"chain.stiffness": drive.chain.stiffness * factor}) for factor in factors]
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("names", metavar="NAME", nargs="*", default=["two", "marine", "engine"])
+    made.add_argument("--device", default="cuda:0")
+    made.add_argument("--precision", choices=("float32", "float64"), nargs="+", default=["float32", "float64"])
+    return made
+
+
 def main() -> None:
     """Prints a line for each drive and precision."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", metavar="NAME", nargs="*", default=["two", "marine", "engine"])
-    parser.add_argument("--device", default="cuda:0")
-    parser.add_argument("--precision", choices=("float32", "float64"), nargs="+", default=["float32", "float64"])
-    words = parser.parse_args()
+    words = parser().parse_args()
     for name in words.names:
         drives = copies(base(name))
         for precision in words.precision:
