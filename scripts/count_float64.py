@@ -47,11 +47,16 @@ def counts(kind: BlockKind) -> tuple[int, list[int]]:
     return sum(float64_arithmetic(loop).values()), sorted(beside, reverse=True)
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("names", metavar="NAME", nargs="*", choices=[[], *KINDS])
+    return made
+
+
 def main() -> None:
     """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", metavar="NAME", nargs="*", choices=[[], *KINDS])
-    names = parser.parse_args().names or list(KINDS)
+    names = parser().parse_args().names or list(KINDS)
     wp.config.log_level = wp.LOG_ERROR
     for name in names:
         loop, branches = counts(KINDS[name])

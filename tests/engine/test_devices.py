@@ -106,8 +106,8 @@ def test_launches_take_whole_units_of_steps_and_about_equal_time():
 def test_registers_of_a_block_fit_a_multiprocessor():
     for precision in ("float64", "float32"):
         for links in (*ROOMS, 2048, 4096, 16_384):
-            for each, measuring in product((1, 4, 100), (False, True)):
-                shape = block_shape(links, each)
+            for each, measuring in product((1, 4, 8, 100), (False, True)):
+                shape = block_shape(links, each, precision=precision)
                 assert 65536 // (shape.threads * shape.resident(precision, measuring, 1000)) >= 64, (precision, shape)
                 assert shape.resident(precision, measuring, 1) <= 2
 
@@ -123,6 +123,10 @@ def test_blocks_have_room_for_the_chain_and_little_more():
         # moments are added up in the order of rollers on one warp, and up to 512 rollers on several
         assert all(shape.threads == 32 or shape.slots <= ORDERED or shape.room > 512 for shape in shapes)
         assert all(shape.crewed == (each == 1 and 32 < shape.room < 512) for shape in shapes)
+    # at float32 two warps have chains of 129 to 256 links, where they are neither few nor many
+    shapes = [block_shape(room, each, precision="float32") for room, each in ((192, 3), (192, 8), (192, 9), (256, 6))]
+    assert shapes == [BlockShape(192, 1), BlockShape(64, 3), BlockShape(32, 6), BlockShape(64, 4)]
+    assert all(block_shape(128, each, precision="float32") == block_shape(128, each) for each in (1, 3, 5, 8, 100))
     # longer chains have one shape however many they are: their order is that of threads
     assert all(block_shape(int(r), 1) == block_shape(int(r), MANY) for r in most if r > 512)
     assert [block_shape(room, MANY) for room in (512, 640)] == [BlockShape(32, 16), BlockShape(128, 5)]

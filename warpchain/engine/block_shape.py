@@ -71,17 +71,24 @@ def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
     return np.where(links > most, -(-links // step) * step, np.array(ROOMS)[np.searchsorted(ROOMS[:-1], links)])
 
 
-def block_shape(room: int, each: int, shared_bytes: int = DECLARED) -> BlockShape:
+def on_two_warps(room: int, each: int) -> bool:
+    """Whether two warps a variant are fastest at float32, of `each` variants a multiprocessor (measured on an H200)."""
+    return 128 < room <= 256 and 4 <= each <= (8 if room <= 192 else 6)
+
+
+def block_shape(room: int, each: int, shared_bytes: int = DECLARED, precision: str = "float64") -> BlockShape:
     """The block for chains of up to `room` links, as from `room_for`, of which a multiprocessor gets `each` variants.
 
     Few variants are fastest with a roller a thread, and very few with a warp beside them for the bodies; of many, each
-    is fastest on a warp of its own, which then waits for no other. Moments on bodies are added up in the same order
-    either way, so a variant's results do not depend on how many there are beside it. Longer chains have up to 16
-    rollers a thread and `shared_bytes` of memory, however many they are.
+    is fastest on a warp of its own, which then waits for no other, and between these at float32 on two. Moments on
+    bodies are added up in the same order either way, so a variant's results do not depend on how many there are beside
+    it. Longer chains have up to 16 rollers a thread and `shared_bytes` of memory, however many they are.
     """
     if room > LONGEST_ON_A_WARP:
         threads = 1024 if room > 4096 else max(128, 2 ** (room - 1).bit_length() // 16)
         return BlockShape(threads, -(-room // threads), shared_bytes=shared_bytes)
+    if precision == "float32" and on_two_warps(room, each):
+        return BlockShape(64, -(-room // 64))
     if each >= MANY:
         return BlockShape(32, -(-room // 32))
     crewed = each <= CREWED and 32 < room < 512
