@@ -232,6 +232,16 @@ def add_tensioner(sums: TensionerSums, push: Push, power: wp.float64, weight: wp
 
 
 @wp.func
+def add_meter(sums: TensionerSums, meter: TensionerFlows, start: bool, end: bool):
+    """What a tensioner's meter says at the window's two ends; nothing in between."""
+    if start:
+        sums.flows = meter
+    if end:
+        sums.flows = flowed_since(meter, sums.flows)
+    return sums
+
+
+@wp.func
 def add_displacement(sums: StrandSums, displacement: wp.float64):
     """One mid-strand transverse displacement [m]."""
     sums.samples = sums.samples + wp.int64(1)

@@ -11,7 +11,7 @@ from ..integrate import leapfrog_lag
 from ..physics.arm import arm_dissipation, arm_energy
 from ..physics.body import body_energy, heading_of, held_by
 from ..physics.motion import load_moment, load_moment_at_speed
-from ..physics.tensioner import lost_power, tensioner_energy, touch_of
+from ..physics.tensioner import lost_power, stroke_of, tensioner_energy
 from ..rows import accessors
 from ..structs import Drive, Wanted, types
 from ..sum_structs import Sums
@@ -24,11 +24,11 @@ from ..sums import (
     add_displacement,
     add_energy,
     add_hub_force,
+    add_meter,
     add_mount,
     add_sprocket,
     add_tensioner,
     add_touches,
-    flowed_since,
     following,
     watch_weight,
 )
@@ -170,15 +170,11 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         tensioner = ensemble.tensioners[t]
         push = state.pushes[t]
         body = body_now(ensemble, state, drive, drive.first_body + tensioner.body, at.time, at.lag)
-        place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
-        rate = wp.dot(velocity, tensioner.direction)
+        x, rate = stroke_of(body, tensioner)
         power = lost_power(push, rate, state.tensioners[t], tensioner)
         added = add_tensioner(sums.tensioner[t], push, power, at.weight)
-        if at.step == drive.window_start:
-            added.flows = state.meters[t]
-        if at.step == drive.window_end:
-            added.flows = flowed_since(state.meters[t], added.flows)
-        sums.tensioner[t] = added
+        starts, ends = at.step == drive.window_start, at.step == drive.window_end
+        sums.tensioner[t] = add_meter(added, state.meters[t], starts, ends)
 
     @wp.func
     def merge(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, variant: int, w: wp.array[Real]):

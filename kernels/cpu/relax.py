@@ -5,6 +5,7 @@ from functools import cache
 import warp as wp
 
 from ..modules import own_module
+from ..physics.arm import relaxed_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..rows import STATE_ROWS, accessors
 from ..structs import Drive, Wanted, types
@@ -56,15 +57,12 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
 
     @wp.func
     def turn_arms(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, kick: wp.float64, h: wp.float64):
-        """omega += kick alpha, then theta += h omega, of every arm; from rest where `kick` is less than `h`."""
+        """A step of every arm."""
         for a in range(drive.arms):
             b = drive.first_body + drive.bodies - drive.arms + a
             rates = rates_of(ensemble, state, drive, b, wp.float64(0.0))
             body = state.bodies[b]
-            speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * rates[2]
-            body.speed = speed
-            body.angle = body.angle + h * speed
-            state.bodies[b] = body
+            state.bodies[b] = relaxed_arm(body, rates[2], kick, h)
 
     @wp.func
     def stop(w: wp.array[Real], n: int):

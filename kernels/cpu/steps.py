@@ -9,7 +9,7 @@ from ..integrate import Rk4Stage
 from ..physics.arm import arm_rates
 from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
-from ..physics.tensioner import extension, push_by, tensioner_step, touch_of
+from ..physics.tensioner import push_by, stroke_of, tensioner_step
 from ..rows import accessors
 from ..structs import GROUND, Drive, Wanted, Wrench, types
 from ..sums import metered
@@ -154,11 +154,8 @@ def moving(Real: type) -> BodyFunctions:
         for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
             tensioner = ensemble.tensioners[t]
             body = state.bodies[drive.first_body + tensioner.body]
-            place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
-            x = extension(place, tensioner)
-            after, flows = tensioner_step(
-                x, wp.dot(velocity, tensioner.direction), drive.step, state.tensioners[t], tensioner
-            )
+            x, rate = stroke_of(body, tensioner)
+            after, flows = tensioner_step(x, rate, drive.step, state.tensioners[t], tensioner)
             state.tensioners[t] = after
             state.meters[t] = metered(state.meters[t], flows)
 

@@ -9,17 +9,10 @@ from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
 from ..physics.arm import arm_dissipation, arm_energy, arm_rates
 from ..physics.body import body_at, heading_of, leapfrog_body, pose_of, rk4_body
 from ..physics.spin import wheel_of
-from ..physics.tensioner import (
-    extension,
-    lost_power,
-    push_by,
-    tensioner_energy,
-    tensioner_step,
-    touch_of,
-)
+from ..physics.tensioner import lost_power, push_by, stroke_of, tensioner_energy, tensioner_step, touch_of
 from ..structs import BodyState, Motion, Mount, Wrench, types
 from ..sum_structs import Sums, Tallies
-from ..sums import add_arm, add_energy, add_tensioner, flowed_since, metered
+from ..sums import add_arm, add_energy, add_meter, add_tensioner, metered
 from .block_bodies import state_of
 from .block_events import END, ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
@@ -91,14 +84,10 @@ def block_arms(kind: BlockKind) -> ArmFunctions:
             tensioner = ensemble.tensioners[t]
             if tensioner.body == b:
                 push = state.pushes[t]
-                place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
-                power = lost_power(push, wp.dot(velocity, tensioner.direction), state.tensioners[t], tensioner)
+                x, rate = stroke_of(body, tensioner)
+                power = lost_power(push, rate, state.tensioners[t], tensioner)
                 added = add_tensioner(sums.tensioner[t], push, power, wp.float64(now.weight))
-                if now.flags & START != 0:
-                    added.flows = state.meters[t]
-                if now.flags & END != 0:
-                    added.flows = flowed_since(state.meters[t], added.flows)
-                sums.tensioner[t] = added
+                sums.tensioner[t] = add_meter(added, state.meters[t], now.flags & START != 0, now.flags & END != 0)
                 if now.flags & ENDS != 0:
                     energy = tensioner_energy(push.extension, state.tensioners[t], tensioner)
                     at = drive.first_body + b
@@ -112,12 +101,8 @@ def block_arms(kind: BlockKind) -> ArmFunctions:
             for t in range(first, first + wp.static(tensioners)):
                 tensioner = ensemble.tensioners[t]
                 if tensioner.body == b:
-                    body = state_of(shared.poses[b])
-                    place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
-                    rate = wp.dot(velocity, tensioner.direction)
-                    after, flows = tensioner_step(
-                        extension(place, tensioner), rate, mine.h, state.tensioners[t], tensioner
-                    )
+                    x, rate = stroke_of(state_of(shared.poses[b]), tensioner)
+                    after, flows = tensioner_step(x, rate, mine.h, state.tensioners[t], tensioner)
                     state.tensioners[t] = after
                     state.meters[t] = metered(state.meters[t], flows)
 

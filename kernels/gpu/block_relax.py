@@ -5,6 +5,7 @@ from functools import cache
 import warp as wp
 
 from ..modules import own_module
+from ..physics.arm import relaxed_arm
 from ..physics.body import pose_of
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..structs import types
@@ -56,12 +57,9 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
 
     @wp.func
     def turn_arm(shared: kinds.Shared, mine: Mine, angular: wp.float64, kick: wp.float64, h: wp.float64):
-        """omega += kick alpha, then theta += h omega, of the thread's arm; from rest where `kick` is less than `h`."""
+        """A step of the thread's arm."""
         b = wp.static(sprockets) + mine.arm
-        body = state_of(shared.poses[b])
-        body.speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * angular
-        body.angle = body.angle + h * body.speed
-        shared.poses[b] = pose_of(body)
+        shared.poses[b] = pose_of(relaxed_arm(state_of(shared.poses[b]), angular, kick, h))
 
     @wp.func
     def block_largest(shared: kinds.Shared, value: Real, i: int):

@@ -44,6 +44,14 @@ def own_moment(body: BodyState, heading: wp.vec2d, arm: Arm):
 
 
 @wp.func
+def relaxed_arm(body: BodyState, angular: wp.float64, kick: wp.float64, h: wp.float64):
+    """An arm after a step of relaxation, omega += kick alpha, theta += h omega; from rest where `kick` < `h`."""
+    body.speed = wp.where(kick < h, wp.float64(0.0), body.speed) + kick * angular
+    body.angle = body.angle + h * body.speed
+    return body
+
+
+@wp.func
 def arm_rates(body: BodyState, heading: wp.vec2d, moment: wp.float64, arm: Arm):
     """Accelerations of an arm's center (none) and angle [rad/s^2], (a), as `body.body_rates` gives a sprocket's.
 

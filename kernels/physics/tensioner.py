@@ -300,6 +300,13 @@ def tensioner_force(x: wp.float64, rate: wp.float64, state: TensionerState, tens
 
 
 @wp.func
+def stroke_of(body: BodyState, tensioner: Tensioner):
+    """Extension x [m] of a tensioner and its rate [m/s], from the body that it touches."""
+    place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, tensioner)
+    return extension(place, tensioner), wp.dot(velocity, tensioner.direction)
+
+
+@wp.func
 def push_by(body: BodyState, remembered: TensionerState, tensioner: Tensioner):
     """What a tensioner does to its body."""
     heading = heading_of(body)
