@@ -101,10 +101,17 @@ def loops(drive: Drive, count: int, precision: str) -> None:
         print(f"{name:17s} {precision} {parts}", flush=True)
 
 
+def part(word: str) -> str:
+    """The name of a part."""
+    if word not in ("whole", "loops"):
+        raise argparse.ArgumentTypeError(f"{word!r}: allowed are whole, loops")
+    return word
+
+
 def parser() -> argparse.ArgumentParser:
     """The command's words."""
     made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    made.add_argument("parts", nargs="*", choices=["whole", "loops", []], help="whole, loops")
+    made.add_argument("parts", nargs="*", type=part, help="whole, loops")
     made.add_argument("--count", metavar="N", type=int, default=10_000, help="how many variants")
     made.add_argument("--duration", metavar="S", type=float, default=2.0, help="simulated time of each")
     return made
@@ -126,9 +133,7 @@ def main() -> None:
             for precision in ("float64", "float32"):
                 whole(title, drive, asked.count, precision, asked.duration)
     if "whole" not in asked.parts or "loops" in asked.parts:
-        print(
-            f"\ntime loop of {asked.count:,}, 2,000 steps: 1e9 roller-steps/s, in parentheses of that without friction"
-        )
+        print(f"\ntime loop of {asked.count:,}, 2,000 steps: 1e9 roller-steps/s, in parentheses of no friction")
         print("friction          precision     bare        with metrics")
         for precision in ("float64", "float32"):
             loops(plain, asked.count, precision)
