@@ -14,7 +14,8 @@ from .sum_structs import SlipSums
 @wp.func
 def modulo(a: int, n: int):
     """Remainder from 0 to n - 1."""
-    return (a % n + n) % n
+    rest = a % n
+    return wp.where(rest < 0, rest + n, rest)
 
 
 @wp.func
