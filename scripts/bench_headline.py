@@ -60,7 +60,7 @@ def step_clock(spent: dict[str, float], taken: dict[str, int]) -> Iterator[None]
         for future in futures:
             future.result()
         spent[word] += time.perf_counter() - begin
-        taken[word] += engine.progress()["step"][0] - at
+        taken[word] += int(engine.progress()["step"][0] - at)
         return list(futures)
 
     with patch.object(GpuEngine, "advance", wait):
