@@ -1,12 +1,12 @@
 """GPU benchmark: where the time of 10,000 different marine drives goes, and what friction costs.
 
-    python scripts/bench_headline.py [--count 10000] [--duration 2.0]
+    python scripts/bench_headline.py [whole] [loops] [--count 10000] [--duration 2.0]
 
-From a list of drives that differ in five values (the camshaft's torque, the tightener's place, the chain's elongation,
-roller mass and damping) to their table of metrics, with friction as the drive stands and without any, by precision:
-seconds in all, of packing, settling, steps before the window and in it, and of the table; 1e9 roller-steps a second of
-the steps. Then the time loop alone, from the start, bare and with metrics: without friction, with that of the joints,
-of teeth and bar, and of all. Kernels are compiled before.
+`whole`: from a list of drives that differ in five values (the camshaft's torque, the tightener's place, the chain's
+elongation, roller mass and damping) to their table of metrics, with friction as the drive stands and without any, by
+precision: seconds in all, of packing, settling, steps before the window and in it, and of the table; 1e9 roller-steps a
+second of the steps. `loops`: the time loop alone, from the start, bare and with metrics: without friction, with that of
+the joints, of teeth and bar, and of all. Kernels are compiled before. Without names: both.
 """
 
 import argparse
@@ -60,7 +60,7 @@ def step_clock(spent: dict[str, float], taken: dict[str, int]) -> Iterator[None]
         for future in futures:
             future.result()
         spent[word] += time.perf_counter() - begin
-        taken[word] += engine.progress()["step"][0] - at
+        taken[word] += int(engine.progress()["step"][0] - at)
         return list(futures)
 
     with patch.object(GpuEngine, "advance", wait):
@@ -101,9 +101,17 @@ def loops(drive: Drive, count: int, precision: str) -> None:
         print(f"{name:17s} {precision} {parts}", flush=True)
 
 
+def part(word: str) -> str:
+    """The name of a part."""
+    if word not in ("whole", "loops"):
+        raise argparse.ArgumentTypeError(f"{word!r}: allowed are whole, loops")
+    return word
+
+
 def parser() -> argparse.ArgumentParser:
     """The command's words."""
     made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("parts", nargs="*", type=part, help="whole, loops")
     made.add_argument("--count", metavar="N", type=int, default=10_000, help="how many variants")
     made.add_argument("--duration", metavar="S", type=float, default=2.0, help="simulated time of each")
     return made
@@ -116,15 +124,19 @@ def main() -> None:
     wp.init()
     print(wp.get_device(DEVICE).name)
     plain, rubbing = bench_drives()["marine drive"], load_drive(drive_path("marine"))
-    print(f"\n{asked.count:,} marine drives that differ in five values, {asked.duration:g} s each: seconds")
-    print("friction          precision  in all   packing settling   before   window    table  1e9/s: before, window")
-    for title, drive in (("as it stands", rubbing), ("none", plain)):
+    if "loops" not in asked.parts or "whole" in asked.parts:
+        print(f"\n{asked.count:,} marine drives that differ in five values, {asked.duration:g} s each: seconds")
+        print(
+            "friction          precision  in all   packing settling   before   window    table  1e9/s: before, window"
+        )
+        for title, drive in (("as it stands", rubbing), ("none", plain)):
+            for precision in ("float64", "float32"):
+                whole(title, drive, asked.count, precision, asked.duration)
+    if "whole" not in asked.parts or "loops" in asked.parts:
+        print(f"\ntime loop of {asked.count:,}, 2,000 steps: 1e9 roller-steps/s, in parentheses of no friction")
+        print("friction          precision     bare        with metrics")
         for precision in ("float64", "float32"):
-            whole(title, drive, asked.count, precision, asked.duration)
-    print(f"\ntime loop of {asked.count:,}, 2,000 steps: 1e9 roller-steps/s, in parentheses of that without friction")
-    print("friction          precision     bare        with metrics")
-    for precision in ("float64", "float32"):
-        loops(plain, asked.count, precision)
+            loops(plain, asked.count, precision)
 
 
 if __name__ == "__main__":
