@@ -88,7 +88,11 @@ def loop_without_float64(ptx: str) -> tuple[list[str], list[list[str]]]:
     return [line for number in sorted(clean) for line in blocks[number]], lines
 
 
+MEMORY = ("ld.", "st.", "mov.", "shfl.", "red.", "atom.")
+"""What is not the work of the units that calculate: the memory's own additions among them."""
+
+
 def float64_arithmetic(lines: list[str]) -> Counter[str]:
-    """How often each operation on float64 stands there: all but loads, stores and moves."""
+    """How often each operation on float64 stands there: all but what memory does."""
     names = (re.sub(r"^@!?%\w+\s+", "", line).split()[0] for line in lines)
-    return Counter(name for name in names if ".f64" in name and not name.startswith(("ld.", "st.", "mov.", "shfl.")))
+    return Counter(name for name in names if ".f64" in name and not name.startswith(MEMORY))

@@ -123,7 +123,7 @@ def test_blocks_have_room_for_the_chain_and_little_more():
         # moments are added up in the order of rollers on one warp, and up to 512 rollers on several
         assert all(shape.threads == 32 or shape.slots <= ORDERED or shape.room > 512 for shape in shapes)
         assert all(shape.crewed == (each == 1 and 32 < shape.room < 512) for shape in shapes)
-    # at float32 two warps have chains of 129 to 256 links, where they are neither few nor many
+    # at float32 two warps have chains of 161 to 256 links, where they are neither few nor many
     shapes = [block_shape(room, each, precision="float32") for room, each in ((192, 3), (192, 8), (192, 9), (256, 6))]
     assert shapes == [BlockShape(192, 1), BlockShape(64, 3), BlockShape(32, 6), BlockShape(64, 4)]
     assert all(block_shape(128, each, precision="float32") == block_shape(128, each) for each in (1, 3, 5, 8, 100))

@@ -422,7 +422,7 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
     assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
     # beside it: looks (every 32 steps), and the energies of rollers and bodies at the window's ends
     counts = sorted(sum(float64_arithmetic(branch).values()) for branch in branches)
-    assert len(counts) <= 3 and counts[-1] <= 160 and sum(counts[:-1]) <= 40, counts
+    assert len(counts) <= 3 and counts[-1] <= 180 and sum(counts[:-1]) <= 40, counts
 
 
 def test_float64_is_found_where_it_is(tmp_path):

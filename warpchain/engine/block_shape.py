@@ -73,7 +73,7 @@ def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
 
 def on_two_warps(room: int, each: int) -> bool:
     """Whether two warps a variant are fastest at float32, of `each` variants a multiprocessor (measured on an H200)."""
-    return 128 < room <= 256 and 4 <= each <= (8 if room <= 192 else 6)
+    return 160 < room <= 256 and 4 <= each <= (8 if room <= 192 else 6)
 
 
 def block_shape(room: int, each: int, shared_bytes: int = DECLARED, precision: str = "float64") -> BlockShape:

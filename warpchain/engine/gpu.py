@@ -244,7 +244,9 @@ class GpuKernels:
             order = np.flatnonzero((keys == key).all(axis=1))
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
             slots, sprockets, guides, moves, rk4, slides, bends, uneven, arms, tensioners, *others = key
-            shape = block_shape(slots, len(order) // processors, most_shared, self.packed.precision)
+            plain = not (moves or slides or bends or arms)  # for others two warps were not faster, or not measured
+            precision = self.packed.precision if plain else "float64"
+            shape = block_shape(slots, len(order) // processors, most_shared, precision)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
             profiles, curves, pushes, law = map(bool, others)
