@@ -9,7 +9,7 @@ from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
 from ..physics.arm import arm_dissipation, arm_energy, arm_rates
 from ..physics.body import body_at, heading_of, leapfrog_body, pose_of, rk4_body
 from ..physics.spin import wheel_of
-from ..physics.tensioner import lost_power, push_by, stroke_of, tensioner_energy, tensioner_step, touch_of
+from ..physics.tensioner import lost_power, push_by, stroke_of, tensioner_energy, tensioner_step
 from ..structs import BodyState, Motion, Mount, Wrench, types
 from ..sum_structs import Sums, Tallies
 from ..sums import add_arm, add_energy, add_meter, add_tensioner, metered
