@@ -29,7 +29,7 @@ from warpchain.engine.gpu import GpuEngine
 
 JOINTS = {"chain.joint": {"friction": 0.07, "pin_radius": 0.02224}}
 TEETH = {"contact.sprocket.friction": 0.04, "contact.guide.friction": 0.1}
-FRICTION = {"none": {}, "joints": JOINTS, "teeth and bar": TEETH, "all": JOINTS | TEETH}
+FRICTION: dict[str, dict[str, Any]] = {"none": {}, "joints": JOINTS, "teeth and bar": TEETH, "all": JOINTS | TEETH}
 
 
 @contextmanager
