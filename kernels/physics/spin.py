@@ -153,6 +153,7 @@ def wheel_at(body: BodyState, radius: wp.float64):
     pose.angle = body.angle
     pose.speed = body.speed
     pose.center = body.center
+    pose.velocity = body.velocity
     return faced(wheel_of(pose, radius))
 
 

@@ -363,11 +363,13 @@ def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
     assert all(bytes_ >= end for name, bytes_ in asked.items() if name.endswith("forward_smem_bytes"))
 
 
-@pytest.mark.parametrize("drives", [equal_sprockets, rk4])
-def test_where_launches_end_does_not_matter(fibers, drives):
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("drives", [equal_sprockets, rk4, moving_sprockets])
+def test_where_launches_end_does_not_matter(fibers, drives, precision):
     variants = drives()[:1]
-    packed = pack(variants, [Schedule(drive.run.step, 2100, 1000, 2100, 0) for drive in variants])
-    none = wp.zeros(1, dtype=wp.float64, device="cpu")
+    schedules = [Schedule(drive.run.step, 2100, 1000, 2100, 0) for drive in variants]
+    packed = pack(variants, schedules).at_precision(precision)
+    none = wp.zeros(1, dtype=packed.real, device="cpu")
     once = run_blocks(packed, BlockShape(32, 2), [2101], [0], none)
     twice = run_blocks(packed, BlockShape(32, 2), [1024, 1024, 53], [0], none)
     np.testing.assert_array_equal(once[0].rollers.numpy(), twice[0].rollers.numpy())
