@@ -265,10 +265,12 @@ def contacts(Real: type, capacity: int) -> Contacts:
     @wp.func
     def add_drag(w: wp.array[Real], i: int, drag: vec2):
         """Adds friction to the force on roller i."""
-        store_row(w, DRAG_X + i, drag[0])
-        store_row(w, DRAG_Y + i, drag[1])
-        store_row(w, PRESS_X + i, load_row(w, PRESS_X + i) + drag[0])
-        store_row(w, PRESS_Y + i, load_row(w, PRESS_Y + i) + drag[1])
+        x = where_touching(w, i, drag[0])
+        y = where_touching(w, i, drag[1])
+        store_row(w, DRAG_X + i, x)
+        store_row(w, DRAG_Y + i, y)
+        store_row(w, PRESS_X + i, load_row(w, PRESS_X + i) + x)
+        store_row(w, PRESS_Y + i, load_row(w, PRESS_Y + i) + y)
 
     @wp.func
     def rub_rollers(w: wp.array[Real], group: Group, sliding: kinds.Sliding):

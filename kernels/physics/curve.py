@@ -10,7 +10,7 @@ from ..pairs import Pair, exact_product, minus, pair, pair_of, plus, split, time
 from ..structs import SplitTable
 from .table import CELL_VALUES
 
-THIRD = split(1.0 / 3.0)
+THIRD = split(1 / 3)
 
 
 @wp.func

@@ -98,7 +98,7 @@ def test_gpus_share_the_work_evenly(monkeypatch):
 
 def test_launches_take_whole_units_of_steps_and_about_equal_time():
     assert launch_steps(162.0, 10**9) == 131_072  # one marine drive: bounded by steps
-    assert launch_steps(1.62e6, 10**9) == 3072  # ten thousand: by work, 5e9 / 1.62e6 = 3086, down to whole units of 32
+    assert launch_steps(1.62e6, 10**9) == 6144  # ten thousand: by work, 1e10 / 1.62e6 = 6172, down to units of 32
     assert launch_steps(162.0, 50) == 32
     assert launch_steps(162.0, 7) == 7  # a frame buffer this small
 
