@@ -20,9 +20,10 @@ def batches_ended(drive: Drive, step: int):
     """Batches that have ended at `step`, of those at whose ends notes are taken."""
     since = wp.max(step - drive.window_start, 0)
     window = wp.max(drive.window_end - drive.window_start, 1)
+    batches = wp.int64(BATCHES)  # once: of two casts of a constant Warp may take one before the constant is set
     share = wp.float32(since) / wp.float32(window)  # the quotient or its neighbor: a division of int64 takes long
-    ended = wp.int32(wp.min(share, wp.float32(1.0)) * wp.float32(BATCHES))
-    passed = wp.int64(wp.min(since, window)) * wp.int64(BATCHES)
+    ended = wp.int32(wp.min(share, wp.float32(1.0)) * wp.float32(batches))
+    passed = wp.int64(wp.min(since, window)) * batches
     if wp.int64(ended) * wp.int64(window) > passed:
         ended = ended - 1
     if wp.int64(ended + 1) * wp.int64(window) <= passed:
