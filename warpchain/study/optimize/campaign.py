@@ -24,7 +24,7 @@ from warpchain.results.replaced import with_column
 from warpchain.study.columns import ARCHIVED
 from warpchain.study.design.rows import table_of_rows
 from warpchain.study.optimize.bench import Bench, Report, make_run
-from warpchain.study.optimize.goals import Goals, goals_of
+from warpchain.study.optimize.goals import Goals
 from warpchain.study.optimize.recommend import Recommended, recommend
 from warpchain.study.optimize.rounds import round_file, together
 from warpchain.study.results import Results, read_results
@@ -174,12 +174,3 @@ def _recorded(
     names, numbers = (table[name].to_pylist() for name in ARCHIVED)
     archives = [None if name is None else (place / name, number) for name, number in zip(names, numbers, strict=True)]
     return tuple(files), tuple(archives)
-
-
-def goals_in(folder: Path) -> Goals | None:
-    """The goals of the study in a folder; None where it has none."""
-    try:
-        study = load_study(folder / "study.toml")
-    except StudyError:
-        return None
-    return goals_of(study) if study.objectives else None
