@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,12 @@ LAUNCH_WORK = 1.0e10
 STREAMS = 4
 """On which launches of unlike variants go side by side."""
 
+COLLECTING = 256
+"""Threads of a block that adds up what the others have noted."""
+
+LOADING = Lock()
+"""Held to make and load kernels: GPUs share them, each of which may have a thread of its own."""
+
 LAUNCH_STEPS = 131_072
 """Most steps of one launch, about a quarter of a second for a single variant."""
 
@@ -61,28 +68,28 @@ def launch_steps(rollers: float, wanted: int) -> int:
     return max(unit, steps // unit * unit) if wanted >= unit else wanted
 
 
-def refusal(packed: Packed) -> str | None:
-    """Why a GPU cannot run this ensemble, None if it can."""
+def refusal(packed: Packed, first: int = 0) -> str | None:
+    """Why a GPU cannot run this ensemble, None if it can; `first` is what variant 0 is called."""
+    found = _refused(packed)
+    return None if found is None else f'variant {first + found[0]}: {found[1]}; use device="cpu"'
+
+
+def _refused(packed: Packed) -> tuple[Any, str] | None:
+    """A variant that a GPU cannot run, and why."""
     drives = packed.drives
     for v in np.flatnonzero(drives["rollers"] > MOST_LINKS):
-        return f'variant {v}: chain.links = {drives["rollers"][v]}: a GPU takes up to {MOST_LINKS}; use device="cpu"'
+        return v, f"chain.links = {drives['rollers'][v]}: a GPU takes up to {MOST_LINKS}"
     partners = drives["sprockets"] + drives["guides"]
     for v in np.flatnonzero(partners > MOST_PARTNERS):
-        return (
-            f'variant {v}: {partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}; use device="cpu"'
-        )
+        return v, f"{partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}"
     guides = packed.guides[: drives["guides"].sum()]
     for g in np.flatnonzero((guides["body"] != GROUND) & (guides["pieces"] == 0)):
         v = np.flatnonzero(drives["first_guide"] <= g)[-1]
-        return (
-            f"variant {v}: guide-bar {g - drives['first_guide'][v]} is carried by a body: a GPU takes guide-bars on "
-            'the ground only; use device="cpu"'
-        )
+        number = g - drives["first_guide"][v]
+        return v, f"guide-bar {number} is carried by a body: a GPU takes guide-bars on the ground only"
     for v in np.flatnonzero(drives["bodies"] != drives["sprockets"] + drives["arms"]):
-        return (
-            f"variant {v}: {drives['bodies'][v]} bodies for {drives['sprockets'][v]} sprockets: a GPU takes no bodies "
-            'but sprockets and arms; use device="cpu"'
-        )
+        counts = f"{drives['bodies'][v]} bodies for {drives['sprockets'][v]} sprockets"
+        return v, f"{counts}: a GPU takes no bodies but sprockets and arms"
     return None
 
 
@@ -313,11 +320,12 @@ class GpuEngine(GpuKernels):
         """Compiles and loads the kernels of these names, once, side by side."""
         if self._loaded.issuperset(names):
             return
-        jobs = self.modules(*names)
-        with ThreadPoolExecutor(8) as pool:
-            load = [pool.submit(wp.load_module, module, device=self.device, block_dim=dim) for module, dim in jobs]
-            for loading in load:
-                loading.result()
+        with LOADING:
+            jobs = [*self.modules(*names), (collect.module, COLLECTING)]
+            with ThreadPoolExecutor(8) as pool:
+                load = [pool.submit(wp.load_module, module, device=self.device, block_dim=dim) for module, dim in jobs]
+                for loading in load:
+                    loading.result()
         self._loaded.update(names)
 
     def _phases(self, number: int, steps: int) -> list[Phase]:
@@ -426,7 +434,11 @@ class GpuEngine(GpuKernels):
             for name in ("chain", "strand", "sprocket", "mount", "arm", "tensioner", "slip", "tension_counts", *NOTES):
                 wp.copy(getattr(sums, name), getattr(self.gpu_sums, name))
             wp.launch(
-                collect, dim=self.packed.variants, inputs=[self.ensemble.drives, self.tallies, sums], device=self.device
+                collect,
+                dim=self.packed.variants,
+                inputs=[self.ensemble.drives, self.tallies, sums],
+                device=self.device,
+                block_dim=COLLECTING,
             )
             return {name: np.array(getattr(sums, name).numpy(), copy=True) for name in SUMS}
 
