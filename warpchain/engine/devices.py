@@ -55,7 +55,8 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
     names = _gpus()
     if device is None and not names:
         return ("cpu",)
-    from warpchain.engine.gpu import OLDEST, refusal
+    from warpchain.engine.buckets import refusal
+    from warpchain.engine.gpu import OLDEST
 
     reason = refusal(packed)
     if device is None:

@@ -46,7 +46,7 @@ def parts_of(members: Members, gpus: int) -> list[Members]:
 
 def _too_large(members: Members) -> bool:
     """Whether there is a drive that a GPU does not take."""
-    from warpchain.engine.gpu import MOST_LINKS, MOST_PARTNERS
+    from warpchain.engine.buckets import MOST_LINKS, MOST_PARTNERS
 
     drives = [stack.drive for stack in members.stacks]
     return any(d.chain.links > MOST_LINKS or len(d.sprockets) + len(d.guides) > MOST_PARTNERS for d in drives)
@@ -111,7 +111,7 @@ class Shares:
         Raises:
             SimulationError: a variant that a GPU does not take.
         """
-        from warpchain.engine.gpu import refusal
+        from warpchain.engine.buckets import refusal
 
         reason = refusal(share.packed, share.members.first)
         if reason is not None:

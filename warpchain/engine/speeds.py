@@ -171,7 +171,7 @@ def uncompiled(device: str, packed: Packed, precision: str) -> bool:
 
         modules = [(kernel_of("advance", packed, precision).module, 1)]
     else:
-        from warpchain.engine.gpu import GpuKernels
+        from warpchain.engine.buckets import GpuKernels
 
         modules = GpuKernels(replace(packed, precision=precision), device).modules()
     return not all(in_cache(module, device, threads) for module, threads in modules)
@@ -308,7 +308,7 @@ def _compile_seconds(device: str, precision: str) -> float:
     if device == "cpu":
         wp.load_module(kernel_of("advance", packed, precision).module, device=device)
     else:
-        from warpchain.engine.gpu import GpuKernels
+        from warpchain.engine.buckets import GpuKernels
 
         for module, threads in GpuKernels(packed, device).modules():
             wp.load_module(module, device=device, block_dim=threads)
