@@ -266,3 +266,16 @@ def test_shares_are_cut_by_links_times_steps_where_they_are_worth_it():
     long = Members([two_sprockets(links=20_000, span=9990.0)], schedules[:1], stacks_of([two_sprockets(links=20_000)]))
     assert shares._too_large(long)
     assert all(a.first < b.first for a, b in pairwise(shares.parts_of(members, 3)))
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_shares_on_real_gpus_give_the_same_table_bitwise(monkeypatch, precision):
+    """Fewer variants a GPU have another kernel, which rounds alike; windows are the same here."""
+    drives = [two_sprockets(torque=float(k)) for k in range(600)]
+    options = {"device": "cuda", "precision": precision, "duration": 0.005}
+    whole, _ = run(drives, **options)
+    monkeypatch.setattr(shares, "LEAST", 20)
+    monkeypatch.setattr(shares, "WORTH", 1)
+    several, _ = run(drives, **options)
+    assert several.metrics.equals(whole.metrics, check_metadata=True)
