@@ -238,7 +238,8 @@ def rollers(task: Task, links: int, precision: str) -> Found:
 
 
 def gpus(task: Task) -> Found:
-    """The same ensemble on one GPU and on all, 0.2 s each: the run, and from drives to table."""
+    """The same ensemble on one GPU and on all, 0.2 s each: from the first share packed to the last step, and from drives
+    to table."""
     count = wp.get_cuda_device_count()
     drive = DRIVES[MARINE].with_values({"run.settle": False})
     drives = [drive] * (16_896 * count)
@@ -299,7 +300,7 @@ def whole(task: Task, drives: list[Drive], precision: str, duration: float | Non
     diverged = sum(run.metrics["diverged"].to_pylist())
     mean = np.mean(run.metrics["tension_mean"].to_numpy())
     rest = total - run.info.wall_time
-    line = f"{total:.2f} s, of which packing and the table {rest:.2f} s; {diverged} diverged, mean tension {mean:.0f} N"
+    line = f"{total:.2f} s, of which before the first step and after the last {rest:.2f} s; {diverged} diverged, mean tension {mean:.0f} N"
     return line, total, run.info.wall_time
 
 

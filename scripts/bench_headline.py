@@ -4,9 +4,10 @@
 
 `whole`: from a list of drives that differ in five values (the camshaft's torque, the tightener's place, the chain's
 elongation, roller mass and damping) to their table of metrics, with friction as the drive stands and without any, by
-precision: seconds in all; then packed all at once, seconds in all, of packing, settling, steps before the window and in
-it, and of the table; 1e9 roller-steps a second of the steps. `loops`: the time loop alone, from the start, bare and with metrics: without friction, with that of
-the joints, of teeth and bar, and of all. Kernels are compiled before. Without names: both.
+precision: seconds in all; then packed all at once, seconds in all, of packing, settling, steps before the window and
+in it, and of the table; 1e9 roller-steps a second of the steps. `loops`: the time loop alone, from the start, bare
+and with metrics: without friction, with that of the joints, of teeth and bar, and of all. Kernels are compiled
+before. Without names: both.
 """
 
 import argparse
