@@ -193,7 +193,8 @@ class GpuEngine(GpuKernels):
     def _read(self, array: wp.array) -> NDArray[Any]:
         """A copy of a device array, by the engine's own stream."""
         with wp.ScopedStream(self.stream, sync_enter=False):
-            return np.array(array.numpy(), copy=True)
+            found: NDArray[Any] = array.numpy()
+            return found
 
     def start_settling(self, settling: NDArray[Any]) -> None:
         """Takes the state of each variant's relaxation, (variants,) `kernels.relaxation.Settling`."""
@@ -244,7 +245,7 @@ class GpuEngine(GpuKernels):
                 device=self.device,
                 block_dim=COLLECTING,
             )
-            return {name: np.array(getattr(sums, name).numpy(), copy=True) for name in SUMS}
+            return {name: getattr(sums, name).numpy() for name in SUMS}
 
     def single_engines(self) -> list[tuple[GpuEngine, int]]:
         """The engines that this one is made of, with the number of each one's first variant."""
