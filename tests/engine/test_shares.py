@@ -220,7 +220,8 @@ def test_ctrl_c_keeps_all_variants_in_their_order(gpus):
     assert found.metrics["tension_mean"].to_pylist() == [means[0], None, means[1], *[None] * 5]
 
 
-def test_an_unlike_choice_of_devices_packs_all_at_once(gpus, monkeypatch):
+@pytest.mark.parametrize(("chosen", "packed"), [(("cpu",), [8]), (("cuda:0",), [4, 4])])
+def test_where_not_all_gpus_are_chosen_variants_are_cut_anew(gpus, monkeypatch, chosen, packed):
     counts = []
     _, noting = shared(counts)
     monkeypatch.setattr(share, "pack", noting)
@@ -228,12 +229,12 @@ def test_an_unlike_choice_of_devices_packs_all_at_once(gpus, monkeypatch):
 
     def quickest(names, packed, precision, cores, times):
         asked.append((packed.variants, times))
-        return devices.Choice(("cpu",), "small")
+        return devices.Choice(chosen, "small")
 
     monkeypatch.setattr(devices, "quickest", quickest)
     found, _ = run([short()] * 8, device=None)
-    assert counts == [2, 8] and asked == [(2, 4.0)]
-    assert (found.info.device, found.info.choice) == ("cpu", "small")
+    assert counts == [2, *packed] and asked == [(2, 4.0)]
+    assert (found.info.device, found.info.choice) == (*chosen, "small")
 
 
 def test_layouts_are_told_once_for_all(gpus):
@@ -247,7 +248,10 @@ def test_layouts_are_told_once_for_all(gpus):
     assert many.metrics.equals(one.metrics)
 
 
-def test_shares_are_cut_by_links_times_steps_where_they_are_worth_it():
+def test_shares_are_cut_by_links_times_steps_where_they_are_worth_it(monkeypatch):
+    """12,000 variants: of 4,096 at least, four a GPU at most; one a GPU from 1,024 on."""
+    for name, value in (("LEAST", 4096), ("WORTH", 1024), ("MOST", 4)):
+        monkeypatch.setattr(shares, name, value)
     drives = [short(), *[short(links=64, teeth=24)] * 3] * 3000
     schedules = schedules_of(drives, None, None, NONE, None)
     members = Members(drives, schedules, stacks_of(drives))

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from importlib import import_module
 from threading import Thread
 from typing import TYPE_CHECKING, Any
@@ -55,7 +55,7 @@ class Members:
     stacks: Sequence[Stack]
     first: int = 0
 
-    @property
+    @cached_property
     def work(self) -> NDArray[np.float64]:
         """(V,) roller-steps of each."""
         rollers = np.zeros(len(self.drives))

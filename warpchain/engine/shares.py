@@ -72,9 +72,10 @@ def begun(
     parts = parts_of(members, len(gpus))
     share = Share(parts[0], frame)
     choice = devices_for(device, share.packed, *how, times=float(members.work.sum() / parts[0].work.sum()))
-    if len(parts) == 1 or choice.devices == gpus:
-        return parts, share, choice
-    return [members], Share(members, frame), choice  # not what the shares were cut for
+    if len(parts) > 1 and choice.devices != gpus:  # not what they were cut for
+        parts = parts_of(members, 0 if choice.devices == ("cpu",) else len(choice.devices))
+        share = Share(parts[0], frame)
+    return parts, share, choice
 
 
 class Shares:
