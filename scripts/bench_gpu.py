@@ -238,7 +238,7 @@ def rollers(task: Task, links: int, precision: str) -> Found:
 
 
 def gpus(task: Task) -> Found:
-    """An ensemble on one GPU and on all, 0.2 s each: the run, its first share packed, and from drives to table."""
+    """The same ensemble on one GPU and on all, 0.2 s each: the run, and from drives to table."""
     count = wp.get_cuda_device_count()
     drive = DRIVES[MARINE].with_values({"run.settle": False})
     drives = [drive] * (16_896 * count)
@@ -299,8 +299,7 @@ def whole(task: Task, drives: list[Drive], precision: str, duration: float | Non
     diverged = sum(run.metrics["diverged"].to_pylist())
     mean = np.mean(run.metrics["tension_mean"].to_numpy())
     rest = total - run.info.wall_time
-    line = f"{total:.2f} s, of which before settling and after the last step {rest:.2f} s; {diverged} diverged"
-    line += f", mean tension {mean:.0f} N"
+    line = f"{total:.2f} s, of which packing and the table {rest:.2f} s; {diverged} diverged, mean tension {mean:.0f} N"
     return line, total, run.info.wall_time
 
 
@@ -419,7 +418,7 @@ def aims(found: dict[str, dict[str, float]]) -> Iterator[tuple[str, float, str]]
             case = f"headline {how} {precision}"
             yield f"10,000 marine variants {how}, {precision} [s]", got(case, "seconds"), f"under {seconds}"
             yield (
-                f"    of which before settling and after the last step, {precision} [s]",
+                f"    of which packing and the table, {precision} [s]",
                 got(case, "before and after"),
                 "0.7 for packing",
             )
