@@ -30,7 +30,7 @@ from warpchain.drive.changes import Changes
 from warpchain.drive.examples import drive_path
 from warpchain.drive.stack import stacks_of
 from warpchain.engine import pack as packing
-from warpchain.engine import simulation
+from warpchain.engine import share, simulation
 from warpchain.engine.ends import layouts_of
 from warpchain.engine.start import start_warp
 from warpchain.errors import DriveError
@@ -139,16 +139,21 @@ def metrics(base: Drive, count: int) -> float:
     """Microseconds a variant to form the metrics of a run of a few steps on the CPU."""
     random, times = np.random.default_rng(2), dict[str, float]()
     drives = [base.with_values({"run.settle": False} | values_of(base, random)) for _ in range(count)]
-    formed: Callable[..., Any] = simulation.metrics_table
 
-    def timed(*arguments: Any) -> Any:
-        with spent(times, "metrics", count):
-            return formed(*arguments)
+    def timed(owner: Any, name: str) -> Any:
+        formed: Callable[..., Any] = getattr(owner, name)
+        times[name] = np.inf
 
-    with mock.patch.object(simulation, "metrics_table", timed):
+        def call(*arguments: Any) -> Any:
+            with spent(times, name, count):
+                return formed(*arguments)
+
+        return mock.patch.object(owner, name, call)
+
+    with timed(share, "metrics_blocks"), timed(simulation, "metrics_table"):
         for _ in range(2):
             simulate(drives, device="cpu", duration=40 * simulation.resolve_step(base), record=NONE)
-    return times["metrics"]
+    return sum(times.values())
 
 
 def parser() -> argparse.ArgumentParser:

@@ -4,9 +4,10 @@
 
 `whole`: from a list of drives that differ in five values (the camshaft's torque, the tightener's place, the chain's
 elongation, roller mass and damping) to their table of metrics, with friction as the drive stands and without any, by
-precision: seconds in all, of packing, settling, steps before the window and in it, and of the table; 1e9 roller-steps a
-second of the steps. `loops`: the time loop alone, from the start, bare and with metrics: without friction, with that of
-the joints, of teeth and bar, and of all. Kernels are compiled before. Without names: both.
+precision: seconds in all; then packed all at once, seconds in all, of packing, settling, steps before the window and
+in it, and of the table; 1e9 roller-steps a second of the steps. `loops`: the time loop alone, from the start, bare
+and with metrics: without friction, with that of the joints, of teeth and bar, and of all. Kernels are compiled
+before. Without names: both.
 """
 
 import argparse
@@ -21,10 +22,9 @@ import warp as wp
 from bench_cpu import bench_drives
 from bench_gpu import DEVICE, bare, different
 
-import warpchain.engine.settling
 from warpchain import Drive, Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
-from warpchain.engine import simulation
+from warpchain.engine import share, shares, simulation
 from warpchain.engine.gpu import GpuEngine
 
 JOINTS = {"chain.joint": {"friction": 0.07, "pin_radius": 0.02224}}
@@ -72,12 +72,17 @@ def whole(title: str, drive: Drive, count: int, precision: str, duration: float)
     options: dict[str, Any] = {"device": DEVICE, "precision": precision, "record": Record(variants="none")}
     drives = different(drive, count)
     simulate(drives, duration=0.001, **options)  # compiles
+    begin = time.perf_counter()
+    simulate(drives, duration=duration, **options)
+    in_shares = time.perf_counter() - begin
     spent: dict[str, float] = defaultdict(float)
     taken: dict[str, int] = defaultdict(int)
     with (
+        patch.object(shares, "MOST", 1),
         step_clock(spent, taken),
-        stopwatch(warpchain.engine.settling, "settle", spent, "settling"),
-        stopwatch(simulation, "_metrics", spent, "table"),
+        stopwatch(share, "settle", spent, "settling"),
+        stopwatch(share, "metrics_blocks", spent, "table"),
+        stopwatch(simulation, "metrics_table", spent, "table"),
     ):
         begin = time.perf_counter()
         simulate(drives, duration=duration, **options)
@@ -85,7 +90,7 @@ def whole(title: str, drive: Drive, count: int, precision: str, duration: float)
     parts = "".join(f"{spent[name]:9.2f}" for name in ("settling", "before", "window", "table"))
     rest = total - sum(spent.values())
     rates = "".join(f"{count * drive.chain.links * taken[name] / 1e9 / spent[name]:9.1f}" for name in taken)
-    print(f"{title:17s} {precision} {total:8.2f} {rest:9.2f}{parts} {rates}", flush=True)
+    print(f"{title:17s} {precision} {in_shares:8.2f} {total:8.2f} {rest:9.2f}{parts} {rates}", flush=True)
 
 
 def loops(drive: Drive, count: int, precision: str) -> None:
@@ -127,7 +132,8 @@ def main() -> None:
     if "loops" not in asked.parts or "whole" in asked.parts:
         print(f"\n{asked.count:,} marine drives that differ in five values, {asked.duration:g} s each: seconds")
         print(
-            "friction          precision  in all   packing settling   before   window    table  1e9/s: before, window"
+            "friction          precision  in all  at once   packing settling   before   window    table  "
+            "1e9/s: before, window"
         )
         for title, drive in (("as it stands", rubbing), ("none", plain)):
             for precision in ("float64", "float32"):

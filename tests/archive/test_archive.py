@@ -53,7 +53,7 @@ def test_channels_that_were_not_recorded_stay_none(tmp_path):
 
 
 def test_streamed_while_running_equals_written_afterwards(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("warpchain.engine.simulation.LAUNCH_WORK", 60 * 101)
+    monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 101)
     streamed = simulate(drives(), archive=tmp_path / "s.mcap")
     assert_same(run, streamed)
     assert [path.name for path in tmp_path.iterdir()] == ["s.mcap"]

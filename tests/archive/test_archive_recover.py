@@ -423,7 +423,7 @@ def test_a_second_ctrl_c_keeps_what_was_written(run, tmp_path, monkeypatch, caps
         raise KeyboardInterrupt
 
     monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**14)
-    monkeypatch.setattr("warpchain.engine.simulation.LAUNCH_WORK", 60 * 101)
+    monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 101)
     if moment == "finish":
         monkeypatch.setattr(Parts, "finish", interrupted)
     else:

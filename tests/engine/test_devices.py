@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -12,9 +13,10 @@ from drives import two_sprockets
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
 from warpchain.engine.block_shape import CREWED, MANY, ROOMS, BlockShape, block_shape, room_for
+from warpchain.engine.buckets import Bucket, _distinct, kernel_kind, kernel_shape, of_shape, refusal, rows_apart
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
-from warpchain.engine.gpu import Bucket, GpuEngine, _distinct, kernel_shape, launch_steps, refusal, rows_apart
+from warpchain.engine.gpu import GpuEngine, launch_steps
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
 from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
@@ -138,14 +140,17 @@ def test_blocks_have_room_for_the_chain_and_little_more():
 def test_every_kernel_finds_its_rows(room_, most, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
     few, many = block_shape(room_, 1, most), block_shape(32, MANY, most)
-    bucket = Bucket(few, 3, 1, moves, False, False, False, False, 0, 0, False, False, np.arange(7), None)
-    other = Bucket(many, 2, 0, False, False, False, False, False, 0, 0, False, False, np.arange(5), None)
-    there = rows_apart(wp.float64, [other, bucket])
+    kind = BlockKind(wp.float64, sprockets=3, guides=1, moving=moves, **of_shape(few))
+    bucket = Bucket(kind, np.arange(7), None)
+    other = Bucket(BlockKind(wp.float64, sprockets=2, guides=0, **of_shape(many)), np.arange(5), None)
+    there = rows_apart([other, bucket])
     for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
         shape = kernel_shape(name, bucket)
         assert shape.room >= room_
         allowed = most if room_ > 512 else DECLARED
-        of = room(BlockKind(wp.float64, shape.threads, shape.per, 3, 1, moving, measuring, shared_bytes=allowed))
+        mine = BlockKind(wp.float64, shape.threads, shape.per, 3, 1, moving, measuring, shared_bytes=allowed)
+        assert kernel_kind(name, bucket) == replace(mine, crewed=shape.crewed)
+        of = room(mine)
         assert there[0] >= 7 * of.values and there[1] >= 7 * of.integers and there[2] >= 7 * of.part_values
     # a roller has 6 values and an int, 52 bytes: 1,024 need 53,248 of 47,000 bytes, 4,096 need 212,992 of 232,448
     assert (there[0] >= 7 * 6 * room_, there[1] == 7 * room_) == (room_ >= 1024 and most == DECLARED,) * 2

@@ -45,7 +45,7 @@ def test_a_variant_alone_equals_itself_in_a_crowd_bitwise(precision):
 
 def test_blocks_do_not_change_the_result(monkeypatch):
     whole = simulate(short())
-    monkeypatch.setattr("warpchain.engine.simulation.LAUNCH_WORK", 60 * 37)
+    monkeypatch.setattr("warpchain.engine.share.LAUNCH_WORK", 60 * 37)
     parts = simulate(short())
     assert same(whole[0], parts[0])
     assert np.array_equal(whole[0].time, parts[0].time)

@@ -14,8 +14,8 @@ from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
+from warpchain.engine.buckets import curved, pushing
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.gpu import curved, pushing
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic, quickened
 from warpchain.engine.states import GROUPS, Keeper, States

@@ -9,7 +9,7 @@ from warpchain.drive import Drive
 from warpchain.kernels import relaxation, sum_structs
 from warpchain.results import metrics
 from warpchain.results.columns import same_columns
-from warpchain.results.metrics import Ended, _column, energy_balance, metrics_table
+from warpchain.results.metrics import Ended, _column, energy_balance, metrics_blocks, metrics_table
 from warpchain.results.schedule import Schedule
 
 STRUCTS = {
@@ -74,7 +74,7 @@ def table_of(chosen: list[int]) -> pa.Table:
         tension = stacked.pop("tension"), stacked.pop("edges")
         return {**stacked, "batches": (batches, stacked.pop("durations")), "tension": tension}
 
-    return metrics_table(ended, stacked)
+    return metrics_table(ended, metrics_blocks(ended, stacked))
 
 
 def test_a_row_of_many_is_the_row_alone():

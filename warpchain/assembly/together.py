@@ -57,8 +57,8 @@ class Assemblies(Sequence[Assembly]):
             yield places, state if whole else state.of(rows)
 
 
-def assemble_all(stacks: Sequence[Stack]) -> Assemblies:
-    """Assembles the drives of stacks.
+def assemble_all(stacks: Sequence[Stack], first: int = 0) -> Assemblies:
+    """Assembles the drives of stacks; `first` is what variant 0 is called.
 
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the first variant.
@@ -89,7 +89,7 @@ def assemble_all(stacks: Sequence[Stack]) -> Assemblies:
             block[stack.members[mine]], row[stack.members[mine]] = len(blocks), own[which][mine]
             blocks.append(assembly)
     if refused:
-        raise first_of(refused)
+        raise first_of(refused, first)
     return Assemblies(tuple(blocks), block, row)
 
 

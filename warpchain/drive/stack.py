@@ -236,7 +236,7 @@ def first_refused(stack: Stack, attempt: Callable[[Drive], object]) -> tuple[int
     return int(stack.members[begin]), error
 
 
-def first_of(refused: Sequence[tuple[int, DriveError]]) -> DriveError:
-    """What to raise of variants that are refused: the first of them, named."""
+def first_of(refused: Sequence[tuple[int, DriveError]], first: int = 0) -> DriveError:
+    """What to raise of variants that are refused: the first of them, named; `first` is what variant 0 is called."""
     v, error = min(refused, key=lambda pair: pair[0])
-    return DriveError(f"variant {v}: {error}")
+    return DriveError(f"variant {first + v}: {error}")

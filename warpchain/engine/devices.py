@@ -55,7 +55,8 @@ def chosen_devices(device: str | None, packed: Packed) -> tuple[str, ...]:
     names = _gpus()
     if device is None and not names:
         return ("cpu",)
-    from warpchain.engine.gpu import OLDEST, refusal
+    from warpchain.engine.buckets import refusal
+    from warpchain.engine.gpu import OLDEST
 
     reason = refusal(packed)
     if device is None:
@@ -89,8 +90,23 @@ def usable_gpus() -> tuple[str, ...]:
     return tuple(name for name, arch in names.items() if arch >= OLDEST)
 
 
-def devices_for(device: str | None, packed: Packed, precision: str, cores: int) -> Choice:
+def gpus_named(device: str | None) -> tuple[str, ...]:
+    """The GPUs that `device` may come to (None: all that are here), () for none and for what is no GPU here."""
+    if device == "cpu":
+        return ()
+    gpus = usable_gpus()
+    return gpus if device in (None, "cuda") else tuple(gpu for gpu in gpus if gpu == device)
+
+
+def devices_for(device: str | None, packed: Packed, precision: str, cores: int, times: float = 1.0) -> Choice:
     """The devices that an ensemble runs on: those that `device` names; for None what is estimated to finish first.
+
+    Args:
+        device: as the user names it.
+        packed: the ensemble, or a part of it.
+        precision: of the run.
+        cores: CPU threads.
+        times: how many times the work of `packed` there is in all.
 
     Raises:
         SimulationError: as `chosen_devices`.
@@ -98,7 +114,7 @@ def devices_for(device: str | None, packed: Packed, precision: str, cores: int) 
     devices = chosen_devices(device, packed)[: packed.variants]
     if device is not None or devices == ("cpu",):
         return Choice(devices, None)
-    return quickest(devices, packed, precision, cores)
+    return quickest(devices, packed, precision, cores, times)
 
 
 def _gpus() -> dict[str, int]:
@@ -125,7 +141,7 @@ def engine_on(devices: Sequence[str], packed: Packed, cores: int) -> Engine:
         return CpuEngine(packed, cores)
     from warpchain.engine.gpu import GpuEngine
 
-    cuts = _cuts(packed, len(devices))
+    cuts = cuts_of(packed.drives["rollers"] * (packed.drives["steps"] + 1.0), len(devices))
     parts = [(name, a, b) for name, a, b in zip(devices, cuts[:-1], cuts[1:], strict=True) if b > a]
     if len(parts) == 1:
         return GpuEngine(packed, parts[0][0])
@@ -183,12 +199,11 @@ def _first_frame(packed: Packed, a: int) -> int | None:
     return int(packed.drives["first_value"][recorded[0]]) if recorded.size else None
 
 
-def _cuts(packed: Packed, count: int) -> list[int]:
-    """Where to cut the row of variants into `count` parts of about the same work."""
-    drives = packed.drives
-    work = np.cumsum(drives["rollers"].astype(float) * (drives["steps"] + 1.0))
+def cuts_of(each: NDArray[np.floating], count: int) -> list[int]:
+    """Where to cut the row of variants into `count` parts of about the same work; `each` is that of each variant."""
+    work = np.cumsum(each)
     inner = np.searchsorted(work, work[-1] * np.arange(1, count) / count, side="left") + 1
-    return [0, *np.minimum(inner, packed.variants).tolist(), packed.variants]
+    return [0, *np.minimum(inner, len(each)).tolist(), len(each)]
 
 
 class SeveralBuffers:

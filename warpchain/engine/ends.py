@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from warpchain.assembly.together import Assemblies
 from warpchain.drive import Drive
 from warpchain.drive.stack import Stack, picked, stacks_of
 from warpchain.engine.devices import Engine
-from warpchain.engine.packed import Packed
+from warpchain.engine.packed import Packed, taken
 from warpchain.kernels.relaxation import LEAST_STRETCH
 from warpchain.kernels.rows import STATE_ROWS
 
@@ -67,26 +67,22 @@ def net_force(packed: Packed, residual: NDArray[np.float64]) -> NDArray[np.float
         residual: (V,) over the largest link force, or if that is larger a roller's weight, or the least that counts.
     """
     largest = np.zeros(packed.variants)
-    for alike, at in _rollers(packed):
-        x, y = packed.rollers[at], packed.rollers[at + at.shape[1]]
+    for alike, first, count in packed.alike():
+        x, y = _places(packed.rollers, first, count)
         span = np.hypot(np.roll(x, -1, axis=1) - x, np.roll(y, -1, axis=1) - y)
-        first = packed.drives["first_roller"][alike].astype(np.int64)
-        span -= packed.lengths[first[:, None] + np.arange(at.shape[1])]
+        span -= taken(packed.lengths, first, count)
         largest[alike] = packed.chains["stiffness"][alike] * np.abs(span).max(axis=1)
     weight = packed.chains["mass"] * np.hypot(*packed.chains["gravity"].T)
     least = float(LEAST_STRETCH) * packed.chains["stiffness"]
     return residual * np.maximum(np.maximum(largest, weight), least)
 
 
-def _rollers(packed: Packed) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64]]]:
-    """Variants alike in their number N of rollers (K,), and where x of each roller stands in the rows of all (K, N).
-
-    Its y is N further on.
-    """
-    links, first = packed.drives["rollers"].astype(np.int64), packed.drives["first_roller"].astype(np.int64)
-    for count in np.unique(links).tolist():
-        alike = np.flatnonzero(links == count)
-        yield alike, STATE_ROWS * first[alike, None] + np.arange(count)
+def _places(
+    rows: NDArray[np.floating], first: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """x and y (K, N) of the rollers of K variants with `count` each, which begin at `first` (K,)."""
+    both = taken(rows, STATE_ROWS * first, 2 * count)
+    return both[:, :count], both[:, count:]
 
 
 def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | None = None) -> NDArray[np.float64]:
@@ -102,8 +98,8 @@ def engaged(engine: Engine, drives: Sequence[Drive], stacks: Sequence[Stack] | N
     inner, outer, held = _reach(sorted_, packed.assemblies, (len(drives), int(counts.max())))
     centers, rows = engine.bodies()["center"], engine.rollers()
     found = np.full(held.shape, np.nan)
-    for alike, at in _rollers(packed):
-        x, y = rows[at], rows[at + at.shape[1]]
+    for alike, first, count in packed.alike():
+        x, y = _places(rows, first, count)
         for s in range(int(counts[alike].max())):
             body = np.where(counts[alike] > s, packed.drives["first_body"][alike] + s, 0)
             center = centers[body][:, :, None]

@@ -43,19 +43,22 @@ from warpchain.kernels.rows import STATE_ROWS
 from warpchain.results.schedule import Schedule, schedule_columns
 
 
-def pack(drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequence[Stack] | None = None) -> Packed:
+def pack(
+    drives: Sequence[Drive], schedules: Sequence[Schedule], stacks: Sequence[Stack] | None = None, first: int = 0
+) -> Packed:
     """Packs drives in float64, each in its assembled initial state: those of a kind all at once.
 
     Args:
         drives: the drives.
         schedules: their steps.
         stacks: the drives sorted into kinds, where they are.
+        first: what the first of them is called.
 
     Raises:
         DriveError: for a drive whose chain does not fit; the message names the variant.
     """
     stacks = stacks_of(drives) if stacks is None else stacks
-    assemblies = assemble_all(stacks)
+    assemblies = assemble_all(stacks, first)
     rows = np.zeros(len(drives), dtype=dtype_of(structs.Drive))
     for part, assembly in _parts(stacks, assemblies):
         row = np.zeros(len(part.members), dtype=rows.dtype)

@@ -5,7 +5,7 @@ Nothing of one variant depends on another: the packing only decides where its va
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -15,6 +15,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.assembly.together import Assemblies
+from warpchain.drive.stack import LARGEST
 from warpchain.errors import SimulationError
 from warpchain.kernels import structs
 from warpchain.kernels.rows import STATE_ROWS
@@ -126,6 +127,12 @@ def windows(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDA
     return np.lib.stride_tricks.as_strided(values[int(first[0]) :], (len(first), count), (apart_by * size, size))
 
 
+def taken(values: NDArray[Any], first: NDArray[np.integer], count: int) -> NDArray[Any]:
+    """The values from `first` (V,) on, (V, count); to read."""
+    view = windows(values, first, count)
+    return values[spread(first, count)] if view is None else view
+
+
 def store(values: NDArray[Any], first: NDArray[np.integer], rows: NDArray[Any]) -> None:
     """Sets the values from `first` (V,) on to `rows` (V, count), or (count,) for all."""
     view = windows(values, first, rows.shape[-1])
@@ -218,6 +225,17 @@ class Packed:
         first, n = self.first_value(v), int(self.drives["rollers"][v])
         return self.rollers[first : first + STATE_ROWS * n].reshape(STATE_ROWS, n)
 
+    def alike(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.int64], int]]:
+        """Variants (K,) with the same number of rollers, where their rollers begin (K,), and how many each has.
+
+        At most `LARGEST` at a time, so that what is worked on stays in the processor's caches.
+        """
+        rollers, first = self.drives["rollers"], self.drives["first_roller"].astype(np.int64)
+        for count in np.unique(rollers).tolist():
+            variants = np.flatnonzero(rollers == count)
+            for some in np.split(variants, range(LARGEST, len(variants), LARGEST)):
+                yield some, first[some], count
+
     def part(self, a: int, b: int) -> Packed:
         """Variants `a` to `b` - 1 as an ensemble of their own, which shares this one's arrays."""
         drives, last = self.drives[a:b].copy(), self.drives[b - 1 : b]
@@ -272,7 +290,8 @@ class Packed:
             guide_sliding=self.guide_sliding.astype(dtype_of(kinds.Sliding)),
             rollers=rollers,
         )
-        for v in range(self.variants):
-            exact, rows = self.rows(v), other.rows(v)
-            rows[4:6] = exact[0:2] - rows[0:2]
+        for _, first, count in self.alike():
+            xy = STATE_ROWS * first
+            lost = taken(self.rollers, xy, 2 * count) - taken(rollers, xy, 2 * count)
+            store(rollers, xy + 4 * count, lost)
         return other

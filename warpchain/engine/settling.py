@@ -18,7 +18,7 @@ from warpchain.drive import Drive
 from warpchain.drive.stack import Stack, picked, stacks_of
 from warpchain.engine.devices import engine_on
 from warpchain.engine.fill import FORMS, escape, widen_box
-from warpchain.engine.packed import Packed, spread
+from warpchain.engine.packed import Packed, spread, store
 from warpchain.engine.resting import lay_to_rest, springs
 from warpchain.kernels import relaxation
 from warpchain.kernels.rows import STATE_ROWS
@@ -62,8 +62,8 @@ def elastic(packed: Packed) -> Packed:
     still.guides["deepest_entry"] = np.inf
     still.arms["damping"], still.arms["stop_damping"] = 0.0, 0.0
     still.bodies["speed"], still.bodies["velocity"] = 0.0, 0.0
-    for v in range(packed.variants):
-        still.rows(v)[2:4] = 0.0
+    for _, first, count in packed.alike():
+        store(still.rollers, STATE_ROWS * first + 2 * count, np.zeros(2 * count))
     return still
 
 

@@ -6,45 +6,33 @@ import datetime
 import os
 import time
 import warnings
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
-from importlib import import_module
 from pathlib import Path
-from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.drive.copies import Replicates, each_copy
 from warpchain.drive.stack import Stack, first_of, first_refused, stacks_of
-from warpchain.engine.progress import Report, Stop, interruptible, reporter
-from warpchain.engine.recorder import Recorder, Recording
+from warpchain.engine.progress import Report, interruptible, reporter
+from warpchain.engine.recorder import Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
 from warpchain.results.judgement import Limits, told
-from warpchain.results.metrics import Ended, metrics_table
+from warpchain.results.metrics import metrics_table
 from warpchain.results.replicates import with_copies
 from warpchain.results.run import Record, Run, RunInfo
 from warpchain.version import installed
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from warpchain.archive.options import ArchiveOptions
-    from warpchain.engine.devices import Engine
-    from warpchain.engine.packed import Packed
-    from warpchain.engine.states import Keeper, States
+    from warpchain.engine.states import States
     from warpchain.results.schedule import Schedule
 
 MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
-
-LAUNCH_WORK = 20_000_000
-"""Roller-steps of a variant in one launch at most, so that progress shows and Ctrl-C is heard."""
 
 
 def simulate(
@@ -106,13 +94,13 @@ def simulate(
         LayoutWarning: strands that cross, guide-bars that cut through the chain or dent it by more than a pitch.
         SuspectWarning: variants that are not "ok": which, why, and what to change.
     """
-    from warpchain.engine.devices import devices_for, engine_on, frame_bytes, launch_steps, loading
-    from warpchain.engine.ends import causes_of, engaged, layout_line, layouts_of, net_force
-    from warpchain.engine.nudge import nudge
-    from warpchain.engine.pack import pack
+    from warpchain.engine.ends import layout_line
     from warpchain.engine.packed import real_of
+    from warpchain.engine.share import How, Members, Share
+    from warpchain.engine.shares import Shares, begun
     from warpchain.engine.start import start_warp
     from warpchain.engine.states import Keeper
+    from warpchain.kernels.structs import types
     from warpchain.results.channels import frame_of
 
     start_warp()
@@ -125,44 +113,38 @@ def simulate(
     stacks = stacks_of(chosen)
     schedules = schedules_of(chosen, duration, step, recording.record, window, stacks)
     cores = workers or available_cores()
-    packed = replace(pack(chosen, schedules, stacks), frame=frame_of(recording.record.channels))
-    real_of(precision)  # an unknown precision ends here
-    layouts = layouts_of(chosen, packed.assemblies, stacks)
-    _warn(LayoutWarning, layout_line(layouts))
-    devices, why = devices_for(device, packed, precision, cores)
+    types(real_of(precision))  # an unknown precision ends here
+    members, frame = Members(chosen, schedules, stacks), frame_of(recording.record.channels)
+    whole = states is not None or archive is not None or bool(recording.record.indices(len(chosen)))
+    parts, share, (devices, why) = begun(members, frame, device, (precision, cores), whole)
+    if len(parts) == 1:
+        _warn(LayoutWarning, layout_line(share.layouts))
+    how = How(devices, precision, cores)
     info = replace(_run_info(devices, precision, schedules), choice=why)
     kind = f"{precision} {devices[0].partition(':')[0]}"
     keeper = None if states is None else Keeper(states, chosen, schedules, kind)
-    begun = time.monotonic()
-    steps = launch_steps(devices, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
-    recorder = Recorder(chosen, schedules, packed, info, recording)
-    engine = None
+    begin = time.monotonic()
+    recording = replace(recording, memory=memory // len(parts))
+    recorder = share.recorder(info, recording)
     try:
         with reporter(progress) as report, interruptible() as stop:
-            settling = (chosen, stacks) if keeper is None else (keeper.unsettled(), None)
-            with loading(devices, packed, precision):
-                settled = _settle(packed, settling, devices, cores, steps, report, stop)
-            left = net_force(packed, settled["residual"])
-            nudge(packed, chosen)
-            if keeper is not None:
-                keeper.prepare(packed, settled, left)
-            steps = launch_steps(devices, packed, recorder.launch_steps(steps, frame_bytes(devices)))
-            buffer_values = recorder.layout(steps)
-            engine = engine_on(devices, packed.at_precision(precision), cores)
-            if keeper is not None:
-                keeper.restore(engine)
-            _march(engine, steps, buffer_values, recorder, report, stop, keeper)
-        info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=time.monotonic() - begun)
-        steps_done, diverged = _ends(engine)
-        causes = causes_of(engine, chosen, diverged)
-        on = engaged(engine, chosen, stacks)
-        ended = Ended(chosen, schedules, steps_done, diverged, settled, on, layouts, left, causes, stacks)
-        metrics = with_copies(_metrics(engine, ended, limits), copies.count)
+            if len(parts) == 1:
+                outcome = share.run(how, recorder, report, stop, keeper)
+            else:
+                with Shares(how, float(members.work.sum()), report, stop) as shares:
+                    shares.add(share, recorder)
+                    layouts = share.layouts
+                    for part in parts[1:]:
+                        share = Share(part, frame)
+                        shares.add(share, share.recorder(info, recording))
+                        layouts = [*layouts, *share.layouts]
+                    _warn(LayoutWarning, layout_line(layouts))
+                    outcome = shares.outcome()
+        info = replace(info, ended="interrupted" if stop.asked else "complete", wall_time=outcome.at - begin)
+        metrics = with_copies(metrics_table(outcome.ended, outcome.blocks(), limits), copies.count)
         _warn(SuspectWarning, told(metrics["status"].to_pylist(), metrics["reason"].to_pylist()))
         return Run(chosen, metrics, recorder.finish(metrics, info), info)
     finally:
-        if engine is not None:
-            engine.close()
         recorder.close()
 
 
@@ -245,98 +227,6 @@ def _run_info(devices: Sequence[str], precision: str, schedules: Sequence[Schedu
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         step=schedules[0].step if len({schedule.step for schedule in schedules}) == 1 else None,
     )
-
-
-def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:
-    """Waits for a launch; on a request to stop, drops what has not begun. Raises what a launch raised."""
-    pending = set(futures)
-    while pending:
-        _, pending = wait(pending, timeout=0.1)
-        tick()
-        if stop.asked:
-            for future in pending:
-                future.cancel()
-    for future in futures:
-        if not future.cancelled():
-            future.result()
-
-
-def _settle(
-    packed: Packed,
-    drives: tuple[Sequence[Drive], Sequence[Stack] | None],
-    devices: Sequence[str],
-    cores: int,
-    steps: int,
-    report: Report,
-    stop: Stop,
-) -> NDArray[Any]:
-    """Brings the variants that ask for it to static equilibrium; returns how each one's settling ended."""
-
-    def run(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
-        _await(futures, stop, lambda: report("settling", *done()))
-        return not stop.asked
-
-    from warpchain.engine.settling import settle
-
-    return settle(packed, drives[0], devices, cores, steps, run, drives[1])
-
-
-def _march(
-    engine: Engine,
-    steps: int,
-    buffer_values: int,
-    recorder: Recorder,
-    report: Report,
-    stop: Stop,
-    keeper: Keeper | None = None,
-) -> None:
-    """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
-    drives = engine.packed.drives
-    rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
-    total = float(((last + 1) * rollers).sum())
-    buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
-    taken: tuple[Any, Any, Any] | None = None
-
-    def tick() -> None:
-        state = engine.progress()
-        done = np.where(state["diverged"] == 1, last + 1, state["step"])
-        report("simulating", float((done * rollers).sum()), total)
-
-    before = engine.progress()
-    turn = 0
-    while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.asked:
-        futures = engine.advance(steps if keeper is None else keeper.most(before, steps), buffers[turn])
-        _load_ahead()
-        if taken is not None:
-            recorder.take(taken[0].numpy(), *taken[1:])
-        _await(futures, stop, tick)
-        after = engine.progress()
-        if keeper is not None:
-            keeper.take(engine, after)
-        taken = (buffers[turn], before, after)
-        before, turn = after, 1 - turn
-    if taken is not None:
-        recorder.take(taken[0].numpy(), *taken[1:])
-
-
-@cache
-def _load_ahead() -> None:
-    """Imports what the metrics need, which takes 0.3 s, while the engine is at work without Python's lock."""
-    Thread(target=import_module, args=("scipy.special",)).start()
-
-
-def _metrics(engine: Engine, ended: Ended, limits: Limits | None) -> pa.Table:
-    """The metrics of all variants."""
-    from warpchain.engine.sums import split_sums
-
-    sums = engine.sums()
-    return metrics_table(ended, lambda variants: split_sums(sums, engine.packed, variants), limits)
-
-
-def _ends(engine: Engine) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
-    """The step that each variant came to, and whether it diverged."""
-    state = engine.progress()
-    return state["step"], state["diverged"] != 0
 
 
 def _warn(kind: type[Warning], line: str | None) -> None:

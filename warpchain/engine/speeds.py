@@ -91,13 +91,13 @@ def work_of(packed: Packed, kind: str) -> Work:
     return Work(float(each.sum()), float(each.max()), float(steps.max()))
 
 
-def seconds_on(devices: Sequence[str], packed: Packed, cores: int, speed: Speed) -> float:
-    """Estimated seconds of an ensemble's steps on the CPU's `cores` threads, (1), or on some GPUs alike, (2)."""
+def seconds_on(devices: Sequence[str], packed: Packed, cores: int, speed: Speed, times: float = 1.0) -> float:
+    """Estimated seconds of the steps of `times` an ensemble: on `cores` threads of the CPU, (1), on some GPUs, (2)."""
     if tuple(devices) == ("cpu",):
         work = work_of(packed, "cpu")
-        return speed.start + max(work.longest, work.total / min(speed.cores, cores)) / speed.rate
+        return speed.start + max(work.longest, times * work.total / min(speed.cores, cores)) / speed.rate
     work = work_of(packed, "gpu")
-    return speed.start + math.hypot(speed.latency * work.steps, work.total / (speed.rate * len(devices)))
+    return speed.start + math.hypot(speed.latency * work.steps, times * work.total / (speed.rate * len(devices)))
 
 
 def class_speed(device: str, precision: str, cores: int) -> Speed:
@@ -120,30 +120,30 @@ class Choice(NamedTuple):
     why: str | None
 
 
-def quickest(gpus: Sequence[str], packed: Packed, precision: str, cores: int) -> Choice:
-    """The CPU, one of some GPUs, or all of them: what an ensemble is estimated to finish on first.
+def quickest(gpus: Sequence[str], packed: Packed, precision: str, cores: int, times: float = 1.0) -> Choice:
+    """The CPU, one of some GPUs, or all of them: what `times` an ensemble is estimated to finish on first.
 
     It is measured what they do where that has not been done on this machine, and pays.
     """
     of_class = {device: class_speed(device, precision, cores) for device in ("cpu", gpus[0])}
-    found = _estimates(gpus, packed, cores, of_class.__getitem__)
+    found = _estimates(gpus, packed, cores, of_class.__getitem__, times)
     known = stored(gpus)
     if not known.keys() >= {f"cpu {precision}", f"{gpus[0]} {precision}"}:
-        times = sorted(found.values())
-        if times[0] < WORTH_MEASURING or times[1] > PLAIN * times[0]:
+        least, next_ = sorted(found.values())[:2]
+        if least < WORTH_MEASURING or next_ > PLAIN * least:
             return _told(_with_compiling(found, packed, precision, of_class))
         known = known | measured(gpus, precision, cores)
     speeds = {device: known[f"{device} {precision}"] for device in of_class}
-    found = _estimates(gpus, packed, cores, speeds.__getitem__)
+    found = _estimates(gpus, packed, cores, speeds.__getitem__, times)
     return _told(_with_compiling(found, packed, precision, speeds))
 
 
 def _estimates(
-    gpus: Sequence[str], packed: Packed, cores: int, speed_of: Callable[[str], Speed]
+    gpus: Sequence[str], packed: Packed, cores: int, speed_of: Callable[[str], Speed], times: float
 ) -> dict[tuple[str, ...], float]:
     """Estimated seconds of each choice that there is, the plainest first."""
     choices = dict.fromkeys([("cpu",), (gpus[0],), tuple(gpus)])
-    return {devices: seconds_on(devices, packed, cores, speed_of(devices[0])) for devices in choices}
+    return {devices: seconds_on(devices, packed, cores, speed_of(devices[0]), times) for devices in choices}
 
 
 def _with_compiling(
@@ -171,7 +171,7 @@ def uncompiled(device: str, packed: Packed, precision: str) -> bool:
 
         modules = [(kernel_of("advance", packed, precision).module, 1)]
     else:
-        from warpchain.engine.gpu import GpuKernels
+        from warpchain.engine.buckets import GpuKernels
 
         modules = GpuKernels(replace(packed, precision=precision), device).modules()
     return not all(in_cache(module, device, threads) for module, threads in modules)
@@ -308,7 +308,7 @@ def _compile_seconds(device: str, precision: str) -> float:
     if device == "cpu":
         wp.load_module(kernel_of("advance", packed, precision).module, device=device)
     else:
-        from warpchain.engine.gpu import GpuKernels
+        from warpchain.engine.buckets import GpuKernels
 
         for module, threads in GpuKernels(packed, device).modules():
             wp.load_module(module, device=device, block_dim=threads)

@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 Columns = dict[str, np.ma.MaskedArray[Any, Any]]
 """Columns (V,) by name, masked where a variant has none."""
+Blocks = list[tuple[NDArray[np.int64], Columns]]
+"""Numbers of variants whose drives have the same columns, and these."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,23 @@ class Ended:
     @cached_property
     def _columns(self) -> Mapping[str, NDArray[Any]]:
         return schedule_columns(self.schedules)
+
+
+def joined(ends: Sequence[Ended]) -> Ended:
+    """Variants of several groups, one group after the other, without what only the metrics of each are formed of.
+
+    Args:
+        ends: groups of which `layouts` and `causes` are known.
+    """
+    return Ended(
+        [drive for ended in ends for drive in ended.drives],
+        [schedule for ended in ends for schedule in ended.schedules],
+        np.concatenate([ended.steps for ended in ends]),
+        np.concatenate([ended.diverged for ended in ends]),
+        np.concatenate([ended.settled for ended in ends]),
+        layouts=[layout for ended in ends for layout in ended.layouts or ()],
+        causes=[cause for ended in ends for cause in ended.causes or ()],
+    )
 
 
 def run_columns(ended: Ended) -> Columns:
@@ -226,14 +245,22 @@ def metrics_of(ended: Ended, sums: Mapping[str, Any]) -> Columns:
     return columns | {name: np.ma.asarray(settled[name]) for name in names if name in settled}
 
 
-def metrics_table(
-    ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[str, Any]], limits: Limits | None = None
-) -> pa.Table:
-    """The metrics of all variants; a column stands where the first variant that has one has it among its own.
+def metrics_blocks(ended: Ended, sums_of: Callable[[NDArray[np.intp]], Mapping[str, Any]]) -> Blocks:
+    """The metrics of all variants, block by block.
 
     Args:
         sums_of: gives the sums of variants whose drives have the same columns, by their numbers, as `metrics_of` takes
             them.
+    """
+    blocks = _blocks(same_columns(ended.drives, ended.stacks))
+    return [(variants, metrics_of(ended.of(variants), sums_of(variants))) for variants in blocks]
+
+
+def metrics_table(ended: Ended, blocks: Blocks, limits: Limits | None = None) -> pa.Table:
+    """The metrics of all variants; a column stands where the first variant that has one has it among its own.
+
+    Args:
+        blocks: of all variants, in any order.
         limits: what the variants are judged by; None takes the defaults.
     """
     count = len(ended.drives)
@@ -241,8 +268,7 @@ def metrics_table(
     known |= run_columns(ended)
     columns = {name: (values.filled(0), np.ma.getmaskarray(values)) for name, values in known.items()}
     places = {name: (-1, place) for place, name in enumerate(columns)}
-    for variants in _blocks(same_columns(ended.drives, ended.stacks)):
-        found = metrics_of(ended.of(variants), sums_of(variants))
+    for variants, found in blocks:
         for place, (name, values) in enumerate(found.items()):
             having = ~np.ma.getmaskarray(values)
             if having.any():

@@ -1,0 +1,212 @@
+"""Which kernels the variants of an ensemble take on a GPU, and what a GPU does not take.
+
+Variants with like numbers of rollers, sprockets and so on go into one launch: a bucket.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from warpchain.engine.block_shape import MANY, ROOMS, BlockShape, block_shape, room_for
+from warpchain.engine.packed import Packed
+from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.gpu.block_relax import block_relax_kernel
+from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.structs import GROUND
+
+MOST_LINKS = 16 * ROOMS[-1]
+"""Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
+
+MOST_PARTNERS = 31
+"""Sprockets and guide-bars of one drive: which of them a roller is near is kept in the bits of an int."""
+
+NUMBERS = ("slots", "sprockets", "guides", "arms", "tensioners")
+"""What buckets differ in by a number; in all else by yes or no."""
+
+
+def refusal(packed: Packed, first: int = 0) -> str | None:
+    """Why a GPU cannot run this ensemble, None if it can; `first` is what variant 0 is called."""
+    found = _refused(packed)
+    return None if found is None else f'variant {first + found[0]}: {found[1]}; use device="cpu"'
+
+
+def _refused(packed: Packed) -> tuple[Any, str] | None:
+    """A variant that a GPU cannot run, and why."""
+    drives = packed.drives
+    for v in np.flatnonzero(drives["rollers"] > MOST_LINKS):
+        return v, f"chain.links = {drives['rollers'][v]}: a GPU takes up to {MOST_LINKS}"
+    partners = drives["sprockets"] + drives["guides"]
+    for v in np.flatnonzero(partners > MOST_PARTNERS):
+        return v, f"{partners[v]} sprockets and guide-bars: a GPU takes up to {MOST_PARTNERS}"
+    guides = packed.guides[: drives["guides"].sum()]
+    for g in np.flatnonzero((guides["body"] != GROUND) & (guides["pieces"] == 0)):
+        v = np.flatnonzero(drives["first_guide"] <= g)[-1]
+        number = g - drives["first_guide"][v]
+        return v, f"guide-bar {number} is carried by a body: a GPU takes guide-bars on the ground only"
+    for v in np.flatnonzero(drives["bodies"] != drives["sprockets"] + drives["arms"]):
+        counts = f"{drives['bodies'][v]} bodies for {drives['sprockets'][v]} sprockets"
+        return v, f"{counts}: a GPU takes no bodies but sprockets and arms"
+    return None
+
+
+@dataclass(frozen=True)
+class Bucket:
+    """Variants that share kernels.
+
+    Attributes:
+        kind: of the kernel that takes steps without metrics.
+        variants: their numbers.
+        order: the same, on the device.
+    """
+
+    kind: BlockKind
+    variants: NDArray[np.integer]
+    order: wp.array
+
+    @property
+    def count(self) -> int:
+        """How many variants."""
+        return len(self.variants)
+
+    @property
+    def shape(self) -> BlockShape:
+        """The shape of their blocks when they take steps."""
+        return BlockShape(self.kind.threads, self.kind.per, self.kind.crewed, self.kind.shared_bytes)
+
+
+def of_shape(shape: BlockShape) -> dict[str, Any]:
+    """What of a kernel's kind is its blocks' shape."""
+    return {name: getattr(shape, name) for name in ("threads", "per", "crewed", "shared_bytes")}
+
+
+def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
+    """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
+    if name == "relax":
+        return block_shape(bucket.shape.room, MANY, bucket.shape.shared_bytes)
+    return bucket.shape
+
+
+def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
+    """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
+    if name == "relax":
+        still = {"moving": False, "rk4": False, "sliding": False, "bending": False}
+        return replace(bucket.kind, **of_shape(kernel_shape(name, bucket)), **still)
+    return replace(bucket.kind, measuring=name == "measure")
+
+
+def curved(packed: Packed) -> NDArray[np.bool_]:
+    """Which variants have tables of motion or load, (variants,); all at float64, where no kernel asks."""
+    motions = packed.motions
+    counts = motions["drive_table"]["cells"] + motions["load_table"]["cells"]
+    return (np.add.reduceat(counts, packed.drives["first_body"]) > 0) | (packed.precision == "float64")
+
+
+def pushing(packed: Packed) -> NDArray[np.bool_]:
+    """Which variants have tensioners that push sprockets, (variants,); all at float64, where no kernel asks."""
+    owner = np.repeat(np.arange(packed.variants), packed.drives["tensioners"])
+    on_sprockets = packed.tensioners["body"] < packed.drives["sprockets"][owner]
+    counts = np.bincount(owner[on_sprockets], minlength=packed.variants)
+    return (counts > 0) | (packed.precision == "float64")
+
+
+def rows_apart(buckets: Sequence[Bucket]) -> tuple[int, int, int]:
+    """Values, integers and values of parts that blocks too large for shared memory keep in global memory."""
+    needs = np.zeros(3, dtype=int)
+    for bucket in buckets:
+        for name in ("advance", "measure", "relax"):
+            of = room(kernel_kind(name, bucket))
+            needs = np.maximum(needs, bucket.count * np.array([of.values, of.integers, of.part_values]))
+    return int(needs[0]), int(needs[1]), int(needs[2])
+
+
+def _distinct(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
+    """The different rows of some keys, the largest first."""
+    differ = (keys != keys[0]).any(axis=0)
+    rows = np.unique(keys[:, differ], axis=0, return_index=True)[1] if differ.any() else np.zeros(1, dtype=int)
+    return sorted((tuple(row) for row in keys[rows].tolist()), reverse=True)
+
+
+class GpuKernels:
+    """The kernels that an ensemble takes on a GPU.
+
+    Args:
+        packed: the ensemble.
+        device: such as "cuda:0".
+    """
+
+    def __init__(self, packed: Packed, device: str) -> None:
+        self.packed, self.device = packed, device
+        self._processors = int(wp.get_device(device).sm_count)
+        self._kernels: dict[Any, Any] = {}
+        drives = packed.drives
+        measuring = bool((drives["window_start"] < drives["steps"]).any())
+        self._names = ("advance", "measure") if measuring else ("advance",)
+        self.buckets = self._bucketed()
+
+    def _bucketed(self) -> list[Bucket]:
+        """The variants by kernel, the longest first."""
+        packed, drives = self.packed, self.packed.drives
+        moving = np.add.reduceat(packed.mounts["active"], drives["first_body"]) > 0
+        columns = {
+            "slots": room_for(drives["rollers"]),
+            "sprockets": drives["sprockets"],
+            "guides": drives["guides"],
+            "moving": moving,
+            "rk4": drives["integrator"],
+            "sliding": packed.slides,
+            "bending": packed.joints["rubs"],
+            "uneven": packed.links["uneven"],
+            "arms": drives["arms"],
+            "tensioners": drives["tensioners"],
+            "profiles": drives["pieces"] > 0,
+            "curved": curved(packed),
+            "pushing": pushing(packed),
+            "stribeck": packed.stribeck,
+        }
+        keys = np.column_stack(list(columns.values()))
+        buckets = []
+        for key in _distinct(keys):
+            order = np.flatnonzero((keys == key).all(axis=1))
+            order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
+            array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
+            values = {name: value if name in NUMBERS else bool(value) for name, value in zip(columns, key, strict=True)}
+            buckets.append(Bucket(self._kind(len(order), **values), order, array))
+        return buckets
+
+    def _kind(self, count: int, slots: int, **values: Any) -> BlockKind:
+        """The kind of kernel that takes `count` variants alike on, by themselves."""
+        most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
+        # for others two warps were not faster, or not measured
+        plain = not any(values[name] for name in ("moving", "sliding", "bending", "arms"))
+        precision = self.packed.precision if plain else "float64"
+        shape = block_shape(slots, count // self._processors, most_shared, precision)
+        return BlockKind(self.packed.real, **of_shape(shape), **values)
+
+    def _blocks(self, name: str, bucket: Bucket) -> int:
+        """Blocks of a bucket's kernel that a multiprocessor is to hold."""
+        each = 2**31 if name == "relax" else -(-bucket.count // self._processors)
+        return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each)
+
+    def _made(self, name: str, bucket: Bucket) -> Any:
+        """A bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
+        kind, blocks = kernel_kind(name, bucket), self._blocks(name, bucket)
+        if (name, kind) not in self._kernels:
+            frame = self.packed.frame
+            kernel = block_relax_kernel(kind, blocks) if name == "relax" else block_kernel(kind, blocks, frame)
+            self._kernels[name, kind] = kernel
+        return self._kernels[name, kind]
+
+    def modules(self, *names: str) -> list[tuple[Any, int]]:
+        """The modules of the kernels of these names, by default of those that take steps, and their threads a block.
+
+        They are made by the calling thread, as they share functions.
+        """
+        pairs = [(bucket, name) for bucket in self.buckets for name in names or self._names]
+        return [(self._made(name, bucket).module, kernel_shape(name, bucket).threads) for bucket, name in pairs]

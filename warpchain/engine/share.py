@@ -1,0 +1,245 @@
+"""Variants of a run that go through it together: packed, settled, stepped, and what they came to.
+
+A run is one share, or several where some can be stepped while others are packed (`engine.shares`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
+from importlib import import_module
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from warpchain.drive import Drive
+from warpchain.drive.stack import Stack, picked
+from warpchain.engine.devices import Engine, engine_on, frame_bytes, launch_steps, loading
+from warpchain.engine.ends import causes_of, engaged, layouts_of, net_force
+from warpchain.engine.nudge import nudge
+from warpchain.engine.pack import pack
+from warpchain.engine.packed import Packed
+from warpchain.engine.progress import Report, Stop
+from warpchain.engine.recorder import Recorder, Recording
+from warpchain.engine.settling import settle
+from warpchain.engine.sums import split_sums
+from warpchain.results.channels import FrameLayout
+from warpchain.results.metrics import Blocks, Ended, metrics_blocks
+from warpchain.results.run import RunInfo
+from warpchain.results.schedule import Schedule
+
+if TYPE_CHECKING:
+    from warpchain.engine.states import Keeper
+
+LAUNCH_WORK = 20_000_000
+"""Roller-steps of a variant in one launch at most, so that progress shows and Ctrl-C is heard."""
+
+
+@dataclass(frozen=True)
+class Members:
+    """Variants of a run, one after the other.
+
+    Attributes:
+        drives, schedules: theirs.
+        stacks: the drives sorted into kinds, numbered from 0.
+        first: what the first of them is called in the run.
+    """
+
+    drives: Sequence[Drive]
+    schedules: Sequence[Schedule]
+    stacks: Sequence[Stack]
+    first: int = 0
+
+    @cached_property
+    def work(self) -> NDArray[np.float64]:
+        """(V,) roller-steps of each."""
+        rollers = np.zeros(len(self.drives))
+        for stack in self.stacks:
+            rollers[stack.members] = stack.drive.chain.links
+        return rollers * (np.array([schedule.steps for schedule in self.schedules]) + 1.0)
+
+    def part(self, begin: int, end: int) -> Members:
+        """Those from `begin` to `end` - 1."""
+        stacks = []
+        for stack in self.stacks:
+            a, b = np.searchsorted(stack.members, [begin, end]).tolist()
+            if b > a:
+                whole = b - a == len(stack.members)
+                drive = stack.drive if whole else picked(stack.drive, slice(a, b))
+                stacks.append(Stack(stack.members[a:b] - begin, drive))
+        return Members(self.drives[begin:end], self.schedules[begin:end], stacks, self.first + begin)
+
+
+@dataclass(frozen=True)
+class How:
+    """How shares are run.
+
+    Attributes:
+        devices: where, as from `devices.devices_for`.
+        precision: "float64" or "float32".
+        cores: CPU threads.
+    """
+
+    devices: Sequence[str]
+    precision: str
+    cores: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the variants of a share, or of all, came to.
+
+    Attributes:
+        ended: how each ended.
+        blocks: forms their metrics, numbered as in the run.
+        at: when the last step was done, by `time.monotonic`.
+    """
+
+    ended: Ended
+    blocks: Callable[[], Blocks]
+    at: float
+
+
+class Share:
+    """Variants that go through a run together, packed.
+
+    Args:
+        members: the variants.
+        frame: how recorded frames lie.
+
+    Raises:
+        DriveError: for a drive whose chain does not fit; the message names the variant.
+    """
+
+    def __init__(self, members: Members, frame: FrameLayout) -> None:
+        self.members = members
+        drives, stacks = members.drives, members.stacks
+        self.packed = replace(pack(drives, members.schedules, stacks, members.first), frame=frame)
+        self.layouts = layouts_of(drives, self.packed.assemblies, stacks)
+
+    def recorder(self, info: RunInfo, recording: Recording) -> Recorder:
+        """Takes their frames."""
+        return Recorder(self.members.drives, self.members.schedules, self.packed, info, recording)
+
+    def run(self, how: How, recorder: Recorder, report: Report, stop: Stop, keeper: Keeper | None = None) -> Outcome:
+        """Settles the variants, steps them to their ends or until a stop is asked for, and tells what they came to."""
+        drives, stacks, packed = self.members.drives, self.members.stacks, self.packed
+        steps = launch_steps(how.devices, packed, max(1, LAUNCH_WORK // int(packed.drives["rollers"].max())))
+        settling = (drives, stacks) if keeper is None else (keeper.unsettled(), None)
+        with loading(how.devices, packed, how.precision):
+            settled = _settle(packed, settling, how, steps, report, stop)
+        left = net_force(packed, settled["residual"])
+        nudge(packed, drives)
+        if keeper is not None:
+            keeper.prepare(packed, settled, left)
+        steps = launch_steps(how.devices, packed, recorder.launch_steps(steps, frame_bytes(how.devices)))
+        buffer_values = recorder.layout(steps)
+        engine = engine_on(how.devices, packed.at_precision(how.precision), how.cores)
+        try:
+            if keeper is not None:
+                keeper.restore(engine)
+            _march(engine, steps, buffer_values, recorder, report, stop, keeper)
+            at = time.monotonic()
+            state = engine.progress()
+            diverged = state["diverged"] != 0
+            ended = Ended(
+                drives,
+                self.members.schedules,
+                state["step"],
+                diverged,
+                settled,
+                engaged(engine, drives, stacks),
+                self.layouts,
+                left,
+                causes_of(engine, drives, diverged),
+                stacks,
+            )
+            return Outcome(ended, partial(_blocks, ended, engine.sums(), engine.packed, self.members.first), at)
+        finally:
+            engine.close()
+
+
+def _blocks(ended: Ended, sums: dict[str, NDArray[Any]], packed: Packed, first: int) -> Blocks:
+    """The metrics of variants from their sums; `first` is what variant 0 is called."""
+    found = metrics_blocks(ended, lambda variants: split_sums(sums, packed, variants))
+    return [(first + variants, columns) for variants, columns in found]
+
+
+def _await(futures: list[Future[None]], stop: Stop, tick: Callable[[], None]) -> None:
+    """Waits for a launch; on a request to stop, drops what has not begun. Raises what a launch raised."""
+    pending = set(futures)
+    while pending:
+        _, pending = wait(pending, timeout=0.1)
+        tick()
+        if stop.asked:
+            for future in pending:
+                future.cancel()
+    for future in futures:
+        if not future.cancelled():
+            future.result()
+
+
+def _settle(
+    packed: Packed,
+    drives: tuple[Sequence[Drive], Sequence[Stack] | None],
+    how: How,
+    steps: int,
+    report: Report,
+    stop: Stop,
+) -> NDArray[Any]:
+    """Brings the variants that ask for it to static equilibrium; returns how each one's settling ended."""
+
+    def run(futures: list[Future[None]], done: Callable[[], tuple[float, float]]) -> bool:
+        _await(futures, stop, lambda: report("settling", *done()))
+        return not stop.asked
+
+    return settle(packed, drives[0], how.devices, how.cores, steps, run, drives[1])
+
+
+def _march(
+    engine: Engine,
+    steps: int,
+    buffer_values: int,
+    recorder: Recorder,
+    report: Report,
+    stop: Stop,
+    keeper: Keeper | None = None,
+) -> None:
+    """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
+    drives = engine.packed.drives
+    rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
+    total = float(((last + 1) * rollers).sum())
+    buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
+    taken: tuple[Any, Any, Any] | None = None
+
+    def tick() -> None:
+        state = engine.progress()
+        done = np.where(state["diverged"] == 1, last + 1, state["step"])
+        report("simulating", float((done * rollers).sum()), total)
+
+    before = engine.progress()
+    turn = 0
+    while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.asked:
+        futures = engine.advance(steps if keeper is None else keeper.most(before, steps), buffers[turn])
+        _load_ahead()
+        if taken is not None:
+            recorder.take(taken[0].numpy(), *taken[1:])
+        _await(futures, stop, tick)
+        after = engine.progress()
+        if keeper is not None:
+            keeper.take(engine, after)
+        taken = (buffers[turn], before, after)
+        before, turn = after, 1 - turn
+    if taken is not None:
+        recorder.take(taken[0].numpy(), *taken[1:])
+
+
+@cache
+def _load_ahead() -> None:
+    """Imports what the metrics need, which takes 0.3 s, while the engine is at work without Python's lock."""
+    Thread(target=import_module, args=("scipy.special",)).start()
