@@ -6,24 +6,24 @@ the tangents where it comes and goes (`Taut.levers`). With the strain e of the c
     T (h_out - h_in) - k_t (theta - theta_0) + m (r_c - p) x g + stops + sum of tensioners F l = 0.       (a)
 
 Turning towards the chain lengthens its path, so that the left side falls through 0 once: sought arm by arm, all arms
-over again until none moves.
+over again until none moves. Of a stack's variants angles are arrays (V,).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
+from warpchain.drive.each import Unlike, copysign, every, largest, same, smallest, where
 from warpchain.drive.oil import static_force
+from warpchain.drive.profile import direction
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from warpchain.drive import Drive
     from warpchain.drive.tensioners import Tensioner
 
@@ -42,17 +42,17 @@ _NEAR = 1e-11  # rad; the error after such a step is round-off
 _STILL = 1e-11  # rad
 
 
-def tension(drive: Drive, path: ChainPath | Course, beyond: float = 0.0) -> float:
+def tension(drive: Drive, path: ChainPath | Course, beyond: Any = 0.0) -> Any:
     """Tension of the chain on its path [N], 0 where it is slack; `beyond` adds to its strain."""
-    strain = min(path.nominal_strain, MAX_STRAIN) + beyond
-    return drive.chain.mean_stiffness * path.pitch * max(strain, 0.0)
+    strain = smallest(path.nominal_strain, MAX_STRAIN) + beyond
+    return drive.chain.mean_stiffness * path.pitch * largest(strain, 0.0)
 
 
 class StillArm:
     """What turns an arm but for the chain, all at rest: springs, weight, stops and tensioners.
 
     Args:
-        drive: the drive.
+        drive: one, or a stack, of which `moment` gives those of all variants (V,).
         a: the arm's index.
     """
 
@@ -64,7 +64,7 @@ class StillArm:
         self.pushes = [static_force(t) for t in self.tensioners]  # at the drawing [N]
         self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
 
-    def moment(self, angle: float) -> float:
+    def moment(self, angle: Any) -> Any:
         """About the pivot [N m], at an angle [rad]."""
         arm = self.arm
         x, y = self._turned(arm.center, angle)
@@ -74,7 +74,8 @@ class StillArm:
         )
         for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
             lever, _ = self._levers(tensioner, angle)
-            found += lever * max(push - tensioner.spring_stiffness * self.extension(tensioner, angle), 0.0)
+            force = largest(push - tensioner.spring_stiffness * self.extension(tensioner, angle), 0.0)
+            found = found + lever * force
         return found
 
     def energy(self, angle: float) -> float:
@@ -102,25 +103,25 @@ class StillArm:
             found += tensioner.spring_stiffness * lever**2 - force * change if force > 0.0 else 0.0
         return found
 
-    def over(self, angle: float) -> float:
+    def over(self, angle: Any) -> Any:
         """How far an angle lies beyond the stops [rad]: positive beyond the upper one, 0 in between."""
         low, high = self.arm.stops_rad
-        return max(angle - high, 0.0) - max(low - angle, 0.0)
+        return largest(angle - high, 0.0) - largest(low - angle, 0.0)
 
-    def extension(self, tensioner: Tensioner, angle: float) -> float:
+    def extension(self, tensioner: Tensioner, angle: Any) -> Any:
         """Of one of its tensioners [m]."""
         (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
         (px, py), (ax, ay) = self.arm.pivot, tensioner.at
         return (x + px - ax) * ux + (y + py - ay) * uy
 
-    def _levers(self, tensioner: Tensioner, angle: float) -> tuple[float, float]:
+    def _levers(self, tensioner: Tensioner, angle: Any) -> tuple[Any, Any]:
         """Lever of a tensioner about the pivot, and its derivative by the angle [m]."""
         (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
         return x * uy - y * ux, -(x * ux + y * uy)
 
-    def _turned(self, place: Sequence[float], angle: float) -> tuple[float, float]:
+    def _turned(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
         """From the pivot to a place of the arm as drawn, now [m]."""
-        (px, py), cosine, sine = self.arm.pivot, math.cos(angle), math.sin(angle)
+        (px, py), (cosine, sine) = self.arm.pivot, direction(angle)
         dx, dy = place[0] - px, place[1] - py
         return cosine * dx - sine * dy, sine * dx + cosine * dy
 
@@ -131,7 +132,7 @@ def stop_of(drive: Drive, a: int, angle: float) -> str | None:
     return "lower" if angle <= low + AT_STOP else "upper" if angle >= high - AT_STOP else None
 
 
-def chain_moment(drive: Drive, path: ChainPath | Course, a: int, beyond: float = 0.0) -> float:
+def chain_moment(drive: Drive, path: ChainPath | Course, a: int, beyond: Any = 0.0) -> Any:
     """Moment of the chain on arm a about its pivot [N m]."""
     levers = sum(string.levers(drive.guides_of(a), drive.arms[a].pivot) for string in path.strings if string)
     return tension(drive, path, beyond) * levers
@@ -141,17 +142,17 @@ class Balance:
     """The arms of a drive in balance (a) with its chain.
 
     Args:
-        drive: with arms.
+        drive: with arms, or a stack of such.
 
     Raises:
-        DriveError: as `Plan`.
+        DriveError, Unlike: as `Plan`.
     """
 
     def __init__(self, drive: Drive) -> None:
         self.plan = Plan(drive)
         self.still = [StillArm(drive, a) for a in range(len(drive.arms))]
 
-    def path(self, beyond: float = 0.0, angles: Sequence[float] | NDArray[np.float64] | None = None) -> ChainPath:
+    def path(self, beyond: Any = 0.0, angles: Sequence[Any] | None = None) -> ChainPath:
         """The path of the chain with all arms in balance, as that of a stack.
 
         Args:
@@ -160,33 +161,37 @@ class Balance:
 
         Raises:
             DriveError: an arm without a balance; or as `path_at`.
+            Unlike: a stack whose balances are found in unlike ways.
         """
-        found = [0.0] * len(self.still) if angles is None else [float(angle) for angle in angles]
+        found: list[Any] = [0.0] * len(self.still) if angles is None else list(angles)
         for a, still in enumerate(self.still):
             low, high = still.arm.stops_rad
-            found[a] = min(max(found[a], low), high)
+            found[a] = smallest(largest(found[a], low), high)
         for _ in range(_SWEEPS):
             before = list(found)
             for a, still in enumerate(self.still):
                 found[a] = _balance(self.plan, still, found, a, beyond)
-            if len(found) == 1 or max(abs(x - y) for x, y in zip(found, before, strict=True)) <= _STILL:
+            moved = [abs(x - y) for x, y in zip(found, before, strict=True)]
+            if len(found) == 1 or same(largest(*moved) <= _STILL):
                 break
         return self.plan.path(found)
 
 
-def _balance(plan: Plan, still: StillArm, angles: Sequence[float], a: int, beyond: float) -> float:
+def _balance(plan: Plan, still: StillArm, angles: Sequence[Any], a: int, beyond: Any) -> Any:
     """The angle of arm a [rad] at which (a) holds, with the others where they are."""
-    from scipy.optimize import brentq
-
     drive = plan.drive
 
-    def moment(angle: float) -> float:
+    def moment(angle: Any) -> Any:
         course = plan.course([*angles[:a], angle, *angles[a + 1 :]])
         return still.moment(angle) + chain_moment(drive, course, a, beyond)
 
     quick = _secant(moment, angles[a])
     if quick is not None:
         return quick
+    if plan.variants > 1:  # by halves, until those that it fails for are alone
+        raise Unlike(np.arange(plan.variants) < plan.variants // 2)
+    from scipy.optimize import brentq  # slow to import
+
     arm = drive.arms[a]
     low, high = arm.stops_rad
     near, here = angles[a], moment(angles[a])
@@ -210,19 +215,24 @@ def _balance(plan: Plan, still: StillArm, angles: Sequence[float], a: int, beyon
     raise DriveError(f"arms.{arm.name}: {where}; look at its stops, and at the {turns}")
 
 
-def _secant(moment: Callable[[float], float], near: float) -> float | None:
-    """Where a moment that falls with the angle is 0 [rad], by secants; None where they lead astray."""
+def _secant(moment: Callable[[Any], Any], near: Any) -> Any:
+    """Where a moment that falls with the angle is 0 [rad], by secants; None where they lead astray, of any variant."""
     try:
         before, here = near, moment(near)
-        angle = near + math.copysign(_FIRST, here)
+        angle, done = near + copysign(_FIRST, here), False
         for _ in range(_SECANTS):
             last, here = here, moment(angle)
-            slope = (here - last) / (angle - before)
-            if here == 0.0 or slope >= 0.0:
-                return angle if here == 0.0 else None
-            change = max(-_LONGEST, min(_LONGEST, -here / slope))
-            before, angle = angle, angle + change
-            if abs(change) <= _NEAR:
+            done = done | (here == 0.0)
+            if every(done):
+                return angle
+            with np.errstate(divide="ignore", invalid="ignore"):  # of those that are done
+                slope = (here - last) / (angle - before)
+                if not every(done | (slope < 0.0)):
+                    return None
+                change = largest(-_LONGEST, smallest(_LONGEST, -here / slope))
+            before, angle = angle, where(done, angle, angle + change)
+            done = done | (abs(change) <= _NEAR)
+            if every(done):
                 return angle
     except DriveError:
         pass

@@ -39,6 +39,7 @@ from warpchain.assembly.path import ChainPath
 from warpchain.assembly.taut import Taut, TautError, point, taut
 from warpchain.assembly.walk import Curve
 from warpchain.drive.each import (
+    Unlike,
     ceil,
     columns,
     cos,
@@ -46,6 +47,7 @@ from warpchain.drive.each import (
     hypot,
     largest,
     many,
+    same,
     sin,
     smallest,
     some,
@@ -56,6 +58,7 @@ from warpchain.drive.each import (
 )
 from warpchain.drive.mounts import initial_place
 from warpchain.drive.profile import direction
+from warpchain.drive.stack import picked
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -129,6 +132,7 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seati
     Raises:
         DriveError: where a strand has no room for a link, a sprocket has fewer teeth than rollers to hold, or no
             placement closes the chain; the message names where, of the first such variant.
+        Unlike: a stack whose chains lie on guides with unlike arcs, or links.
     """
     loop = loop or Loop(drive, path)
     loop.take(path)
@@ -155,11 +159,13 @@ def forth(roller: Number) -> Number:
 class Loop:
     """The sprockets of a stack in the order of the chain's travel, S numbers or arrays (V,) each.
 
-    Guides' strings are those of one variant alone.
+    Attributes:
+        members: (V,) which variants of the stack they are, `whole` many in all.
     """
 
     def __init__(self, drive: Drive, path: ChainPath) -> None:
-        self.variants = len(path.radius)
+        self.variants = self.whole = len(path.radius)
+        self.members: Places = np.arange(self.whole)
         self.size = len(drive.sprockets)
         self.driver = drive.driver
         self.names = [sprocket.name for sprocket in drive.sprockets]
@@ -181,13 +187,16 @@ class Loop:
         """Goes over to another path of the same drive, whose arms stand elsewhere."""
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.around = any(self.runs)
-        self.strings: dict[int, tuple[tuple[float, float], Taut]] = {}  # as last drawn, from where to where
-        self.chords = [0.0] * self.size  # what links laid on a string measure beyond its chain length [m]
+        self.strings: dict[int, tuple[tuple[Number, Number], Taut]] = {}  # as last drawn, from where to where
+        self.touched: dict[int, tuple[int, ...]] = {}  # the arcs that it then touched
+        self.chords: list[Number] = [0.0] * self.size  # what links on a string measure beyond its chain length [m]
 
     def of(self, chosen: Places) -> Loop:
         """That of some of the variants of a stack."""
         part = copy(self)
-        part.variants, part.pitch = len(chosen), self.pitch[chosen]
+        part.variants, part.pitch, part.members = len(chosen), self.pitch[chosen], self.members[chosen]
+        part.runs, part.strings = [picked(runs, chosen) if runs else () for runs in self.runs], {}
+        part.chords = [taken(chord, chosen) for chord in self.chords]
         for name in ("x", "y", "radius", "lean"):
             setattr(part, name, [taken(value, chosen) for value in getattr(self, name)])
         if len(self.reach) > 1:
@@ -248,21 +257,29 @@ class Loop:
         """Strand k from seat to seat around its guides; None where it touches none."""
         if not self.runs[k]:
             return None
-        following = (k + 1) % self.size
         ends = self.ends(seating, k)
-        known, string = self.strings.get(k, (None, None))
-        if string is None or known != ends:
-            seats = self._seat(k, ends[0]), self._seat(following, ends[1])
+        known = self.strings.get(k)
+        if known is None or any(some(old != new) for old, new in zip(known[0], ends, strict=True)):
+            first, last = self._seat(k, ends[0]), self._seat((k + 1) % self.size, ends[1])
             try:
-                string = taut(point(seats[0]), point(seats[1]), self.runs[k], string)
+                string = taut(point(first), point(last), self.runs[k], self.touched.get(k, ()))
             except TautError as error:
                 raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
-            self.strings[k] = ends, string
+            except Unlike as parted:
+                raise self._parted(parted) from None
+            self.strings[k], self.touched[k] = (ends, string), string.numbers
+        string = self.strings[k][1]
         return string if string.touches else None
 
-    def _seat(self, s: int, polar: float) -> tuple[float, float]:
-        radius = self.radius[s]
-        return self.x[s] + radius * math.cos(polar), self.y[s] + radius * math.sin(polar)
+    def _parted(self, parted: Unlike) -> Unlike:
+        """What parts these variants, of the whole stack's."""
+        way = np.full(self.whole, parted.way[0])
+        way[self.members] = parted.way
+        return Unlike(way)
+
+    def _seat(self, s: int, polar: Number) -> tuple[Number, Number]:
+        radius, (x, y) = self.radius[s], direction(polar)
+        return self.x[s] + radius * x, self.y[s] + radius * y
 
     def strand(self, seating: Seating, k: int) -> _Strand:
         """Strand k from seat to seat, around its guides."""
@@ -281,14 +298,17 @@ class Loop:
         along = x / length, y / length
         return _Strand(leaving, arriving, along, along, length)
 
-    def laid(self, seating: Seating, k: int) -> float:
+    def laid(self, seating: Seating, k: int) -> Number:
         """What the links of strand k, laid as chords on its string, measure beyond its chain length [m]."""
         string = self.string(seating, k)
         if string is None:
             return 0.0
-        roller = seating.last[k]
-        links = self.links[0, np.arange(roller, roller + seating.links[k]) % self.links.shape[1]]
-        return Curve(string.pieces).scale(links) * float(links.sum()) - string.chain_length(self.pitch)
+        try:
+            roller, links = same(seating.last[k]), same(seating.links[k])
+        except Unlike as parted:
+            raise self._parted(parted) from None
+        own = np.take(self.links, np.arange(roller, roller + links) % self.links.shape[1], axis=1)
+        return Curve(string.pieces).measured(own[0] if len(own) == 1 else own) - string.chain_length(self.pitch)
 
     def natural(self, seating: Seating) -> list[Number]:
         """(S,) unloaded lengths of the strands: the sums of their own links'."""
@@ -305,9 +325,12 @@ class Loop:
             if not self.around:
                 break
             before, self.chords = self.chords, [self.laid(seating, k) for k in range(self.size)]
-            change = max(abs(old - new) for old, new in zip(before, self.chords, strict=True))
-            if change <= 1e-3 * _CLOSED * self.pitch:
-                break
+            change = largest(*(abs(old - new) for old, new in zip(before, self.chords, strict=True)))
+            try:
+                if same(change <= 1e-3 * _CLOSED * self.pitch):
+                    break
+            except Unlike as parted:
+                raise self._parted(parted) from None
 
     def _solve(self, seating: Seating, lengths: list[Number]) -> None:
         self._newton(seating, lengths, lengths)
