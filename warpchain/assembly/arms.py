@@ -24,7 +24,7 @@ from warpchain.drive.profile import direction
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
-    from warpchain.drive import Drive
+    from warpchain.drive import Arm, Drive
     from warpchain.drive.tensioners import Tensioner
 
 FARTHEST = math.radians(90.0)
@@ -151,6 +151,7 @@ class Balance:
     def __init__(self, drive: Drive) -> None:
         self.plan = Plan(drive)
         self.still = [StillArm(drive, a) for a in range(len(drive.arms))]
+        self.slopes: dict[int, Any] = {}  # of the moments by the angles, as last found [N m/rad]
 
     def path(self, beyond: Any = 0.0, angles: Sequence[Any] | None = None) -> ChainPath:
         """The path of the chain with all arms in balance, as that of a stack.
@@ -169,37 +170,40 @@ class Balance:
             found[a] = smallest(largest(found[a], low), high)
         for _ in range(_SWEEPS):
             before = list(found)
-            for a, still in enumerate(self.still):
-                found[a] = _balance(self.plan, still, found, a, beyond)
+            for a in range(len(found)):
+                found[a] = self._balance(found, a, beyond)
             moved = [abs(x - y) for x, y in zip(found, before, strict=True)]
             if len(found) == 1 or same(largest(*moved) <= _STILL):
                 break
         return self.plan.path(found)
 
+    def _balance(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
+        """The angle of arm a [rad] at which (a) holds, with the others where they are."""
 
-def _balance(plan: Plan, still: StillArm, angles: Sequence[Any], a: int, beyond: Any) -> Any:
-    """The angle of arm a [rad] at which (a) holds, with the others where they are."""
-    drive = plan.drive
+        def moment(angle: Any) -> Any:
+            course = self.plan.course([*angles[:a], angle, *angles[a + 1 :]])
+            return self.still[a].moment(angle) + chain_moment(self.plan.drive, course, a, beyond)
 
-    def moment(angle: Any) -> Any:
-        course = plan.course([*angles[:a], angle, *angles[a + 1 :]])
-        return still.moment(angle) + chain_moment(drive, course, a, beyond)
+        quick = _secant(moment, angles[a], self.slopes.get(a))
+        if quick is not None:
+            angle, self.slopes[a] = quick
+            return angle
+        if self.plan.variants > 1:  # by halves, until those that it fails for are alone
+            raise Unlike(np.arange(self.plan.variants) < self.plan.variants // 2)
+        return _bracketed(moment, self.still[a].arm, angles[a])
 
-    quick = _secant(moment, angles[a])
-    if quick is not None:
-        return quick
-    if plan.variants > 1:  # by halves, until those that it fails for are alone
-        raise Unlike(np.arange(plan.variants) < plan.variants // 2)
+
+def _bracketed(moment: Callable[[float], float], arm: Arm, near: float) -> float:
+    """Where a moment is 0 [rad], from an angle on by steps in which it turns; slow, and sure."""
     from scipy.optimize import brentq  # slow to import
 
-    arm = drive.arms[a]
     low, high = arm.stops_rad
-    near, here = angles[a], moment(angles[a])
+    start, here = near, moment(near)
     if here == 0.0:
         return near
     step = math.copysign(_STEP, here)
     reason = "the chain leaves it"
-    while near + step - min(max(near, low), high) > -FARTHEST and abs(near) < FARTHEST + abs(angles[a]):
+    while near + step - min(max(near, low), high) > -FARTHEST and abs(near) < FARTHEST + abs(start):
         try:
             there = moment(near + step)
         except DriveError as error:
@@ -208,32 +212,43 @@ def _balance(plan: Plan, still: StillArm, angles: Sequence[Any], a: int, beyond:
         if here * there <= 0.0:
             return float(brentq(moment, *sorted((near, near + step)), xtol=1e-14, rtol=1e-14))
         near, here = near + step, there
-    where = f"finds no balance from {math.degrees(angles[a]):.3g} to {math.degrees(near):.3g} degrees, {reason}"
+    where = f"finds no balance from {math.degrees(start):.3g} to {math.degrees(near):.3g} degrees, {reason}"
     turns = "springs and tensioners that turn it"
     if arm.stops is None:
         raise DriveError(f"arms.{arm.name}.stops: missing; without them the arm {where}; or look at the {turns}")
     raise DriveError(f"arms.{arm.name}: {where}; look at its stops, and at the {turns}")
 
 
-def _secant(moment: Callable[[Any], Any], near: Any) -> Any:
-    """Where a moment that falls with the angle is 0 [rad], by secants; None where they lead astray, of any variant."""
+def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
+    """Where a moment that falls with the angle is 0 [rad], by secants, and its slope there [N m/rad].
+
+    None where they lead astray, of any variant.
+
+    Args:
+        moment: of an angle.
+        near: a first guess [rad].
+        slope: a guess of it.
+    """
     try:
         before, here = near, moment(near)
-        angle, done = near + copysign(_FIRST, here), False
+        first = copysign(_FIRST, here) if slope is None else _bounded(-here / slope)
+        angle, done = near + where(first == 0.0, _NEAR, first), False
         for _ in range(_SECANTS):
             last, here = here, moment(angle)
-            done = done | (here == 0.0)
-            if every(done):
-                return angle
             with np.errstate(divide="ignore", invalid="ignore"):  # of those that are done
-                slope = (here - last) / (angle - before)
-                if not every(done | (slope < 0.0)):
+                slope = where(done, slope, (here - last) / where(done, 1.0, angle - before))
+                if not every(done | (here == 0.0) | (slope < 0.0)):
                     return None
-                change = largest(-_LONGEST, smallest(_LONGEST, -here / slope))
-            before, angle = angle, where(done, angle, angle + change)
+                done = done | (here == 0.0)
+                change = where(done, 0.0, _bounded(-here / where(done, -1.0, slope)))
+            before, angle = angle, angle + change
             done = done | (abs(change) <= _NEAR)
             if every(done):
-                return angle
+                return angle, slope
     except DriveError:
         pass
     return None
+
+
+def _bounded(change: Any) -> Any:
+    return largest(-_LONGEST, smallest(_LONGEST, change))

@@ -22,7 +22,6 @@ zero.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +36,7 @@ from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
 from warpchain.assembly.walk import Curve
 from warpchain.drive.copies import turned_on
-from warpchain.drive.each import along, columns, hypot, joined, many, power, same, some, table_of
+from warpchain.drive.each import along, columns, hypot, joined, many, power, same, some, table_of, where
 from warpchain.drive.mounts import initial_place, initial_velocity
 from warpchain.drive.profile import direction
 from warpchain.drive.stack import picked
@@ -48,8 +47,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _STRAIGHT = 1e-12  # a strand this little slack is drawn straight
-_BALANCES = 12  # of arms; each leaves some percent of what is wrong
-_STILL = 1e-9  # rad
+_BALANCES = 12  # of arms
+_STILL = 1e-12  # rad
+_ROUGH, _FINE = 1e-10, 1e-13  # pitches that a further laying of links may change, at first and at last
 _TIE = 1e-9  # of a pitch angle, or of gravity's direction: which way round-off must not decide
 
 
@@ -251,20 +251,39 @@ def assembled_path(drive: Drive) -> ChainPath:
 
 def _seated(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     """Path and seats of a stack, and its sprockets; arms in balance with the strain of the chain on its seats."""
-    balance = Balance(drive) if drive.arms else None
-    path = balance.path() if balance else chain_paths(drive)
+    if drive.arms:
+        return _balanced(drive)
+    path = chain_paths(drive)
     check_fit(drive, path)
     loop = Loop(drive, path)
-    seating = seat_chain(drive, path, loop)
-    if balance is None:
-        return path, seating, loop
-    for _ in range(_BALANCES):
-        before = path.arm_angle
+    return path, seat_chain(drive, path, loop), loop
+
+
+def _balanced(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
+    """`_seated` with arms.
+
+    Sought is what the strain b is beyond the path's nominal one: with the arms in balance at b, the chain on its seats
+    has a strain that is g(b) beyond. g hangs on b by some percent and smoothly, so that secants find b = g(b) in three
+    steps, each of which begins where the last one ended.
+    """
+    balance, beyond = Balance(drive), 0.0
+    path = balance.path()
+    check_fit(drive, path)
+    loop, known = Loop(drive, path), None
+    for turn in range(_BALANCES):
+        seating = seat_chain(drive, path, loop, _ROUGH if turn < 2 else _FINE)
         (nominal,) = columns(np.asarray(path.nominal_strain)[:, None])
-        path = balance.path(seating.strain - nominal, columns(before))
-        seating = seat_chain(drive, path, loop)
-        if same(np.abs(path.arm_angle - before).max(axis=1) <= _STILL):
-            break
+        off, slope = seating.strain - nominal - beyond, -1.0
+        if known is not None:
+            moved = where(beyond == known[0], 1.0, beyond - known[0])
+            slope = (off - known[1]) / moved
+            slope = where(abs(slope + 1.0) < 0.5, slope, -1.0)
+            (turned,) = columns(np.abs(path.arm_angle - known[2]).max(axis=1)[:, None])
+            if turn > 1 and same(abs(off / slope * turned / moved) <= _STILL):
+                break
+        known = beyond, off, path.arm_angle
+        beyond = beyond - off / slope
+        path = balance.path(beyond, columns(path.arm_angle))
     return path, seating, loop
 
 

@@ -98,7 +98,7 @@ def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, 
         height: Any = 0.0
         for x, y in rides:
             ahead = (x - sx) * ux + (y - sy) * uy
-            beside = (0.0 < ahead) & (ahead < length)
+            beside = (ahead > 0.0) & (ahead < length)
             count = count + beside
             height = height + where(beside, side * ((sy - y) * ux - (sx - x) * uy), 0.0)
         if same(count == 0):
@@ -120,7 +120,7 @@ def depth(run: Run, line: Line) -> float:
         x, y = arc.at(arc.held(heading))
         ahead = (x - sx) * ux + (y - sy) * uy
         cut = arc.sign * ((sy - y) * ux - (sx - x) * uy)
-        deepest = where((0.0 < ahead) & (ahead < length), largest(deepest, cut), deepest)
+        deepest = where((ahead > 0.0) & (ahead < length), largest(deepest, cut), deepest)
     return deepest
 
 

@@ -37,12 +37,13 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.taut import Taut, TautError, point, taut
-from warpchain.assembly.walk import Curve
+from warpchain.assembly.walk import Curve, total_of
 from warpchain.drive.each import (
     Unlike,
     ceil,
     columns,
     cos,
+    every,
     floor,
     hypot,
     largest,
@@ -68,8 +69,10 @@ _TIE = 1e-6  # pitches: a roller half a pitch from an arc counts as seated, what
 _SPARE = 0.05  # pitch angles beyond the half one before a seat is given back
 _ROUNDS = 10
 _ITERATIONS = 40
-_LAYINGS = 8  # of links on strings; each leaves a thousandth of the error
+_LAYINGS = 8  # of links on strings
+_LEFT = 2e-3  # of the error, by each of them
 _CLOSED = 1e-10  # of a pitch
+_LAID = 1e-13  # of a pitch
 
 Places = NDArray[np.int64]
 
@@ -121,13 +124,14 @@ class Seating:
         return [first + seats - 1 for first, seats in zip(self.first, self.seats, strict=True)]
 
 
-def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seating:
+def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: float = 0.0) -> Seating:
     """Seats the chains of a stack, each of which fits its path.
 
     Args:
         drive: one, or a stack.
         path: its path or paths, with the first axis of a stack.
-        loop: of the drive, where it is known.
+        loop: of the drive; of one with arms what it has found for another path is where the search begins.
+        near: what a further laying of links on guides may change, if more than round-off [pitches].
 
     Raises:
         DriveError: where a strand has no room for a link, a sprocket has fewer teeth than rollers to hold, or no
@@ -136,10 +140,10 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seati
     """
     loop = loop or Loop(drive, path)
     loop.take(path)
-    seating = loop.count(drive, path)
+    seating = loop.begin(loop.count(drive, path))
     part, mine, todo = loop, seating, np.arange(len(path.radius))
     for turn in range(_ROUNDS + 1):
-        part.close(mine)
+        part.close(mine, near)
         changed: Any = turn < _ROUNDS and part.adjust(mine)
         if mine is not seating:
             seating.put(todo, mine)
@@ -148,6 +152,7 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seati
         if many(changed) and not changed.all():
             todo = todo[changed]
             part, mine = loop.of(todo), seating.of(todo)
+    loop.solved = seating
     return seating
 
 
@@ -181,6 +186,12 @@ class Loop:
         self.links = np.atleast_2d(drive.chain.pulled_lengths)
         reach = np.cumsum(np.tile(self.links, 2), axis=1)
         self.reach = np.concatenate([np.zeros((len(reach), 1)), reach], axis=1)
+        self.remembers = bool(drive.arms)
+        self.counted: Seating | None = None
+        self.solved: Seating | None = None
+        self.chords: list[Number] = [0.0] * self.size  # what links on a string measure beyond its chain length [m]
+        self.scales: dict[int, Number] = {}  # of links on strings, as last found
+        self.touched: dict[int, tuple[int, ...]] = {}  # the arcs that strings last touched
         self.take(path)
 
     def take(self, path: ChainPath) -> None:
@@ -188,8 +199,6 @@ class Loop:
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.around = any(self.runs)
         self.strings: dict[int, tuple[tuple[Number, Number], Taut]] = {}  # as last drawn, from where to where
-        self.touched: dict[int, tuple[int, ...]] = {}  # the arcs that it then touched
-        self.chords: list[Number] = [0.0] * self.size  # what links on a string measure beyond its chain length [m]
 
     def of(self, chosen: Places) -> Loop:
         """That of some of the variants of a stack."""
@@ -197,6 +206,7 @@ class Loop:
         part.variants, part.pitch, part.members = len(chosen), self.pitch[chosen], self.members[chosen]
         part.runs, part.strings = [picked(runs, chosen) if runs else () for runs in self.runs], {}
         part.chords = [taken(chord, chosen) for chord in self.chords]
+        part.scales = {k: taken(scale, chosen) for k, scale in self.scales.items()}
         for name in ("x", "y", "radius", "lean"):
             setattr(part, name, [taken(value, chosen) for value in getattr(self, name)])
         if len(self.reach) > 1:
@@ -227,6 +237,20 @@ class Loop:
         links[self.driver - 1] = drive.chain.links + begin - previous
         self._check_counts(seats, links, path)
         return Seating(angles, seats, links, strain)
+
+    def begin(self, counted: Seating) -> Seating:
+        """From where to seat chains: as counted, or as another path's were solved that were counted alike."""
+        before, self.counted = self.counted, counted
+        solved = self.solved
+        if solved is None or before is None or not self.remembers:
+            return counted
+        for name in ("seats", "links"):
+            for old, new in zip(getattr(before, name), getattr(counted, name), strict=True):
+                if some(old != new):
+                    return counted
+        angles = list(solved.first_angle)
+        angles[self.driver] = counted.first_angle[self.driver]
+        return Seating(angles, list(solved.seats), list(solved.links), solved.strain)
 
     def _check_counts(self, seats: Sequence[Any], links: Sequence[Any], path: ChainPath) -> None:
         for s, name in enumerate(self.names):
@@ -308,7 +332,11 @@ class Loop:
         except Unlike as parted:
             raise self._parted(parted) from None
         own = np.take(self.links, np.arange(roller, roller + links) % self.links.shape[1], axis=1)
-        return Curve(string.pieces).measured(own[0] if len(own) == 1 else own) - string.chain_length(self.pitch)
+        own = own[0] if len(own) == 1 else own
+        scale = Curve(string.pieces).scale(own, self.scales.get(k))
+        if self.remembers:
+            self.scales[k] = scale
+        return scale * total_of(own) - string.chain_length(self.pitch)
 
     def natural(self, seating: Seating) -> list[Number]:
         """(S,) unloaded lengths of the strands: the sums of their own links'."""
@@ -317,8 +345,8 @@ class Loop:
         found = [self.reach[row, end] - self.reach[row, begin] for begin, end in ends]
         return [length if many(length) else float(length) for length in found]
 
-    def close(self, seating: Seating) -> None:
-        """Solves the closing conditions (a) for the whole numbers as they stand."""
+    def close(self, seating: Seating, near: float) -> None:
+        """Solves the closing conditions (a) for the whole numbers as they stand; `near` as of `seat_chain`."""
         lengths = self.natural(seating)
         for _ in range(_LAYINGS if self.around else 1):
             self._solve(seating, lengths)
@@ -326,11 +354,11 @@ class Loop:
                 break
             before, self.chords = self.chords, [self.laid(seating, k) for k in range(self.size)]
             change = largest(*(abs(old - new) for old, new in zip(before, self.chords, strict=True)))
-            try:
-                if same(change <= 1e-3 * _CLOSED * self.pitch):
-                    break
-            except Unlike as parted:
-                raise self._parted(parted) from None
+            if every(change <= _LAID * self.pitch):
+                break
+            if every(_LEFT * change <= near * self.pitch):
+                self._solve(seating, lengths)
+                break
 
     def _solve(self, seating: Seating, lengths: list[Number]) -> None:
         self._newton(seating, lengths, lengths)

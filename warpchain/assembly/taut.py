@@ -253,7 +253,7 @@ _Where = dict[int, tuple[tuple[Arc, ...], int]]
 
 def _shorter(bend: Any) -> Any:
     """What chords of a circle that bends by 2 asin(b) under each measure over the arc."""
-    bends = (0.0 < bend) & (bend < 1.0)
+    bends = (bend > 0.0) & (bend < 1.0)
     safe = where(bends, bend, 1.0)
     return where(bends, safe / quick_arcsin(safe), 1.0)
 
@@ -330,7 +330,7 @@ def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tu
             px, py = arc.at(arc.held(heading))
             ahead = (px - x) * ux + (py - y) * uy
             depth = arc.sign * ((y - py) * ux - (x - px) * uy)
-            cuts = (depth > worst) & (0.0 < ahead) & (ahead < length)
+            cuts = (depth > worst) & (ahead > 0.0) & (ahead < length)
             worst, found = where(cuts, depth, worst), where(cuts, len(places), found)
             places.append((k + 1, arc))
     found = same(found)

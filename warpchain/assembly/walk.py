@@ -38,7 +38,7 @@ _EXACT = 4e-16  # of the curve
 def _along(link: Any, curvature: Any) -> Any:
     """How far a link reaches that begins and ends on one piece [m]."""
     half = 0.5 * link * abs(curvature)
-    bends = (0.0 < half) & (half < 1.0)
+    bends = (half > 0.0) & (half < 1.0)
     safe = where(bends, half, 1.0)
     return where(bends, link * quick_arcsin(safe) / safe, where(half == 0.0, link, math.inf))
 
@@ -155,13 +155,9 @@ class Curve:
         """The curve run the other way."""
         return Curve([piece.turned() for piece in reversed(self.pieces)])
 
-    def measured(self, links: NDArray[np.float64]) -> Any:
-        """The length from end to end [m] as links of these lengths (n,) or (V, n) measure it, each a chord."""
-        return self.scale(links) * _sum(links)
-
-    def scale(self, links: NDArray[np.float64]) -> Any:
+    def scale(self, links: NDArray[np.float64], guess: Any = None) -> Any:
         """The factor by which links of these lengths (n,) or (V, n) must be scaled to go from end to end as chords."""
-        factor, known = self.length / _sum(links), (0.0, 0.0)
+        factor, known = self.length / total_of(links) if guess is None else guess, (0.0, 0.0)
         near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
         first = True
         for _ in range(_NEWTON):
@@ -179,6 +175,6 @@ class Curve:
         return factor
 
 
-def _sum(links: NDArray[np.float64]) -> Any:
-    """Of lengths (n,) or (V, n)."""
+def total_of(links: NDArray[np.float64]) -> Any:
+    """The sum of lengths (n,), or sums of lengths (V, n)."""
     return float(links.sum()) if links.ndim == 1 else links.sum(axis=1)
