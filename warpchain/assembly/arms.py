@@ -39,6 +39,7 @@ _SECANTS = 30
 _FIRST = 1e-5  # rad
 _LONGEST = math.radians(2.0)
 _NEAR = 1e-11  # rad; the error after such a step is round-off
+_TELLS = 1e-7  # rad; of smaller steps round-off spoils the slope
 _STILL = 1e-11  # rad
 
 
@@ -231,20 +232,20 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
     """
     try:
         before, here = near, moment(near)
-        first = copysign(_FIRST, here) if slope is None else _bounded(-here / slope)
-        angle, done = near + where(first == 0.0, _NEAR, first), False
+        change = copysign(_FIRST, here) if slope is None else _bounded(-here / slope)
+        angle, done = near + change, slope is not None and abs(change) <= _NEAR
         for _ in range(_SECANTS):
-            last, here = here, moment(angle)
-            with np.errstate(divide="ignore", invalid="ignore"):  # of those that are done
-                slope = where(done, slope, (here - last) / where(done, 1.0, angle - before))
-                if not every(done | (here == 0.0) | (slope < 0.0)):
-                    return None
-                done = done | (here == 0.0)
-                change = where(done, 0.0, _bounded(-here / where(done, -1.0, slope)))
-            before, angle = angle, angle + change
-            done = done | (abs(change) <= _NEAR)
             if every(done):
                 return angle, slope
+            last, here = here, moment(angle)
+            far = abs(angle - before) > _TELLS
+            secant = (here - last) / where(far, angle - before, 1.0)
+            slope = where(far, secant, 0.0 if slope is None else slope)
+            if not every(done | (here == 0.0) | (slope < 0.0)):
+                return None
+            change = where(done | (here == 0.0), 0.0, _bounded(-here / where(slope < 0.0, slope, -1.0)))
+            before, angle = angle, angle + change
+            done = done | (abs(change) <= _NEAR)
     except DriveError:
         pass
     return None

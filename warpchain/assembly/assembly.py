@@ -36,7 +36,7 @@ from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
 from warpchain.assembly.walk import Curve
 from warpchain.drive.copies import turned_on
-from warpchain.drive.each import along, columns, hypot, joined, many, power, same, some, table_of, where
+from warpchain.drive.each import along, columns, every, hypot, joined, many, power, same, some, table_of, where
 from warpchain.drive.mounts import initial_place, initial_velocity
 from warpchain.drive.profile import direction
 from warpchain.drive.stack import picked
@@ -48,7 +48,7 @@ Array = NDArray[np.float64]
 
 _STRAIGHT = 1e-12  # a strand this little slack is drawn straight
 _BALANCES = 12  # of arms
-_STILL = 1e-12  # rad
+_NEAR = 1e-8  # rad; an arm that has turned by no more is where secants leave round-off
 _ROUGH, _FINE = 1e-10, 1e-13  # pitches that a further laying of links may change, at first and at last
 _TIE = 1e-9  # of a pitch angle, or of gravity's direction: which way round-off must not decide
 
@@ -269,9 +269,9 @@ def _balanced(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     balance, beyond = Balance(drive), 0.0
     path = balance.path()
     check_fit(drive, path)
-    loop, known = Loop(drive, path), None
+    loop, known, last = Loop(drive, path), None, False
     for turn in range(_BALANCES):
-        seating = seat_chain(drive, path, loop, _ROUGH if turn < 2 else _FINE)
+        seating = seat_chain(drive, path, loop, _FINE if last else _ROUGH)
         (nominal,) = columns(np.asarray(path.nominal_strain)[:, None])
         off, slope = seating.strain - nominal - beyond, -1.0
         if known is not None:
@@ -279,8 +279,9 @@ def _balanced(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
             slope = (off - known[1]) / moved
             slope = where(abs(slope + 1.0) < 0.5, slope, -1.0)
             (turned,) = columns(np.abs(path.arm_angle - known[2]).max(axis=1)[:, None])
-            if turn > 1 and same(abs(off / slope * turned / moved) <= _STILL):
+            if last or turn == _BALANCES - 1:
                 break
+            last = every(abs(off / slope * turned / moved) <= _NEAR)
         known = beyond, off, path.arm_angle
         beyond = beyond - off / slope
         path = balance.path(beyond, columns(path.arm_angle))

@@ -71,7 +71,7 @@ _ROUNDS = 10
 _ITERATIONS = 40
 _LAYINGS = 8  # of links on strings
 _LEFT = 2e-3  # of the error, by each of them
-_CLOSED = 1e-10  # of a pitch
+_CLOSED, _CLOSEST = 1e-10, 2e-14  # of a pitch
 _LAID = 1e-13  # of a pitch
 
 Places = NDArray[np.int64]
@@ -390,6 +390,8 @@ class Loop:
             residual, jacobian = part._conditions(mine, lengths, elastic)
             before, worst = worst, largest(*map(abs, residual))
             done = (0.5 * before <= worst) & (worst <= _CLOSED * part.pitch)  # round-off is reached
+            if self.remembers:
+                done = done | (worst <= _CLOSEST * part.pitch)
             if some(done):
                 if mine is not seating:
                     seating.put(todo, mine)

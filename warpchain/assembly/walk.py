@@ -126,23 +126,20 @@ class Curve:
 
     def places(self, links: NDArray[np.float64]) -> list[Any]:
         """Where the rollers stand [m]: one more than there are links (n,) or (V, n), the first at 0."""
+        alike = bool((links == links[..., :1]).all())
+        stacked = self.stacked or links.ndim > 1
+        ends: Any = self.tables[1] if stacked else self.ends
         found: list[Any] = [0.0]
-        s: Any = 0.0
-        of: Any = None
-        reaches: Any = ()
+        s: Any = np.zeros(np.broadcast(self.length, links[..., 0]).shape) if stacked else 0.0
+        reaches: Any = None
         for link in links.tolist() if links.ndim == 1 else links.T.copy():
-            if of is None or some(link != of):
-                reaches, of = [_along(link, piece.curvature) for piece in self.pieces], link
-                if self.stacked or many(*reaches):
-                    reaches = _table(reaches)
+            if reaches is None or not alike:
+                reaches = [_along(link, piece.curvature) for piece in self.pieces]
+                reaches = _table(reaches) if stacked else reaches
             i = self._index(s)
-            if many(i):
-                ahead = s + _of(reaches, i)
-                fits = ahead <= _of(self.tables[1], i)
-            else:
-                ahead = s + reaches[i]
-                fits = ahead <= self.ends[i]
-            s = ahead if every(fits) else where(fits, ahead, self._over(s, link))
+            ahead = s + (_of(reaches, i) if stacked else reaches[i])
+            fits = ahead <= (_of(ends, i) if stacked else ends[i])
+            s = ahead if fits is True or every(fits) else where(fits, ahead, self._over(s, link))
             found.append(s)
         return found
 
