@@ -104,11 +104,16 @@ class Seating:
         return Seating(angle, seats, links, self.strain[chosen])
 
     def put(self, chosen: Places, other: Seating) -> None:
-        """Sets some of the variants."""
+        """Sets some of the variants, in arrays of their own, as what was found may hang on the old ones."""
+
+        def put(column: Number, new: Number) -> Number:
+            column = column.copy()
+            column[chosen] = new
+            return column
+
         for name in ("first_angle", "seats", "links"):
-            for column, new in zip(getattr(self, name), getattr(other, name), strict=True):
-                column[chosen] = new
-        self.strain[chosen] = other.strain
+            setattr(self, name, list(map(put, getattr(self, name), getattr(other, name))))
+        self.strain = put(self.strain, other.strain)
 
     @property
     def first(self) -> list[Number]:

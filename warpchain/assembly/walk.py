@@ -33,6 +33,7 @@ from warpchain.drive.profile import Piece, direction
 _NEWTON = 30
 _NEAR = 1e-10  # of a link: what is left after a step of Newton's method that small is round-off
 _EXACT = 4e-16  # of the curve
+_CLOSE = 1e-12  # of the curve; from there on a step to the end leaves round-off
 
 
 def _along(link: Any, curvature: Any) -> Any:
@@ -156,17 +157,19 @@ class Curve:
         """The factor by which links of these lengths (n,) or (V, n) must be scaled to go from end to end as chords."""
         factor, known = self.length / total_of(links) if guess is None else guess, (0.0, 0.0)
         near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
-        first = True
+        first, close = True, 0.0 if guess is None else _CLOSE * self.length
         for _ in range(_NEWTON):
             over = self.places(along(factor) * links)[-1] - self.length
-            done = done | (abs(over) <= near)
-            if every(done):
-                break
+            if guess is None:
+                done = done | (abs(over) <= near)
+                if every(done):
+                    break
             with np.errstate(divide="ignore", invalid="ignore"):
                 slope = self.length / factor if first else (over - known[1]) / (factor - known[0])
                 known, first = (factor, over), False
                 done = done | (slope <= 0.0) | (over == 0.0)
                 factor = where(done, factor, factor - over / slope)
+                done = done | (abs(over) <= close)
             if every(done):
                 break
         return factor
