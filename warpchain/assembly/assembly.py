@@ -208,10 +208,10 @@ class _Placement:
         natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1)
         position, velocity, gravity = self.position, self.velocity, self.drive.run.gravity
         if string:
-            ends, bent = (velocity[:, begin], velocity[:, end]), _Around(string, natural)
-            pull = np.stack([np.broadcast_to(self._own(part), (len(velocity), 1))[:, 0] for part in gravity], axis=1)
-            position[:, rollers] = bent.places(self.turning, pull)[:, 1:-1]
-            velocity[:, rollers] = bent.velocities(*ends)
+            around = _Around(string, natural)
+            pull = np.concatenate([np.broadcast_to(self._own(part), (len(position), 1)) for part in gravity], axis=1)
+            position[:, rollers] = around.places(self.turning, pull)[:, 1:-1]
+            velocity[:, rollers] = around.velocities(velocity[:, begin], velocity[:, end])
             return
         fraction = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1]
         chord = position[:, end] - position[:, begin]

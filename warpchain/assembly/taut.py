@@ -319,7 +319,8 @@ def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tu
     """The arc that a tangent cuts deepest, and its place in the order; None where none is cut."""
     worst: Any = _CUT
     found: Any = -1
-    taken, places = {id(arc) for arc in chosen}, []
+    taken = {id(arc) for arc in chosen}
+    places: list[tuple[int, Arc]] = []
     for k, (heading, _, length, joint) in enumerate(tangents):
         if joint:
             continue

@@ -139,7 +139,7 @@ def _hung_on(drive: Drive) -> dict[str, Any]:
     def some(part: Any, *names: str) -> dict[str, Any]:
         return {name: getattr(part, name) for name in names}
 
-    lengths = "pitch", "links", "elongation", "worn_links", "outer", "play", "roller_radius"
+    lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "outer", "play", "roller_radius"
     if drive.arms:
         lengths = (*lengths, *PULLS)
     places = "name", "center", "teeth", "pitch", "wrap", "prescribed", "mount"

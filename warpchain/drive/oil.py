@@ -90,15 +90,15 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
 
 def static_pressure(tensioner: Tensioner) -> Any:
     """Absolute pressure [Pa] at rest, Q_cv = Q_leak, to round-off; the ambient one where the valve stays closed."""
-    from warpchain.drive.stack import picked, size_of
+    from warpchain.drive.stack import arrays_of, picked
 
     own = tensioner.model_copy(update={"spring": None, "at": (0.0, 0.0), "direction": (1.0, 0.0)})
-    count = size_of(own)
-    if count == 1:
+    column = next(arrays_of(own), None)
+    if column is None:
         return _at_rest(own)
     import numpy as np
 
-    return np.array([_at_rest(picked(own, v)) for v in range(count)])
+    return np.array([_at_rest(picked(own, v)) for v in range(len(column))])
 
 
 @lru_cache(maxsize=1024)

@@ -34,6 +34,8 @@ Value = TypeVar("Value")
 _PLAIN = frozenset((float, int, str, bool, type(None)))
 
 NOTHING, FACES, ALL = range(3)
+"""What drives share with the others of a stack: no number, those that guides' faces hang on, all but loads'."""
+
 _OF_FACES = {(Drive, "guides"), (Chain, "pitch"), (Chain, "roller_radius"), (Arm, "pivot")}
 
 LARGEST = 1024
@@ -140,10 +142,10 @@ class _Columns:
 
     def _fields(self, first: Part, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """What differs from the first part; a seed that displaces rollers is no part of a stack."""
-        exact, columns = self.exact, {}
+        exact, columns, kind = self.exact, {}, type(first)
         for name in fields[0]:
             if name != "nudge":
-                self.exact = (exact or (self.faces and (type(first), name) in _OF_FACES)) and not isinstance(first, Load)
+                self.exact = kind is not Load and (exact or (self.faces and (kind, name) in _OF_FACES))
                 columns[name] = self.of(list(map(itemgetter(name), fields)))
         self.exact = exact
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
@@ -187,7 +189,7 @@ def picked(value: Value, places: Any) -> Value:
         return _same(value, tuple(picked(inner, places) for inner in value))  # type: ignore[return-value]
     if is_dataclass(value) and not isinstance(value, type):
         found = {field.name: picked(getattr(value, field.name), places) for field in fields(value)}
-        return replace(value, **found)  # type: ignore[return-value]
+        return replace(value, **found)
     if not isinstance(value, Part) or isinstance(value, Table):
         return value
     new = {name: picked(inner, places) for name, inner in value.__dict__.items()}

@@ -55,7 +55,8 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     row["bulk_modulus"], row["air"], row["density"] = oil.bulk_modulus, oil.air, oil.density
     row["hole_area"] = valve.hole_area
     row["valve_preload"], row["lift_max"] = valve.preload, valve.lift
-    row["valve_stiffness"] = where(valve.stiffness > 0.0, valve.stiffness, 1e-300)  # without a spring it opens all the way
+    # without a spring it opens all the way
+    row["valve_stiffness"] = where(valve.stiffness > 0.0, valve.stiffness, 1e-300)
     angle = valve.seat_angle_rad
     row["seat_width"] = 2.0 * valve.ball_radius * quick_tan(angle)
     row["seat_growth"] = quick_sin(angle) / power(quick_cos(angle), 2)
