@@ -35,7 +35,8 @@ AT_STOP = math.radians(1e-4)
 
 _STEP = math.radians(0.25)
 _SWEEPS = 60
-_SECANTS = 30
+_SECANTS = 60
+_HALVED = 8  # so many steps, in case that secants stay on one side
 _FIRST = 1e-5  # rad
 _LONGEST = math.radians(2.0)
 _NEAR = 1e-11  # rad; the error after such a step is round-off
@@ -223,7 +224,8 @@ def _bracketed(moment: Callable[[float], float], arm: Arm, near: float) -> float
 def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
     """Where a moment that falls with the angle is 0 [rad], by secants, and its slope there [N m/rad].
 
-    None where they lead astray, of any variant.
+    Where a secant leads out of the angles between which it is, as at stops and where chains go slack, these are halved.
+    None where there are none, or the moment is not defined, of any variant.
 
     Args:
         moment: of an angle.
@@ -234,16 +236,24 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
         before, here = near, moment(near)
         change = copysign(_FIRST, here) if slope is None else _bounded(-here / slope)
         angle, done = near + change, slope is not None and abs(change) <= _NEAR
-        for _ in range(_SECANTS):
+        low, high = where(here > 0.0, near, -math.inf), where(here < 0.0, near, math.inf)
+        for turn in range(_SECANTS):
             if every(done):
                 return angle, slope
             last, here = here, moment(angle)
             far = abs(angle - before) > _TELLS
             secant = (here - last) / where(far, angle - before, 1.0)
             slope = where(far, secant, 0.0 if slope is None else slope)
-            if not every(done | (here == 0.0) | (slope < 0.0)):
+            low, high = where(here > 0.0, largest(low, angle), low), where(here < 0.0, smallest(high, angle), high)
+            held = (low > -math.inf) & (high < math.inf)
+            middle = 0.5 * (where(held, low, 0.0) + where(held, high, 0.0))
+            if not every(done | (here == 0.0) | (slope < 0.0) | held):
                 return None
-            change = where(done | (here == 0.0), 0.0, _bounded(-here / where(slope < 0.0, slope, -1.0)))
+            change = _bounded(-here / where(slope < 0.0, slope, -1.0))
+            wanted = angle + change
+            astray = (slope >= 0.0) | (wanted <= low) | (wanted >= high) | (turn % _HALVED == _HALVED - 1)
+            change = where(held & astray & (abs(change) > _NEAR), middle - angle, change)
+            change = where(done | (here == 0.0), 0.0, change)
             before, angle = angle, angle + change
             done = done | (abs(change) <= _NEAR)
     except DriveError:
