@@ -122,7 +122,6 @@ def test_a_car_stands_by_its_own_stiffness():
     base = load_drive(drive_path("car"))
     other = base.with_values({"chain.stiffness": 1.1 * base.chain.stiffness})
     together = assemble_all(stacks_of([base, other]))
-    assert_same(together[1], assemble(other))
     assert together[0].arm_angle[0] != together[1].arm_angle[0]
 
 

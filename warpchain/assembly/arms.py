@@ -6,25 +6,25 @@ the tangents where it comes and goes (`Taut.levers`). With the strain e of the c
     T (h_out - h_in) - k_t (theta - theta_0) + m (r_c - p) x g + stops + sum of tensioners F l = 0.       (a)
 
 Turning towards the chain lengthens its path, so that the left side falls through 0 once: sought arm by arm, all arms
-over again until none moves.
+over again until none moves. Of a stack's variants angles are arrays (V,).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpchain.assembly.path import MAX_STRAIN, ChainPath, Course, Plan
+from warpchain.drive.each import Unlike, copysign, every, largest, same, smallest, where
 from warpchain.drive.oil import static_force
+from warpchain.drive.profile import direction
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from warpchain.drive import Drive
+    from warpchain.drive import Arm, Drive
     from warpchain.drive.tensioners import Tensioner
 
 FARTHEST = math.radians(90.0)
@@ -35,24 +35,26 @@ AT_STOP = math.radians(1e-4)
 
 _STEP = math.radians(0.25)
 _SWEEPS = 60
-_SECANTS = 30
+_SECANTS = 60
+_HALVED = 8  # so many steps, in case that secants stay on one side
 _FIRST = 1e-5  # rad
 _LONGEST = math.radians(2.0)
 _NEAR = 1e-11  # rad; the error after such a step is round-off
+_TELLS = 1e-7  # rad; of smaller steps round-off spoils the slope
 _STILL = 1e-11  # rad
 
 
-def tension(drive: Drive, path: ChainPath | Course, beyond: float = 0.0) -> float:
+def tension(drive: Drive, path: ChainPath | Course, beyond: Any = 0.0) -> Any:
     """Tension of the chain on its path [N], 0 where it is slack; `beyond` adds to its strain."""
-    strain = min(path.nominal_strain, MAX_STRAIN) + beyond
-    return drive.chain.mean_stiffness * path.pitch * max(strain, 0.0)
+    strain = smallest(path.nominal_strain, MAX_STRAIN) + beyond
+    return drive.chain.mean_stiffness * path.pitch * largest(strain, 0.0)
 
 
 class StillArm:
     """What turns an arm but for the chain, all at rest: springs, weight, stops and tensioners.
 
     Args:
-        drive: the drive.
+        drive: one, or a stack, of which `moment` gives those of all variants (V,).
         a: the arm's index.
     """
 
@@ -64,7 +66,7 @@ class StillArm:
         self.pushes = [static_force(t) for t in self.tensioners]  # at the drawing [N]
         self.stop = 0.0 if arm.stops is None else drive.stop_stiffness(a)
 
-    def moment(self, angle: float) -> float:
+    def moment(self, angle: Any) -> Any:
         """About the pivot [N m], at an angle [rad]."""
         arm = self.arm
         x, y = self._turned(arm.center, angle)
@@ -74,7 +76,8 @@ class StillArm:
         )
         for tensioner, push in zip(self.tensioners, self.pushes, strict=True):
             lever, _ = self._levers(tensioner, angle)
-            found += lever * max(push - tensioner.spring_stiffness * self.extension(tensioner, angle), 0.0)
+            force = largest(push - tensioner.spring_stiffness * self.extension(tensioner, angle), 0.0)
+            found = found + lever * force
         return found
 
     def energy(self, angle: float) -> float:
@@ -102,25 +105,25 @@ class StillArm:
             found += tensioner.spring_stiffness * lever**2 - force * change if force > 0.0 else 0.0
         return found
 
-    def over(self, angle: float) -> float:
+    def over(self, angle: Any) -> Any:
         """How far an angle lies beyond the stops [rad]: positive beyond the upper one, 0 in between."""
         low, high = self.arm.stops_rad
-        return max(angle - high, 0.0) - max(low - angle, 0.0)
+        return largest(angle - high, 0.0) - largest(low - angle, 0.0)
 
-    def extension(self, tensioner: Tensioner, angle: float) -> float:
+    def extension(self, tensioner: Tensioner, angle: Any) -> Any:
         """Of one of its tensioners [m]."""
         (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
         (px, py), (ax, ay) = self.arm.pivot, tensioner.at
         return (x + px - ax) * ux + (y + py - ay) * uy
 
-    def _levers(self, tensioner: Tensioner, angle: float) -> tuple[float, float]:
+    def _levers(self, tensioner: Tensioner, angle: Any) -> tuple[Any, Any]:
         """Lever of a tensioner about the pivot, and its derivative by the angle [m]."""
         (x, y), (ux, uy) = self._turned(tensioner.at, angle), tensioner.unit_direction
         return x * uy - y * ux, -(x * ux + y * uy)
 
-    def _turned(self, place: Sequence[float], angle: float) -> tuple[float, float]:
+    def _turned(self, place: Sequence[float], angle: Any) -> tuple[Any, Any]:
         """From the pivot to a place of the arm as drawn, now [m]."""
-        (px, py), cosine, sine = self.arm.pivot, math.cos(angle), math.sin(angle)
+        (px, py), (cosine, sine) = self.arm.pivot, direction(angle)
         dx, dy = place[0] - px, place[1] - py
         return cosine * dx - sine * dy, sine * dx + cosine * dy
 
@@ -131,7 +134,7 @@ def stop_of(drive: Drive, a: int, angle: float) -> str | None:
     return "lower" if angle <= low + AT_STOP else "upper" if angle >= high - AT_STOP else None
 
 
-def chain_moment(drive: Drive, path: ChainPath | Course, a: int, beyond: float = 0.0) -> float:
+def chain_moment(drive: Drive, path: ChainPath | Course, a: int, beyond: Any = 0.0) -> Any:
     """Moment of the chain on arm a about its pivot [N m]."""
     levers = sum(string.levers(drive.guides_of(a), drive.arms[a].pivot) for string in path.strings if string)
     return tension(drive, path, beyond) * levers
@@ -141,17 +144,18 @@ class Balance:
     """The arms of a drive in balance (a) with its chain.
 
     Args:
-        drive: with arms.
+        drive: with arms, or a stack of such.
 
     Raises:
-        DriveError: as `Plan`.
+        DriveError, Unlike: as `Plan`.
     """
 
     def __init__(self, drive: Drive) -> None:
         self.plan = Plan(drive)
         self.still = [StillArm(drive, a) for a in range(len(drive.arms))]
+        self.slopes: dict[int, Any] = {}  # of the moments by the angles, as last found [N m/rad]
 
-    def path(self, beyond: float = 0.0, angles: Sequence[float] | NDArray[np.float64] | None = None) -> ChainPath:
+    def path(self, beyond: Any = 0.0, angles: Sequence[Any] | None = None) -> ChainPath:
         """The path of the chain with all arms in balance, as that of a stack.
 
         Args:
@@ -160,41 +164,48 @@ class Balance:
 
         Raises:
             DriveError: an arm without a balance; or as `path_at`.
+            Unlike: a stack whose balances are found in unlike ways.
         """
-        found = [0.0] * len(self.still) if angles is None else [float(angle) for angle in angles]
+        found: list[Any] = [0.0] * len(self.still) if angles is None else list(angles)
         for a, still in enumerate(self.still):
             low, high = still.arm.stops_rad
-            found[a] = min(max(found[a], low), high)
+            found[a] = smallest(largest(found[a], low), high)
         for _ in range(_SWEEPS):
             before = list(found)
-            for a, still in enumerate(self.still):
-                found[a] = _balance(self.plan, still, found, a, beyond)
-            if len(found) == 1 or max(abs(x - y) for x, y in zip(found, before, strict=True)) <= _STILL:
+            for a in range(len(found)):
+                found[a] = self._balance(found, a, beyond)
+            moved = [abs(x - y) for x, y in zip(found, before, strict=True)]
+            if len(found) == 1 or same(largest(*moved) <= _STILL):
                 break
         return self.plan.path(found)
 
+    def _balance(self, angles: Sequence[Any], a: int, beyond: Any) -> Any:
+        """The angle of arm a [rad] at which (a) holds, with the others where they are."""
 
-def _balance(plan: Plan, still: StillArm, angles: Sequence[float], a: int, beyond: float) -> float:
-    """The angle of arm a [rad] at which (a) holds, with the others where they are."""
-    from scipy.optimize import brentq
+        def moment(angle: Any) -> Any:
+            course = self.plan.course([*angles[:a], angle, *angles[a + 1 :]])
+            return self.still[a].moment(angle) + chain_moment(self.plan.drive, course, a, beyond)
 
-    drive = plan.drive
+        quick = _secant(moment, angles[a], self.slopes.get(a))
+        if quick is not None:
+            angle, self.slopes[a] = quick
+            return angle
+        if self.plan.variants > 1:  # by halves, until those that it fails for are alone
+            raise Unlike(np.arange(self.plan.variants) < self.plan.variants // 2)
+        return _bracketed(moment, self.still[a].arm, angles[a])
 
-    def moment(angle: float) -> float:
-        course = plan.course([*angles[:a], angle, *angles[a + 1 :]])
-        return still.moment(angle) + chain_moment(drive, course, a, beyond)
 
-    quick = _secant(moment, angles[a])
-    if quick is not None:
-        return quick
-    arm = drive.arms[a]
+def _bracketed(moment: Callable[[float], float], arm: Arm, near: float) -> float:
+    """Where a moment is 0 [rad], from an angle on by steps in which it turns; slow, and sure."""
+    from scipy.optimize import brentq  # slow to import
+
     low, high = arm.stops_rad
-    near, here = angles[a], moment(angles[a])
+    start, here = near, moment(near)
     if here == 0.0:
         return near
     step = math.copysign(_STEP, here)
     reason = "the chain leaves it"
-    while near + step - min(max(near, low), high) > -FARTHEST and abs(near) < FARTHEST + abs(angles[a]):
+    while near + step - min(max(near, low), high) > -FARTHEST and abs(near) < FARTHEST + abs(start):
         try:
             there = moment(near + step)
         except DriveError as error:
@@ -203,27 +214,52 @@ def _balance(plan: Plan, still: StillArm, angles: Sequence[float], a: int, beyon
         if here * there <= 0.0:
             return float(brentq(moment, *sorted((near, near + step)), xtol=1e-14, rtol=1e-14))
         near, here = near + step, there
-    where = f"finds no balance from {math.degrees(angles[a]):.3g} to {math.degrees(near):.3g} degrees, {reason}"
+    where = f"finds no balance from {math.degrees(start):.3g} to {math.degrees(near):.3g} degrees, {reason}"
     turns = "springs and tensioners that turn it"
     if arm.stops is None:
         raise DriveError(f"arms.{arm.name}.stops: missing; without them the arm {where}; or look at the {turns}")
     raise DriveError(f"arms.{arm.name}: {where}; look at its stops, and at the {turns}")
 
 
-def _secant(moment: Callable[[float], float], near: float) -> float | None:
-    """Where a moment that falls with the angle is 0 [rad], by secants; None where they lead astray."""
+def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
+    """Where a moment that falls with the angle is 0 [rad], by secants, and its slope there [N m/rad].
+
+    Where a secant leads out of the angles between which it is, as at stops and where chains go slack, these are halved.
+    None where there are none, or the moment is not defined, of any variant.
+
+    Args:
+        moment: of an angle.
+        near: a first guess [rad].
+        slope: a guess of it.
+    """
     try:
         before, here = near, moment(near)
-        angle = near + math.copysign(_FIRST, here)
-        for _ in range(_SECANTS):
+        change = copysign(_FIRST, here) if slope is None else _bounded(-here / slope)
+        angle, done = near + change, slope is not None and abs(change) <= _NEAR
+        low, high = where(here > 0.0, near, -math.inf), where(here < 0.0, near, math.inf)
+        for turn in range(_SECANTS):
+            if every(done):
+                return angle, slope
             last, here = here, moment(angle)
-            slope = (here - last) / (angle - before)
-            if here == 0.0 or slope >= 0.0:
-                return angle if here == 0.0 else None
-            change = max(-_LONGEST, min(_LONGEST, -here / slope))
+            far = abs(angle - before) > _TELLS
+            secant = (here - last) / where(far, angle - before, 1.0)
+            slope = where(far, secant, 0.0 if slope is None else slope)
+            low, high = where(here > 0.0, largest(low, angle), low), where(here < 0.0, smallest(high, angle), high)
+            held = (low > -math.inf) & (high < math.inf)
+            middle = 0.5 * (where(held, low, 0.0) + where(held, high, 0.0))
+            if not every(done | (here == 0.0) | (slope < 0.0) | held):
+                return None
+            change = _bounded(-here / where(slope < 0.0, slope, -1.0))
+            wanted = angle + change
+            astray = (slope >= 0.0) | (wanted <= low) | (wanted >= high) | (turn % _HALVED == _HALVED - 1)
+            change = where(held & astray & (abs(change) > _NEAR), middle - angle, change)
+            change = where(done | (here == 0.0), 0.0, change)
             before, angle = angle, angle + change
-            if abs(change) <= _NEAR:
-                return angle
+            done = done | (abs(change) <= _NEAR)
     except DriveError:
         pass
     return None
+
+
+def _bounded(change: Any) -> Any:
+    return largest(-_LONGEST, smallest(_LONGEST, change))

@@ -22,7 +22,6 @@ zero.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -37,9 +36,10 @@ from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
 from warpchain.assembly.walk import Curve
 from warpchain.drive.copies import turned_on
-from warpchain.drive.each import hypot, joined, many, power, some, table_of
+from warpchain.drive.each import along, columns, every, hypot, joined, many, power, same, some, table_of, where
 from warpchain.drive.mounts import initial_place, initial_velocity
 from warpchain.drive.profile import direction
+from warpchain.drive.stack import picked
 
 if TYPE_CHECKING:
     from warpchain.drive import Drive, Sprocket
@@ -47,8 +47,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _STRAIGHT = 1e-12  # a strand this little slack is drawn straight
-_BALANCES = 12  # of arms; each leaves some percent of what is wrong
-_STILL = 1e-9  # rad
+_BALANCES = 12  # of arms
+_NEAR = 1e-8  # rad; an arm that has turned by no more is where secants leave round-off
+_ROUGH, _FINE = 1e-10, 1e-13  # pitches that a further laying of links may change, at first and at last
 _TIE = 1e-9  # of a pitch angle, or of gravity's direction: which way round-off must not decide
 
 
@@ -57,7 +58,7 @@ class Assembly:
     """The assembled state of a drive of N rollers and S sprockets; the chain travels towards increasing index.
 
     Roller 0 is the first seated roller of sprocket 0. The states of a stack of V variants are one, `assembly[v]` that
-    of variant v: all but the arms' angles, which are one variant's own, then has a first axis more.
+    of variant v: all then has a first axis more.
 
     Attributes:
         position: (N, 2) roller centers [m].
@@ -93,8 +94,7 @@ class Assembly:
 
     def of(self, variants: int | NDArray[np.int64]) -> Assembly:
         """That of one variant, or those of some, of a stack's."""
-        own = {field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name != "arm_angle"}
-        return replace(self, **own)
+        return replace(self, **{field.name: getattr(self, field.name)[variants] for field in fields(self)})
 
 
 def assemble(drive: Drive) -> Assembly:
@@ -115,7 +115,7 @@ def assemble_stack(drive: Drive) -> Assembly:
 
     Raises:
         DriveError: as `assemble`, of the first such variant.
-        Obstructed: a stack of which some go around guides.
+        Unlike: a stack of which some go around other arcs of guides.
     """
     path, seating, loop = _seated(drive)
     count, variants = drive.chain.links, len(path.radius)
@@ -139,7 +139,7 @@ def assemble_stack(drive: Drive) -> Assembly:
         for k, own in enumerate(links[like].tolist()):
             begin, end = int(last[like, k]), int(first[like, (k + 1) % len(first[like])])
             strand = path.strings[k] and loop.string(seating, k)
-            at.strand((begin, end, own), strain[alike], strand)
+            at.strand((begin, end, own), strain[alike], picked(strand, alike))
         position[alike], velocity[alike] = at.position, at.velocity
     return Assembly(
         position=position,
@@ -207,9 +207,11 @@ class _Placement:
         rollers = slice(begin + 1, begin + links)
         natural = np.take(self.lengths, np.arange(begin, begin + links) % self.lengths.shape[1], axis=1)
         position, velocity, gravity = self.position, self.velocity, self.drive.run.gravity
-        if string:  # of one variant alone
-            ends = velocity[0, begin], velocity[0, end]
-            position[0, rollers], velocity[0, rollers] = _around(string, natural[0], *ends, self.path[0], gravity)
+        if string:
+            around = _Around(string, natural)
+            pull = np.concatenate([np.broadcast_to(self._own(part), (len(position), 1)) for part in gravity], axis=1)
+            position[:, rollers] = around.places(self.turning, pull)[:, 1:-1]
+            velocity[:, rollers] = around.velocities(velocity[:, begin], velocity[:, end])
             return
         fraction = (np.cumsum(natural, axis=1) / natural.sum(axis=1, keepdims=True))[:, :-1]
         chord = position[:, end] - position[:, begin]
@@ -232,8 +234,7 @@ def assembled_strains(drive: Drive) -> tuple[ChainPath, Array]:
     """The paths of a stack and the strains (V,) of the assembled chains, without placing their rollers.
 
     Raises:
-        DriveError: as `assemble`, of the first such variant.
-        Obstructed: a stack of which some go around guides.
+        DriveError, Unlike: as `assemble_stack`.
     """
     path, seating, _ = _seated(drive)
     return path, np.atleast_1d(seating.strain)
@@ -250,60 +251,99 @@ def assembled_path(drive: Drive) -> ChainPath:
 
 def _seated(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
     """Path and seats of a stack, and its sprockets; arms in balance with the strain of the chain on its seats."""
-    balance = Balance(drive) if drive.arms else None
-    path = balance.path() if balance else chain_paths(drive)
+    if drive.arms:
+        return _balanced(drive)
+    path = chain_paths(drive)
     check_fit(drive, path)
     loop = Loop(drive, path)
-    seating = seat_chain(drive, path, loop)
-    if balance is None:
-        return path, seating, loop
-    for _ in range(_BALANCES):
-        before = path.arm_angle
-        path = balance.path(seating.strain - path[0].nominal_strain, before)
-        seating = seat_chain(drive, path, loop)
-        if float(np.abs(path.arm_angle - before).max()) <= _STILL:
-            break
+    return path, seat_chain(drive, path, loop), loop
+
+
+def _balanced(drive: Drive) -> tuple[ChainPath, Seating, Loop]:
+    """`_seated` with arms.
+
+    Sought is what the strain b is beyond the path's nominal one: with the arms in balance at b, the chain on its seats
+    has a strain that is g(b) beyond. g hangs on b by some percent and smoothly, so that secants find b = g(b) in three
+    steps, each of which begins where the last one ended.
+    """
+    balance, beyond = Balance(drive), 0.0
+    path = balance.path()
+    check_fit(drive, path)
+    loop, known, last = Loop(drive, path), None, False
+    for turn in range(_BALANCES):
+        seating = seat_chain(drive, path, loop, _FINE if last else _ROUGH)
+        (nominal,) = columns(np.asarray(path.nominal_strain)[:, None])
+        off, slope = seating.strain - nominal - beyond, -1.0
+        if known is not None:
+            moved = where(beyond == known[0], 1.0, beyond - known[0])
+            slope = (off - known[1]) / moved
+            slope = where(abs(slope + 1.0) < 0.5, slope, -1.0)
+            (turned,) = columns(np.abs(path.arm_angle - known[2]).max(axis=1)[:, None])
+            if last or turn == _BALANCES - 1:
+                break
+            last = every(abs(off / slope * turned / moved) <= _NEAR)
+        known = beyond, off, path.arm_angle
+        beyond = beyond - off / slope
+        path = balance.path(beyond, columns(path.arm_angle))
     return path, seating, loop
 
 
-def _around(
-    string: Taut,
-    natural: NDArray[np.float64],
-    begin: NDArray[np.float64],
-    end: NDArray[np.float64],
-    path: ChainPath,
-    gravity: Sequence[float],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places and velocities (links - 1, 2) of the rollers of a strand that touches guides.
+class _Around:
+    """Rollers of a strand that touches guides, of K variants of a stack.
 
     A taut strand's links, strained alike, are chords of its string. A slack one's are unstrained, and what they are too
     long hangs in the longest straight part.
 
     Args:
-        begin, end: velocities of the end rollers (2,) [m/s].
+        string: its numbers alike, or arrays (K,).
+        natural: (1, links) or (K, links) lengths of the links [m].
     """
-    curve = Curve(string.pieces)
-    scale = curve.scale(natural)
-    places = curve.places(scale * natural)
-    points = curve.points(places)
-    if scale < 1.0 - _STRAIGHT:
+
+    def __init__(self, string: Taut, natural: Array) -> None:
+        self.string, self.curve = string, Curve(string.pieces)
+        self.links = natural[0] if len(natural) == 1 else natural
+        self.scale = self.curve.scale(self.links)
+        self.at = self.curve.places(along(self.scale) * self.links)
+
+    def places(self, turning: Array, gravity: Array) -> Array:
+        """(K, links + 1, 2) of all rollers, both ends among them [m].
+
+        Args:
+            turning: (K,) of the path [rad].
+            gravity: (K, 2) [m/s^2].
+        """
+        curve, points = self.curve, _rows(self.curve.points(self.at), len(turning))
+        if not same(self.scale < 1.0 - _STRAIGHT):
+            return points
         low = curve.begins[curve.longest]
         high = low + curve.pieces[curve.longest].length
-        inner = [i for i, s in enumerate(places) if low <= s <= high]
-        ahead, back = curve.points(curve.places(natural)), curve.reversed()
-        behind = back.points(back.places(natural[::-1]))[::-1]
-        if len(inner) > 2:
-            a, b = inner[0], inner[-1]
-            points[: a + 1], points[b:] = ahead[: a + 1], behind[b:]
-            chord, turning = (points[b] - points[a])[None], np.array([path.turning])
-            points[a + 1 : b] = (
-                points[a] + np.stack(_arc(chord, natural[None, a:b], turning, joined(gravity)[None]), 2)[0]
-            )
-    share = np.linspace(0.0, 1.0, len(places))[1:-1]
-    speed = (1.0 - share) * np.hypot(*begin) + share * np.hypot(*end)
-    heading = np.array([curve.at(s)[1] for s in places[1:-1]])
-    sense = 1.0 if begin @ np.array(direction(string.first)) >= 0.0 else -1.0
-    return points[1:-1], sense * speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        inner = np.atleast_2d(joined([(low <= s) & (s <= high) for s in self.at]))
+        a, count = same(inner.argmax(axis=1)), same(inner.sum(axis=1))
+        if count <= 2:
+            return points
+        b, back = a + int(count) - 1, curve.reversed()
+        ahead = _rows(curve.points(curve.places(self.links)), len(turning))
+        behind = _rows(back.points(back.places(self.links[..., ::-1])), len(turning))[:, ::-1]
+        points[:, : a + 1], points[:, b:] = ahead[:, : a + 1], behind[:, b:]
+        natural = _rows(self.links[..., a:b], len(turning), 1)
+        bent = _arc(points[:, b] - points[:, a], natural, turning, gravity)
+        points[:, a + 1 : b] = points[:, a, None] + np.stack(bent, axis=2)
+        return points
+
+    def velocities(self, begin: Array, end: Array) -> Array:
+        """(K, links - 1, 2) of the rollers in between [m/s], from those (K, 2) of the end rollers."""
+        share = np.linspace(0.0, 1.0, len(self.at))[1:-1]
+        ends = (np.hypot(ends[:, 0], ends[:, 1])[:, None] for ends in (begin, end))
+        speed = (1.0 - share) * next(ends) + share * next(ends)
+        heading = np.atleast_2d(joined([self.curve.at(s)[1] for s in self.at[1:-1]]))
+        x, y = direction(self.string.first)
+        sense = np.where(begin[:, 0] * x + begin[:, 1] * y >= 0.0, 1.0, -1.0)
+        return np.asarray((sense[:, None] * speed)[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=2))
+
+
+def _rows(values: Array, count: int, axes: int = 2) -> Array:
+    """Rows (K, ...) of as many variants, from what is the same for all of them, of so many axes, or theirs."""
+    return np.array(np.broadcast_to(values, (count, *values.shape[values.ndim - axes :])))
 
 
 def _sprocket_angles(drive: Drive, first_angle: Array) -> tuple[Array, NDArray[np.int64]]:

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warpchain.assembly.taut import Arc, obstacle
-from warpchain.drive.each import along, joined
+from warpchain.drive.each import along, joined, largest, quick_arctan2, quick_hypot, same, where
 from warpchain.drive.profile import Piece, Point, Profile, direction
 
 if TYPE_CHECKING:
@@ -72,7 +72,8 @@ def own_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool
     if found is None:
         return None
     k, along, height = found
-    return None if -height > OWN * math.dist(*strands[k]) else (k, along)
+    (sx, sy), (ex, ey) = strands[k]
+    return None if same(-height > OWN * quick_hypot(sx - ex, sy - ey)) else (k, along)
 
 
 def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, bool, float] | None:
@@ -84,21 +85,27 @@ def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, 
     feet = [profile.at(profile.face_length * i / (_PLACES - 1)) for i in range(_PLACES)]
     rides = [(x - offset * math.sin(h), y + offset * math.cos(h)) for (x, y), h in feet]
     fx, fy = rides[-1][0] - rides[0][0], rides[-1][1] - rides[0][1]
-    nearest = math.inf
+    nearest: Any = math.inf
     found: tuple[int, bool, float] | None = None
     for k, ((sx, sy), (ex, ey)) in enumerate(strands):
-        length = math.hypot(ex - sx, ey - sy)
+        length = quick_hypot(ex - sx, ey - sy)
         ux, uy = (ex - sx) / length, (ey - sy) / length
-        cosine = (fx * ux + fy * uy) / math.hypot(fx, fy)
-        if abs(cosine) < _ALONG:
+        cosine = (fx * ux + fy * uy) / quick_hypot(fx, fy)
+        if same(abs(cosine) < _ALONG):
             continue
-        side = math.copysign(1.0, cosine)
-        beside = [(x, y) for x, y in rides if 0.0 < (x - sx) * ux + (y - sy) * uy < length]
-        if not beside:
+        side = 1.0 if same(cosine > 0.0) else -1.0
+        count: Any = 0
+        height: Any = 0.0
+        for x, y in rides:
+            ahead = (x - sx) * ux + (y - sy) * uy
+            beside = (ahead > 0.0) & (ahead < length)
+            count = count + beside
+            height = height + where(beside, side * ((sy - y) * ux - (sx - x) * uy), 0.0)
+        if same(count == 0):
             continue
-        height = sum(side * ((sy - y) * ux - (sx - x) * uy) for x, y in beside) / len(beside)
-        apart = max(height, -BEHIND * height)
-        if apart < nearest:
+        height = height / largest(count, 1)
+        apart = largest(height, -BEHIND * height)
+        if same(apart < nearest):
             nearest, found = apart, (k, side > 0.0, height)
     return found
 
@@ -106,13 +113,14 @@ def nearest_strand(drive: Drive, g: int, strands: Sequence[Line]) -> tuple[int, 
 def depth(run: Run, line: Line) -> float:
     """How deep a straight strand cuts into an obstacle [m]; negative where it passes clear of it."""
     (sx, sy), (ex, ey) = line
-    heading, length = math.atan2(ey - sy, ex - sx), math.hypot(ex - sx, ey - sy)
+    heading, length = quick_arctan2(ey - sy, ex - sx), quick_hypot(ex - sx, ey - sy)
     ux, uy = direction(heading)
-    deepest = -math.inf
+    deepest: Any = -math.inf
     for arc in run:
         x, y = arc.at(arc.held(heading))
-        if 0.0 < (x - sx) * ux + (y - sy) * uy < length:
-            deepest = max(deepest, arc.sign * ((sy - y) * ux - (sx - x) * uy))
+        ahead = (x - sx) * ux + (y - sy) * uy
+        cut = arc.sign * ((sy - y) * ux - (sx - x) * uy)
+        deepest = where((ahead > 0.0) & (ahead < length), largest(deepest, cut), deepest)
     return deepest
 
 
@@ -134,16 +142,19 @@ class Placed:
 
     def standing(self, arm_angle: Sequence[float]) -> Run:
         """The arcs where the arms stand at angles (A,) [rad]."""
-        angle = 0.0 if self.arm is None else float(arm_angle[self.arm])
-        return self.run if angle == 0.0 else tuple(_turned(arc, self.pivot, angle) for arc in self.run)
+        angle = 0.0 if self.arm is None else arm_angle[self.arm]
+        return self.run if same(angle == 0.0) else tuple(_turned(arc, self.pivot, angle) for arc in self.run)
 
 
 def obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[Placed, ...]:
     """The guides that strands may have to go around; mostly none.
 
     Args:
-        drive: the drive.
+        drive: one, or a stack whose guides are the same.
         strands: ends of the straight strands [m].
+
+    Raises:
+        Unlike: where these are not the same of a stack.
     """
     found: list[Placed] = []
     for g, guide in enumerate(drive.guides):
@@ -154,7 +165,7 @@ def obstacles(drive: Drive, strands: Sequence[Line]) -> tuple[Placed, ...]:
         run, arm = obstacle(drive.profile(g), drive.guide_offset(g), g, along), drive.arm_of(g)
         if guide.straight and arm is None:
             cut = depth(run, strands[k])
-            if not 0.5 * drive.chain.roller_radius < cut <= drive.chain.pitch:
+            if not same((0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)):
                 continue
         found.append(Placed(k, run, arm, (0.0, 0.0) if arm is None else drive.arms[arm].pivot))
     return tuple(found)
@@ -164,13 +175,11 @@ def obstructed(drive: Drive, start: NDArray[np.float64], end: NDArray[np.float64
     """Whether any strand may have to go around a guide, of each variant of a stack (V,).
 
     Args:
-        drive: the stack; those with curved or carried guides count as obstructed.
+        drive: the stack, of straight bars on the ground.
         start, end: of the straight strands (V, S, 2) [m].
     """
     found = np.zeros(len(start), dtype=bool)
-    for g, guide in enumerate(drive.guides):
-        if not guide.straight or guide.arm is not None:
-            return np.ones_like(found)
+    for g in range(len(drive.guides)):
         cut = _cuts(drive, g, start, end)
         found |= (0.5 * drive.chain.roller_radius < cut) & (cut <= drive.chain.pitch)
     return found

@@ -21,12 +21,12 @@ from __future__ import annotations
 
 import math
 from itertools import combinations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arms import stop_of
+from warpchain.assembly.arms import AT_STOP, stop_of
 from warpchain.assembly.guided import BEHIND, OWN, cross, dot, nearest_strand
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.route import chain_path
@@ -67,12 +67,10 @@ def findings(drive: Drive, path: ChainPath | None = None) -> tuple[str, ...]:
 def suspects(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
     """Which variants of a stack may have something wrong, by their paths (V,); of the others `findings` tells nothing.
 
-    Those with curved or carried guides and with arms may.
+    Those with curved or carried guides that are not touched may, and those whose arms are on their stops.
     """
     start, end = path.strand_start, path.strand_end
     found = np.zeros(len(start), dtype=bool)
-    if drive.arms or not all(guide.straight and guide.arm is None for guide in drive.guides):
-        return ~found
     chord = end - start
     for k, m in combinations(range(start.shape[1]), 2):
         apart = start[:, m] - start[:, k]
@@ -80,9 +78,26 @@ def suspects(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
         with np.errstate(divide="ignore", invalid="ignore"):
             here, there = cross(apart, chord[:, m]) / turn, cross(apart, chord[:, k]) / turn
         found |= (here > 0.0) & (here < 1.0) & (there > 0.0) & (there < 1.0)
-    for g in range(len(drive.guides)):
-        found |= _bar_suspects(drive, g, start, end)
+    for g, guide in enumerate(drive.guides):
+        if guide.straight and guide.arm is None:
+            found |= _bar_suspects(drive, g, start, end)
+        else:
+            found |= ~_touched(drive, path, g)
+    for a, arm in enumerate(drive.arms):
+        low, high = arm.stops_rad
+        found |= (path.arm_angle[:, a] <= low + AT_STOP) | (path.arm_angle[:, a] >= high - AT_STOP)
     return found
+
+
+def _touched(drive: Drive, path: ChainPath, g: int) -> Any:
+    """Whether a chain touches guide g between its rounded ends; of a stack's variants, (V,)."""
+    length, found = drive.profile(g).face_length, False
+    for string in path.strings:
+        for touch in () if string is None else string.touches:
+            if touch.arc.guide == g:
+                first, last = touch.places
+                found = found | ((last > 0.0) & (first < length))
+    return np.asarray(found)
 
 
 def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -115,7 +130,7 @@ def _of_face(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -> li
     touches = [
         touch for string in path.strings if string is not None for touch in string.touches if touch.arc.guide == g
     ]
-    if any(touch.places[1] > 0.0 and touch.places[0] < profile.face_length for touch in touches):
+    if _touched(drive, path, g):
         return []
     hollow = sum(piece.curvature * piece.length for piece in profile.face) > 0.0
     nearest = nearest_strand(drive, g, strands)

@@ -26,7 +26,19 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.guided import Placed, Run, obstacles, obstructed
 from warpchain.assembly.taut import Arc, Taut, TautError, circle, taut
-from warpchain.drive.each import arctan2, largest, many, rint, smallest, some, sqrt, table_of, total
+from warpchain.drive.each import (
+    Unlike,
+    arctan2,
+    joined,
+    largest,
+    many,
+    rint,
+    smallest,
+    some,
+    sqrt,
+    table_of,
+    total,
+)
 from warpchain.drive.mounts import initial_place
 from warpchain.drive.stack import picked, size_of
 from warpchain.errors import DriveError
@@ -43,7 +55,6 @@ Pair = tuple[Any, Any]
 """Two coordinates, each a number or an array (V,) of a stack's variants."""
 
 _NO_WRAP = 1e-9  # rad
-_NOT_STACKED = ("strings", "obstacles", "arm_angle")
 
 
 @dataclass(frozen=True)
@@ -51,8 +62,8 @@ class ChainPath:
     """The path of a drive's chain along pitch circles and common tangents; S sprockets, as many strands.
 
     Strand k leaves sprocket k and reaches sprocket k + 1 (mod S). The paths of a stack of V variants
-    (`warpchain.drive.stack`) are one, `path[v]` that of variant v: all numbers and arrays but those of guides and arms,
-    which are one variant's own, then have a first axis more.
+    (`warpchain.drive.stack`) are one, `path[v]` that of variant v: all numbers and arrays then have a first axis more.
+    Its strings are the same for all but in their numbers, which may be arrays (V,).
 
     Attributes:
         pitch: mean unloaded length of the chain's links [m].
@@ -89,8 +100,9 @@ class ChainPath:
 
     def __getitem__(self, variants: int | NDArray[np.int64]) -> ChainPath:
         """That of one variant, or those of some, of a stack's."""
-        own = {
-            field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name not in _NOT_STACKED
+        guided = {name: picked(getattr(self, name), variants) for name in ("strings", "obstacles")}
+        own = guided | {
+            field.name: getattr(self, field.name)[variants] for field in fields(self) if field.name not in guided
         }
         if not isinstance(variants, np.ndarray):
             own |= {name: float(own[name]) for name in ("pitch", "turning", "wrapped_pitches", "nominal_strain")}
@@ -128,29 +140,21 @@ def path_at(drive: Drive, arm_angle: Sequence[float]) -> ChainPath:
     return Plan(drive).path(arm_angle)[0]
 
 
-class Obstructed(Exception):
-    """Chains of some variants of a stack go around guides or on arms, which is worked out for one variant alone.
-
-    Attributes:
-        which: (V,) those variants.
-    """
-
-    def __init__(self, which: NDArray[np.bool_]) -> None:
-        super().__init__()
-        self.which = which
-
-
 def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> list[tuple[NDArray[np.int64], Found]]:
     """What is worked out of a stack of `count`, in parts: which of its variants (K,), and what of them.
 
-    Those that are `Obstructed` are parts of one.
+    Those that are `Unlike` are parts of their own.
     """
     try:
         return [(np.arange(count), worked_out(drive))]
-    except Obstructed as around:
-        free, others = np.flatnonzero(~around.which), np.flatnonzero(around.which)
-    found = [(free, worked_out(picked(drive, free)))] if len(free) else []
-    return found + [(np.array([v]), worked_out(picked(drive, int(v)))) for v in others]
+    except Unlike as parted:
+        way = parted.way
+    found = []
+    for value in np.unique(way):
+        mine = np.flatnonzero(way == value)
+        parts = in_parts(picked(drive, mine), len(mine), worked_out)
+        found += [(mine[places], part) for places, part in parts]
+    return found
 
 
 def allowed_parts(
@@ -193,14 +197,12 @@ class Plan:
 
     Raises:
         DriveError: where pitch circles overlap; of the first such variant.
-        Obstructed: a stack of which some go around guides.
+        Unlike: a stack of which some go around guides.
     """
 
     def __init__(self, drive: Drive) -> None:
         sprockets = drive.sprockets
         self.drive, self.variants = drive, size_of(drive)
-        if drive.arms and self.variants > 1:
-            raise Obstructed(np.ones(self.variants, dtype=bool))
         pitch = np.atleast_2d(drive.chain.pulled_lengths).mean(axis=-1)
         self.pitch = pitch if len(pitch) > 1 else float(pitch[0])
         self.center = [initial_place(sprocket) for sprocket in sprockets]
@@ -222,22 +224,25 @@ class Plan:
         self.known: dict[int, Taut | None] = {}  # the strings that no arm can move, once they are found
 
     def _obstacles(self) -> tuple[Placed, ...]:
-        """The guides that strands may have to go around; of a stack, none."""
-        if not self.drive.guides:
+        """The guides that strands may have to go around."""
+        drive = self.drive
+        if not drive.guides:
             return ()
-        if self.variants == 1:
-            return obstacles(self.drive, [(line.start, line.end) for line in self.lines])
-        start, end = (self._points([getattr(line, name) for line in self.lines]) for name in ("start", "end"))
-        which = obstructed(self.drive, start, end)
-        if which.any():
-            raise Obstructed(which)
-        return ()
+        bars = all(guide.straight and guide.arm is None for guide in drive.guides)
+        if self.variants > 1 and bars:
+            start, end = (self._points([getattr(line, name) for line in self.lines]) for name in ("start", "end"))
+            which = obstructed(drive, start, end)
+            if not which.any():
+                return ()
+            raise Unlike(np.where(which, np.arange(1, self.variants + 1), 0))
+        return obstacles(drive, [(line.start, line.end) for line in self.lines])
 
-    def course(self, arm_angle: Sequence[float]) -> Course:
-        """The course of the chain with the arms at angles (A,) [rad].
+    def course(self, arm_angle: Sequence[Any]) -> Course:
+        """The course of the chain with the arms at angles (A,) [rad], each a number or those of a stack (V,).
 
         Raises:
             DriveError: as `path_at`.
+            Unlike: a stack whose chains touch unlike arcs of guides.
         """
         sign, strands = self.sign, range(len(self.sign))
         start, end = [line.start for line in self.lines], [line.end for line in self.lines]
@@ -262,11 +267,11 @@ class Plan:
         strain = _strain(self.drive.chain.links, wrapped, total(length) / self.pitch)
         return Course(self.pitch, wrap, arriving, start, end, length, wrapped, strain, strings, tuple(met))
 
-    def path(self, arm_angle: Sequence[float]) -> ChainPath:
+    def path(self, arm_angle: Sequence[Any]) -> ChainPath:
         """The path with the arms at angles (A,) [rad], as that of a stack.
 
         Raises:
-            DriveError: as `path_at`.
+            DriveError, Unlike: as `course`.
         """
         course, variants = self.course(arm_angle), self.variants
         turns = rint(total([w * angle for w, angle in zip(self.sign, course.wrap, strict=True)]) / (2.0 * math.pi))
@@ -286,7 +291,7 @@ class Plan:
             nominal_strain=strain,  # type: ignore[arg-type]
             strings=course.strings,
             obstacles=course.obstacles,
-            arm_angle=np.array(arm_angle, dtype=float),
+            arm_angle=np.broadcast_to(joined(arm_angle), (variants, len(arm_angle))),
         )
 
     def _points(self, points: Sequence[Pair]) -> NDArray[np.float64]:

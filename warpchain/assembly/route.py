@@ -25,6 +25,6 @@ def chain_paths(drive: Drive) -> ChainPath:
 
     Raises:
         DriveError: as `chain_path`, of the first such variant.
-        Obstructed: a stack of which some go around guides.
+        Unlike: a stack of which some go around other arcs of guides.
     """
     return Balance(drive).path() if drive.arms else Plan(drive).path(())

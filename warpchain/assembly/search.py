@@ -301,7 +301,7 @@ def _look(goals: Sequence[Goal], assembled: bool) -> Callable[[Drive], _Looks]:
 
 @dataclass(frozen=True)
 class _Looks:
-    """What drives of a stack are like: strains (V,), chords (V, S, 2) of the strands, angles (A,) of the arms."""
+    """What drives of a stack are like: strains (V,), chords (V, S, 2) of the strands, angles (V, A) of the arms."""
 
     strain: Array
     chord: Array
@@ -310,7 +310,7 @@ class _Looks:
     def of(self, goals: Sequence[Goal]) -> list[Reached]:
         """What counts for the goal of each variant."""
         chords = self.chord[np.arange(len(goals)), [goal.strand for goal in goals]].tolist()
-        angles = [math.nan if goal.arm is None else float(self.arms[goal.arm]) for goal in goals]
+        angles = [math.nan if goal.arm is None else float(self.arms[v, goal.arm]) for v, goal in enumerate(goals)]
         return [
             Reached(strain, (x, y), angle)
             for strain, (x, y), angle in zip(self.strain.tolist(), chords, angles, strict=True)

@@ -37,15 +37,18 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.taut import Taut, TautError, point, taut
-from warpchain.assembly.walk import Curve
+from warpchain.assembly.walk import Curve, total_of
 from warpchain.drive.each import (
+    Unlike,
     ceil,
     columns,
     cos,
+    every,
     floor,
     hypot,
     largest,
     many,
+    same,
     sin,
     smallest,
     some,
@@ -56,6 +59,7 @@ from warpchain.drive.each import (
 )
 from warpchain.drive.mounts import initial_place
 from warpchain.drive.profile import direction
+from warpchain.drive.stack import picked
 from warpchain.errors import DriveError
 
 if TYPE_CHECKING:
@@ -65,8 +69,10 @@ _TIE = 1e-6  # pitches: a roller half a pitch from an arc counts as seated, what
 _SPARE = 0.05  # pitch angles beyond the half one before a seat is given back
 _ROUNDS = 10
 _ITERATIONS = 40
-_LAYINGS = 8  # of links on strings; each leaves a thousandth of the error
-_CLOSED = 1e-10  # of a pitch
+_LAYINGS = 8  # of links on strings
+_LEFT = 2e-3  # of the error, by each of them
+_CLOSED, _CLOSEST = 1e-10, 2e-14  # of a pitch
+_LAID = 1e-13  # of a pitch
 
 Places = NDArray[np.int64]
 
@@ -98,11 +104,16 @@ class Seating:
         return Seating(angle, seats, links, self.strain[chosen])
 
     def put(self, chosen: Places, other: Seating) -> None:
-        """Sets some of the variants."""
+        """Sets some of the variants, in arrays of their own, as what was found may hang on the old ones."""
+
+        def put(column: Number, new: Number) -> Number:
+            column = column.copy()
+            column[chosen] = new
+            return column
+
         for name in ("first_angle", "seats", "links"):
-            for column, new in zip(getattr(self, name), getattr(other, name), strict=True):
-                column[chosen] = new
-        self.strain[chosen] = other.strain
+            setattr(self, name, list(map(put, getattr(self, name), getattr(other, name))))
+        self.strain = put(self.strain, other.strain)
 
     @property
     def first(self) -> list[Number]:
@@ -118,24 +129,26 @@ class Seating:
         return [first + seats - 1 for first, seats in zip(self.first, self.seats, strict=True)]
 
 
-def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seating:
+def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None, near: float = 0.0) -> Seating:
     """Seats the chains of a stack, each of which fits its path.
 
     Args:
         drive: one, or a stack.
         path: its path or paths, with the first axis of a stack.
-        loop: of the drive, where it is known.
+        loop: of the drive; of one with arms what it has found for another path is where the search begins.
+        near: what a further laying of links on guides may change, if more than round-off [pitches].
 
     Raises:
         DriveError: where a strand has no room for a link, a sprocket has fewer teeth than rollers to hold, or no
             placement closes the chain; the message names where, of the first such variant.
+        Unlike: a stack whose chains lie on guides with unlike arcs, or links.
     """
     loop = loop or Loop(drive, path)
     loop.take(path)
-    seating = loop.count(drive, path)
+    seating = loop.begin(loop.count(drive, path))
     part, mine, todo = loop, seating, np.arange(len(path.radius))
     for turn in range(_ROUNDS + 1):
-        part.close(mine)
+        part.close(mine, near)
         changed: Any = turn < _ROUNDS and part.adjust(mine)
         if mine is not seating:
             seating.put(todo, mine)
@@ -144,6 +157,7 @@ def seat_chain(drive: Drive, path: ChainPath, loop: Loop | None = None) -> Seati
         if many(changed) and not changed.all():
             todo = todo[changed]
             part, mine = loop.of(todo), seating.of(todo)
+    loop.solved = seating
     return seating
 
 
@@ -155,11 +169,13 @@ def forth(roller: Number) -> Number:
 class Loop:
     """The sprockets of a stack in the order of the chain's travel, S numbers or arrays (V,) each.
 
-    Guides' strings are those of one variant alone.
+    Attributes:
+        members: (V,) which variants of the stack they are, `whole` many in all.
     """
 
     def __init__(self, drive: Drive, path: ChainPath) -> None:
-        self.variants = len(path.radius)
+        self.variants = self.whole = len(path.radius)
+        self.members: Places = np.arange(self.whole)
         self.size = len(drive.sprockets)
         self.driver = drive.driver
         self.names = [sprocket.name for sprocket in drive.sprockets]
@@ -175,19 +191,27 @@ class Loop:
         self.links = np.atleast_2d(drive.chain.pulled_lengths)
         reach = np.cumsum(np.tile(self.links, 2), axis=1)
         self.reach = np.concatenate([np.zeros((len(reach), 1)), reach], axis=1)
+        self.remembers = bool(drive.arms)
+        self.counted: Seating | None = None
+        self.solved: Seating | None = None
+        self.chords: list[Number] = [0.0] * self.size  # what links on a string measure beyond its chain length [m]
+        self.scales: dict[int, Number] = {}  # of links on strings, as last found
+        self.touched: dict[int, tuple[int, ...]] = {}  # the arcs that strings last touched
         self.take(path)
 
     def take(self, path: ChainPath) -> None:
         """Goes over to another path of the same drive, whose arms stand elsewhere."""
         self.runs = [runs if path.strings[k] is not None else () for k, runs in enumerate(path.obstacles)]
         self.around = any(self.runs)
-        self.strings: dict[int, tuple[tuple[float, float], Taut]] = {}  # as last drawn, from where to where
-        self.chords = [0.0] * self.size  # what links laid on a string measure beyond its chain length [m]
+        self.strings: dict[int, tuple[tuple[Number, Number], Taut]] = {}  # as last drawn, from where to where
 
     def of(self, chosen: Places) -> Loop:
         """That of some of the variants of a stack."""
         part = copy(self)
-        part.variants, part.pitch = len(chosen), self.pitch[chosen]
+        part.variants, part.pitch, part.members = len(chosen), self.pitch[chosen], self.members[chosen]
+        part.runs, part.strings = [picked(runs, chosen) if runs else () for runs in self.runs], {}
+        part.chords = [taken(chord, chosen) for chord in self.chords]
+        part.scales = {k: taken(scale, chosen) for k, scale in self.scales.items()}
         for name in ("x", "y", "radius", "lean"):
             setattr(part, name, [taken(value, chosen) for value in getattr(self, name)])
         if len(self.reach) > 1:
@@ -219,6 +243,20 @@ class Loop:
         self._check_counts(seats, links, path)
         return Seating(angles, seats, links, strain)
 
+    def begin(self, counted: Seating) -> Seating:
+        """From where to seat chains: as counted, or as another path's were solved that were counted alike."""
+        before, self.counted = self.counted, counted
+        solved = self.solved
+        if solved is None or before is None or not self.remembers:
+            return counted
+        for name in ("seats", "links"):
+            for old, new in zip(getattr(before, name), getattr(counted, name), strict=True):
+                if some(old != new):
+                    return counted
+        angles = list(solved.first_angle)
+        angles[self.driver] = counted.first_angle[self.driver]
+        return Seating(angles, list(solved.seats), list(solved.links), solved.strain)
+
     def _check_counts(self, seats: Sequence[Any], links: Sequence[Any], path: ChainPath) -> None:
         for s, name in enumerate(self.names):
             if some(seats[s] > self.teeth[s]):
@@ -248,21 +286,29 @@ class Loop:
         """Strand k from seat to seat around its guides; None where it touches none."""
         if not self.runs[k]:
             return None
-        following = (k + 1) % self.size
         ends = self.ends(seating, k)
-        known, string = self.strings.get(k, (None, None))
-        if string is None or known != ends:
-            seats = self._seat(k, ends[0]), self._seat(following, ends[1])
+        known = self.strings.get(k)
+        if known is None or any(some(old != new) for old, new in zip(known[0], ends, strict=True)):
+            first, last = self._seat(k, ends[0]), self._seat((k + 1) % self.size, ends[1])
             try:
-                string = taut(point(seats[0]), point(seats[1]), self.runs[k], string)
+                string = taut(point(first), point(last), self.runs[k], self.touched.get(k, ()))
             except TautError as error:
                 raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
-            self.strings[k] = ends, string
+            except Unlike as parted:
+                raise self._parted(parted) from None
+            self.strings[k], self.touched[k] = (ends, string), string.numbers
+        string = self.strings[k][1]
         return string if string.touches else None
 
-    def _seat(self, s: int, polar: float) -> tuple[float, float]:
-        radius = self.radius[s]
-        return self.x[s] + radius * math.cos(polar), self.y[s] + radius * math.sin(polar)
+    def _parted(self, parted: Unlike) -> Unlike:
+        """What parts these variants, of the whole stack's."""
+        way = np.full(self.whole, parted.way[0])
+        way[self.members] = parted.way
+        return Unlike(way)
+
+    def _seat(self, s: int, polar: Number) -> tuple[Number, Number]:
+        radius, (x, y) = self.radius[s], direction(polar)
+        return self.x[s] + radius * x, self.y[s] + radius * y
 
     def strand(self, seating: Seating, k: int) -> _Strand:
         """Strand k from seat to seat, around its guides."""
@@ -281,14 +327,21 @@ class Loop:
         along = x / length, y / length
         return _Strand(leaving, arriving, along, along, length)
 
-    def laid(self, seating: Seating, k: int) -> float:
+    def laid(self, seating: Seating, k: int) -> Number:
         """What the links of strand k, laid as chords on its string, measure beyond its chain length [m]."""
         string = self.string(seating, k)
         if string is None:
             return 0.0
-        roller = seating.last[k]
-        links = self.links[0, np.arange(roller, roller + seating.links[k]) % self.links.shape[1]]
-        return Curve(string.pieces).scale(links) * float(links.sum()) - string.chain_length(self.pitch)
+        try:
+            roller, links = same(seating.last[k]), same(seating.links[k])
+        except Unlike as parted:
+            raise self._parted(parted) from None
+        own = np.take(self.links, np.arange(roller, roller + links) % self.links.shape[1], axis=1)
+        own = own[0] if len(own) == 1 else own
+        scale = Curve(string.pieces).scale(own, self.scales.get(k))
+        if self.remembers:
+            self.scales[k] = scale
+        return scale * total_of(own) - string.chain_length(self.pitch)
 
     def natural(self, seating: Seating) -> list[Number]:
         """(S,) unloaded lengths of the strands: the sums of their own links'."""
@@ -297,16 +350,19 @@ class Loop:
         found = [self.reach[row, end] - self.reach[row, begin] for begin, end in ends]
         return [length if many(length) else float(length) for length in found]
 
-    def close(self, seating: Seating) -> None:
-        """Solves the closing conditions (a) for the whole numbers as they stand."""
+    def close(self, seating: Seating, near: float) -> None:
+        """Solves the closing conditions (a) for the whole numbers as they stand; `near` as of `seat_chain`."""
         lengths = self.natural(seating)
         for _ in range(_LAYINGS if self.around else 1):
             self._solve(seating, lengths)
             if not self.around:
                 break
             before, self.chords = self.chords, [self.laid(seating, k) for k in range(self.size)]
-            change = max(abs(old - new) for old, new in zip(before, self.chords, strict=True))
-            if change <= 1e-3 * _CLOSED * self.pitch:
+            change = largest(*(abs(old - new) for old, new in zip(before, self.chords, strict=True)))
+            if every(change <= _LAID * self.pitch):
+                break
+            if every(_LEFT * change <= near * self.pitch):
+                self._solve(seating, lengths)
                 break
 
     def _solve(self, seating: Seating, lengths: list[Number]) -> None:
@@ -339,6 +395,8 @@ class Loop:
             residual, jacobian = part._conditions(mine, lengths, elastic)
             before, worst = worst, largest(*map(abs, residual))
             done = (0.5 * before <= worst) & (worst <= _CLOSED * part.pitch)  # round-off is reached
+            if self.remembers:
+                done = done | (worst <= _CLOSEST * part.pitch)
             if some(done):
                 if mine is not seating:
                     seating.put(todo, mine)

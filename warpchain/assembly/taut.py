@@ -19,6 +19,9 @@ and it is cut by w n.(p - c + w R n) with p any point of the tangent.
 The gradient of the length is minus the direction at the first end and the direction at the last one, and for a guide
 that moves by dr, turns by dtheta about p:  dL = -dr.(u_out - u_in),  dL = -(h_out - h_in) dtheta,
 with h = (r - p) x u the lever of a tangent, since a string of tension 1 pushes it so.
+
+Strings of a stack's variants are one whose numbers are arrays (V,), as long as all touch the same arcs; else they are
+`warpchain.drive.each.Unlike`.
 """
 
 from __future__ import annotations
@@ -27,7 +30,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
+from warpchain.drive.each import first_largest, largest, quick_arcsin, quick_arctan2, same, smallest, sqrt, where
 from warpchain.drive.profile import Piece, Point, Profile, direction, turn
 
 _CUT = 1e-11
@@ -76,23 +81,23 @@ class Arc:
     before: float | None = None
     after: float | None = None
 
-    def held(self, heading: float) -> float:
+    def held(self, heading: Any) -> Any:
         """The heading nearest to a given one at which the arc has a tangent [rad]."""
-        if math.isinf(self.begin):
+        if self.guide < 0:
             return heading
         middle = 0.5 * (self.begin + self.end)
         half = 0.5 * abs(self.end - self.begin)
-        return middle + max(-half, min(half, turn(heading - middle)))
+        return middle + largest(-half, smallest(half, turn(heading - middle)))
 
-    def at(self, heading: float) -> Point:
+    def at(self, heading: Any) -> tuple[Any, Any]:
         """Where its tangent has a heading [m]."""
         x, y = direction(heading)
         reach = self.sign * self.radius
         return self.center[0] + reach * y, self.center[1] - reach * x
 
-    def past(self, heading: float, last: bool) -> bool:
+    def past(self, heading: Any, last: bool) -> Any:
         """Whether a tangent's heading lies beyond the arc's last or first one."""
-        if math.isinf(self.begin):
+        if self.guide < 0:
             return False
         off = turn(heading - (self.end if last else self.begin))
         return (self.sign if last else -self.sign) * off > _NO_WRAP
@@ -115,7 +120,7 @@ class Touch:
     def places(self) -> tuple[float, float]:
         """Places on the guide's face between which it is touched [m], ascending."""
         ends = [self.arc.place + self.arc.slope * turn(heading - self.arc.begin) for heading in self._headings]
-        return min(ends), max(ends)
+        return smallest(*ends), largest(*ends)
 
     @property
     def _headings(self) -> tuple[float, float]:
@@ -131,6 +136,7 @@ class Taut:
         first, last: heading at which it leaves the first end and reaches the last [rad].
         touches: the guides' arcs that it touches, in order.
         free: lengths of the straight parts that lie on no guide, in order [m].
+        numbers: of the arcs that it touches, among all those of the obstacles.
     """
 
     pieces: tuple[Piece, ...]
@@ -138,6 +144,7 @@ class Taut:
     last: float
     touches: tuple[Touch, ...]
     free: tuple[float, ...]
+    numbers: tuple[int, ...]
 
     @property
     def length(self) -> float:
@@ -151,15 +158,14 @@ class Taut:
             if touch.arc.guide in known:
                 for heading, side in ((touch.leave, 1.0), (touch.arrive, -1.0)):
                     (x, y), (ux, uy) = touch.arc.at(heading), direction(heading)
-                    total += side * ((x - pivot[0]) * uy - (y - pivot[1]) * ux)
+                    total = total + side * ((x - pivot[0]) * uy - (y - pivot[1]) * ux)
         return total
 
     def chain_length(self, pitch: float) -> float:
         """Length of links of a pitch along it [m]: on arcs of radius R they are chords, 2 asin(p / 2R) each."""
         total = 0.0
         for piece in self.pieces:
-            bend = 0.5 * pitch * abs(piece.curvature)
-            total += piece.length * (bend / math.asin(bend) if 0.0 < bend < 1.0 else 1.0)
+            total = total + piece.length * _shorter(0.5 * pitch * abs(piece.curvature))
         return total
 
 
@@ -195,51 +201,61 @@ def obstacle(profile: Profile, offset: float, guide: int, along: bool) -> tuple[
     return tuple(arcs) if along else tuple(_turned(arc) for arc in reversed(arcs))
 
 
-def taut(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Taut | None = None) -> Taut:
+def taut(first: Arc, last: Arc, obstacles: Sequence[tuple[Arc, ...]], like: Sequence[int] = ()) -> Taut:
     """The taut string from the circle or point `first` to `last` around obstacles.
 
     Args:
         first, last: its ends.
         obstacles: runs of arcs, in the order in which they are passed.
-        like: a string that probably touches the same of these arcs.
+        like: numbers of the arcs that it probably touches, among all of these.
 
     Raises:
         TautError: if a guide and an end overlap so that no tangent joins them.
+        Unlike: strings of a stack's variants, not all of which touch the same arcs.
     """
     runs = [arc for run in obstacles for arc in run]
-    where = {id(arc): (run, i) for run in obstacles for i, arc in enumerate(run)}
-    chosen = [first, *_touched(like, where), last]
+    known = {id(arc): (run, i) for run in obstacles for i, arc in enumerate(run)}
+    chosen = [first, *(runs[i] for i in like), last]
     for _ in range(_ROUNDS):
-        missing = _tangents(chosen, where)
+        missing = _tangents(chosen, known)
         if isinstance(missing, tuple):
             chosen.insert(*missing)
             continue
         touches = [Touch(arc, missing[k][1], missing[k + 1][0]) for k, arc in enumerate(chosen[1:-1])]
-        worst = min(range(len(touches)), key=lambda k: touches[k].wrap, default=None)
-        if worst is not None and touches[worst].wrap < -_NO_WRAP:
-            del chosen[worst + 1]
-            continue
-        more = _beyond(touches, chosen, where) or _deepest(chosen, missing, runs)
+        if touches:
+            lifted = [-touch.wrap for touch in touches]
+            worst = same(where(largest(*lifted) > _NO_WRAP, first_largest(lifted), -1))
+            if worst >= 0:
+                del chosen[worst + 1]
+                continue
+        more = _beyond(touches, chosen, known) or _deepest(chosen, missing, runs)
         if more is None:
-            return _string(chosen, missing, touches)
+            return _string(chosen, missing, touches, runs)
         chosen.insert(*more)
     raise TautError(next((arc.guide for arc in chosen[1:-1]), -1), "no taut string was found around it")
 
 
-def point(place: Sequence[float]) -> Arc:
+def point(place: Sequence[Any]) -> Arc:
     """An end of a string that is a point [m]."""
-    return Arc((float(place[0]), float(place[1])), 0.0)
+    return Arc((place[0], place[1]), 0.0)
 
 
-def circle(center: Sequence[float], radius: float, sign: float) -> Arc:
+def circle(center: Sequence[Any], radius: Any, sign: float) -> Arc:
     """An end of a string that is a sprocket, about which it turns with a sign."""
-    return Arc((float(center[0]), float(center[1])), radius, sign)
+    return Arc((center[0], center[1]), radius, sign)
 
 
 # --------------------------------------------------------------------------------------------------------- details
 
-_Tangent = tuple[float, float, float, bool]  # heading where it leaves, where it arrives, length, along a joint
+_Tangent = tuple[Any, Any, Any, bool]  # heading where it leaves, where it arrives, length, along a joint
 _Where = dict[int, tuple[tuple[Arc, ...], int]]
+
+
+def _shorter(bend: Any) -> Any:
+    """What chords of a circle that bends by 2 asin(b) under each measure over the arc."""
+    bends = (bend > 0.0) & (bend < 1.0)
+    safe = where(bends, bend, 1.0)
+    return where(bends, safe / quick_arcsin(safe), 1.0)
 
 
 def _with(arc: Arc, **changes: float | None) -> Arc:
@@ -255,59 +271,56 @@ def _turned(arc: Arc) -> Arc:
     return Arc(arc.center, arc.radius, 1.0, begin, end, arc.guide, place, arc.slope, arc.after, arc.before)
 
 
-def _touched(like: Taut | None, where: _Where) -> list[Arc]:
-    """The arcs that a string touches, if they are all known."""
-    arcs = [] if like is None else [touch.arc for touch in like.touches]
-    return arcs if all(id(arc) in where for arc in arcs) else []
-
-
-def _neighbor(arc: Arc, where: _Where, step: int) -> Arc | None:
+def _neighbor(arc: Arc, known: _Where, step: int) -> Arc | None:
     """The arc before (-1) or after (1) it in its guide's run, where no concave piece lies between."""
-    if id(arc) not in where or (arc.after if step > 0 else arc.before) is None:
+    if id(arc) not in known or (arc.after if step > 0 else arc.before) is None:
         return None
-    run, i = where[id(arc)]
+    run, i = known[id(arc)]
     return run[i + step]
 
 
-def _tangents(chosen: list[Arc], where: _Where) -> list[_Tangent] | tuple[int, Arc]:
+def _tangents(chosen: list[Arc], known: _Where) -> list[_Tangent] | tuple[int, Arc]:
     """The tangents from each to the next; or where there is none, what to take in between, and at which place."""
     found: list[_Tangent] = []
     for k, (one, other) in enumerate(pairwise(chosen), 1):
-        if _neighbor(one, where, 1) is other:
+        if _neighbor(one, known, 1) is other:
             assert one.after is not None
             found.append((one.end, one.end, one.after, True))
             continue
         dx, dy = other.center[0] - one.center[0], other.center[1] - one.center[1]
         h = other.sign * other.radius - one.sign * one.radius
         square = dx * dx + dy * dy
-        if square <= h * h:
+        if same(square <= h * h):
             for arc, step in ((other, -1), (one, 1)):
-                between = _neighbor(arc, where, step)
+                between = _neighbor(arc, known, step)
                 if between is not None and between is not (one if step < 0 else other):
                     return k, between
             guide = other.guide if other.guide >= 0 else one.guide
             raise TautError(guide, "stands where no tangent of the chain reaches it")
-        length = math.sqrt(square - h * h)
-        heading = math.atan2(length * dy - h * dx, length * dx + h * dy)
+        length = sqrt(square - h * h)
+        heading = quick_arctan2(length * dy - h * dx, length * dx + h * dy)
         found.append((heading, heading, length, False))
     return found
 
 
-def _beyond(touches: list[Touch], chosen: list[Arc], where: _Where) -> tuple[int, Arc] | None:
+def _beyond(touches: list[Touch], chosen: list[Arc], known: _Where) -> tuple[int, Arc] | None:
     """The next arc of a run, where a string arrives before the first tangent of an arc or leaves after the last."""
     for k, touch in enumerate(touches, 1):
         for heading, step in ((touch.arrive, -1), (touch.leave, 1)):
-            if touch.arc.past(heading, step > 0):
-                between = _neighbor(touch.arc, where, step)
-                if between is not None and chosen[k + step] is not between:
-                    return k + (step > 0), between
+            between = _neighbor(touch.arc, known, step)
+            if between is None or chosen[k + step] is between:
+                continue
+            if same(touch.arc.past(heading, step > 0)):
+                return k + (step > 0), between
     return None
 
 
 def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tuple[int, Arc] | None:
     """The arc that a tangent cuts deepest, and its place in the order; None where none is cut."""
-    worst, found = _CUT, None
+    worst: Any = _CUT
+    found: Any = -1
     taken = {id(arc) for arc in chosen}
+    places: list[tuple[int, Arc]] = []
     for k, (heading, _, length, joint) in enumerate(tangents):
         if joint:
             continue
@@ -318,22 +331,26 @@ def _deepest(chosen: list[Arc], tangents: list[_Tangent], runs: list[Arc]) -> tu
             px, py = arc.at(arc.held(heading))
             ahead = (px - x) * ux + (py - y) * uy
             depth = arc.sign * ((y - py) * ux - (x - px) * uy)
-            if depth > worst and 0.0 < ahead < length:
-                worst, found = depth, (k + 1, arc)
-    return found
+            cuts = (depth > worst) & (ahead > 0.0) & (ahead < length)
+            worst, found = where(cuts, depth, worst), where(cuts, len(places), found)
+            places.append((k + 1, arc))
+    found = same(found)
+    return None if found < 0 else places[found]
 
 
-def _string(chosen: list[Arc], tangents: list[_Tangent], touches: list[Touch]) -> Taut:
+def _string(chosen: list[Arc], tangents: list[_Tangent], touches: list[Touch], runs: list[Arc]) -> Taut:
     pieces: list[Piece] = []
     for k, (heading, _, length, _) in enumerate(tangents):
         if k:
             touch = touches[k - 1]
             arc = touch.arc
-            if touch.wrap > 0.0:
+            if same(touch.wrap > 0.0):
                 start = arc.at(touch.arrive)
                 pieces.append(Piece(start, touch.arrive, arc.sign / arc.radius, touch.wrap * arc.radius))
-        if length > 0.0:
+        if same(length > 0.0):
             pieces.append(Piece(chosen[k].at(heading), heading, 0.0, length))
     free = tuple(length for _, _, length, joint in tangents if not joint)
-    pressed = tuple(t for t in touches if t.wrap > _NO_WRAP)
-    return Taut(tuple(pieces), tangents[0][0], tangents[-1][1], pressed, free)
+    pressed = tuple(t for t in touches if same(t.wrap > _NO_WRAP))
+    order = {id(arc): i for i, arc in enumerate(runs)}
+    numbers = tuple(order[id(touch.arc)] for touch in pressed)
+    return Taut(tuple(pieces), tangents[0][0], tangents[-1][1], pressed, free, numbers)

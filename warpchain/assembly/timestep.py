@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from warpchain.drive import Drive, ImpactLaw
-from warpchain.drive.each import largest, smallest, some, sqrt
+from warpchain.drive.each import largest, power, smallest, some, sqrt
 from warpchain.drive.laws import LAWS
 from warpchain.drive.mounts import moving_mass, on_springs, spring
 from warpchain.drive.oil import oil_stiffness
@@ -59,7 +59,7 @@ def moving_bodies(drive: Drive) -> list[Body]:
             mass = moving_mass(sprocket) + drive.plunger_mass_on(s)
             stiffness, damping = spring(sprocket)
             pushed, damped = _pushes(drive, s)
-            stiffness += 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
+            stiffness = stiffness + 0.5 * sprocket.teeth * drive.sprocket_stiffness(s) + pushed
             found.append(Body(f'sprocket "{sprocket.name}" on its mount', stiffness / mass, (damping + damped) / mass))
     for a, arm in enumerate(drive.arms):
         inertia = drive.arm_inertia(a)
@@ -69,7 +69,7 @@ def moving_bodies(drive: Drive) -> list[Body]:
             stiffness, damping = stiffness + drive.stop_stiffness(a), damping + drive.stop_damping(a)
         for g in drive.guides_of(a):
             points = drive.profile(g).points(drive.chain.pitch, caps=False)
-            stiffness += drive.guide_stiffness(g) * sum(math.dist(point, arm.pivot) ** 2 for point in points)
+            stiffness = stiffness + drive.guide_stiffness(g) * sum(math.dist(point, arm.pivot) ** 2 for point in points)
         found.append(Body(f'arm "{arm.name}"', stiffness / inertia, damping / inertia))
     return found
 
@@ -81,9 +81,9 @@ def _pushes(drive: Drive, body: int) -> tuple[float, float]:
         if drive.tensioner_body(t) == body:
             lever = drive.tensioner_lever(t)
             held = tensioner.spring_stiffness + oil_stiffness(tensioner)
-            held += drive.chain.stiffness if tensioner.ratchet is not None or tensioner.hydraulic else 0.0
-            stiffness += held * lever**2
-            damping += tensioner.spring_damping * lever**2
+            held = held + (drive.chain.stiffness if tensioner.ratchet is not None or tensioner.hydraulic else 0.0)
+            stiffness = stiffness + held * power(lever, 2)
+            damping = damping + tensioner.spring_damping * power(lever, 2)
     return stiffness, damping
 
 

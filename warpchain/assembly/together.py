@@ -17,6 +17,9 @@ from warpchain.errors import DriveError
 
 Places = NDArray[np.int64]
 
+PULLS = "stiffness", "roller_mass", "mass_per_length"
+"""Values of a chain that pull an arm, or make its stops as stiff as they are."""
+
 
 @dataclass(frozen=True)
 class Assemblies(Sequence[Assembly]):
@@ -108,6 +111,8 @@ def _layouts(drive: Drive, count: int) -> tuple[Drive, Places]:
                 sprocket.model_copy(update=of) for sprocket, of in zip(one.sprockets, own["sprockets"], strict=True)
             ),
             "guides": drive.guides,
+            "arms": drive.arms,
+            "tensioners": drive.tensioners,
             "run": one.run.model_copy(update=own["run"]),
         }
     )
@@ -125,8 +130,7 @@ def _layout(drive: Drive) -> Hashable:
     """The layout of one drive, by value: with arms, what pulls and pushes them counts."""
     own = _hung_on(drive)
     values = [value for of in (own["chain"], *own["sprockets"], own["run"]) for value in of.values()]
-    pulls = (drive.chain.stiffness, drive.chain.mass) if drive.arms else ()
-    return (*values, *pulls, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
+    return (*values, drive.guides, drive.arms, drive.tensioners, drive.contact.sprocket)
 
 
 def _hung_on(drive: Drive) -> dict[str, Any]:
@@ -135,7 +139,9 @@ def _hung_on(drive: Drive) -> dict[str, Any]:
     def some(part: Any, *names: str) -> dict[str, Any]:
         return {name: getattr(part, name) for name in names}
 
-    lengths = "pitch", "links", "elongation", "worn_links", "outer", "play", "roller_radius"
+    lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "outer", "play", "roller_radius"
+    if drive.arms:
+        lengths = (*lengths, *PULLS)
     places = "name", "center", "teeth", "pitch", "wrap", "prescribed", "mount"
     return {
         "chain": some(drive.chain, *lengths),

@@ -1,4 +1,7 @@
-"""Links laid along a curve of straight pieces and arcs: every roller on the curve, every link a chord of it."""
+"""Links laid along a curve of straight pieces and arcs: every roller on the curve, every link a chord of it.
+
+Of a stack's variants the curves are one whose numbers are arrays (V,), of as many pieces each.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,49 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import accumulate
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.drive.profile import Piece, Point, direction
+from warpchain.drive.each import (
+    along,
+    every,
+    first_largest,
+    joined,
+    largest,
+    many,
+    quick_arcsin,
+    quick_hypot,
+    same,
+    smallest,
+    some,
+    where,
+)
+from warpchain.drive.profile import Piece, direction
 
 _NEWTON = 30
 _NEAR = 1e-10  # of a link: what is left after a step of Newton's method that small is round-off
 _EXACT = 4e-16  # of the curve
+_CLOSE = 1e-12  # of the curve; from there on a step to the end leaves round-off
+
+
+def _along(link: Any, curvature: Any) -> Any:
+    """How far a link reaches that begins and ends on one piece [m]."""
+    half = 0.5 * link * abs(curvature)
+    bends = (half > 0.0) & (half < 1.0)
+    safe = where(bends, half, 1.0)
+    return where(bends, link * quick_arcsin(safe) / safe, where(half == 0.0, link, math.inf))
+
+
+def _table(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Numbers or arrays (V,), one a piece, as an array (P, V), or (P, 1) of numbers."""
+    return np.atleast_2d(joined(values)).T
+
+
+def _of(table: NDArray[np.float64], i: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Of a table (P, V, ...) what belongs to pieces (V,)."""
+    return table[i, np.arange(len(i)) if table.shape[1] > 1 else 0]
 
 
 class Curve:
@@ -29,73 +66,115 @@ class Curve:
         self.begins = [0.0, *accumulate(piece.length for piece in self.pieces)]
         self.length = self.begins.pop()
         self.ends = [begin + piece.length for begin, piece in zip(self.begins, self.pieces, strict=True)]
-        self.longest = max(range(len(self.pieces)), key=lambda i: self._straight(i))
+        self.stacked = many(self.length)
+        self._tables: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
-    def _straight(self, i: int) -> float:
-        return 0.0 if self.pieces[i].curvature else self.pieces[i].length
+    @property
+    def longest(self) -> int:
+        """The longest straight piece, which all of a stack's must share."""
+        straight = [0.0 if some(piece.curvature != 0.0) else piece.length for piece in self.pieces]
+        return int(same(first_largest(straight)))
 
-    def at(self, s: float) -> tuple[Point, float]:
+    @property
+    def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(P, V, 6) start, heading, curvature, length and begin of the pieces, (P, V) where they end."""
+        if self._tables is None:
+            columns = zip(*((*p.start, p.heading, p.curvature, p.length) for p in self.pieces), strict=True)
+            tables = np.broadcast_arrays(*map(_table, columns), _table(self.begins))
+            self._tables = np.stack(tables, axis=-1), _table(self.ends)
+        return self._tables
+
+    def _index(self, s: Any) -> Any:
+        """The piece on which the arc length s lies."""
+        if not many(s) and not self.stacked:
+            return min(max(bisect_right(self.begins, s) - 1, 0), len(self.pieces) - 1)
+        found = np.zeros(np.broadcast(s, self.length).shape, dtype=np.int64)
+        for begin in self.begins[1:]:
+            found += s >= begin
+        return found
+
+    def at(self, s: Any) -> tuple[tuple[Any, Any], Any]:
         """The point [m] and the heading [rad] at the arc length s [m]."""
-        i = min(max(bisect_right(self.begins, s) - 1, 0), len(self.pieces) - 1)
-        piece = self.pieces[i]
-        inner = s - self.begins[i]
-        held = min(max(inner, 0.0), piece.length)
+        i = self._index(s)
+        if many(i):
+            x, y, heading, curvature, length, begin = _of(self.tables[0], i).T
+            piece = Piece((x, y), heading, curvature, length)
+        else:
+            piece, begin = self.pieces[i], self.begins[i]
+        inner = s - begin
+        held = smallest(largest(inner, 0.0), piece.length)
         (x, y), heading = piece.at(held)
-        if held != inner:
+        if some(held != inner):
             ux, uy = direction(heading)
             x, y = x + (inner - held) * ux, y + (inner - held) * uy
         return (x, y), heading
 
-    def _over(self, s: float, link: float) -> float:
+    def _over(self, s: Any, link: Any) -> Any:
         """Where a link that begins at s and ends on another piece ends [m], by Newton's method."""
         (x, y), _ = self.at(s)
-        ahead = s + link
+        ahead, done = s + link, False
         for _ in range(_NEWTON):
             (px, py), heading = self.at(ahead)
             dx, dy = px - x, py - y
-            chord = math.hypot(dx, dy)
+            chord = quick_hypot(dx, dy)
             ux, uy = direction(heading)
             change = (link - chord) * chord / (dx * ux + dy * uy)
-            ahead += change
-            if abs(change) <= _NEAR * link:
+            ahead = where(done, ahead, ahead + change)
+            done = done | (abs(change) <= _NEAR * link)
+            if every(done):
                 break
         return ahead
 
-    def _along(self, i: int, link: float) -> float:
-        """How far a link reaches that begins and ends on piece i [m]."""
-        half = 0.5 * link * abs(self.pieces[i].curvature)
-        return link if half == 0.0 else link * math.asin(half) / half if half < 1.0 else math.inf
-
-    def places(self, links: NDArray[np.float64]) -> list[float]:
-        """Where the rollers stand [m]: one more than there are links, the first at 0."""
-        found, s, i, of = [0.0], 0.0, -1, math.nan
-        for link in links.tolist():
-            while i + 1 < len(self.begins) and self.begins[i + 1] <= s:
-                i, of = i + 1, math.nan
-            if link != of:
-                reach, of = self._along(i, link), link
-            s = s + reach if s + reach <= self.ends[i] else self._over(s, link)
+    def places(self, links: NDArray[np.float64]) -> list[Any]:
+        """Where the rollers stand [m]: one more than there are links (n,) or (V, n), the first at 0."""
+        alike = bool((links == links[..., :1]).all())
+        stacked = self.stacked or links.ndim > 1
+        ends: Any = self.tables[1] if stacked else self.ends
+        found: list[Any] = [0.0]
+        s: Any = np.zeros(np.broadcast(self.length, links[..., 0]).shape) if stacked else 0.0
+        reaches: Any = None
+        for link in links.tolist() if links.ndim == 1 else links.T.copy():
+            if reaches is None or not alike:
+                reaches = [_along(link, piece.curvature) for piece in self.pieces]
+                reaches = _table(reaches) if stacked else reaches
+            i = self._index(s)
+            ahead = s + (_of(reaches, i) if stacked else reaches[i])
+            fits = ahead <= (_of(ends, i) if stacked else ends[i])
+            s = ahead if fits is True or every(fits) else where(fits, ahead, self._over(s, link))
             found.append(s)
         return found
 
-    def points(self, places: Sequence[float]) -> NDArray[np.float64]:
-        """(n, 2) points at arc lengths [m]."""
-        return np.array([self.at(s)[0] for s in places]).reshape(-1, 2)
+    def points(self, places: Sequence[Any]) -> NDArray[np.float64]:
+        """(n, 2) or (V, n, 2) points at arc lengths [m]."""
+        points = [self.at(s)[0] for s in places]
+        return np.stack([joined([point[axis] for point in points]) for axis in range(2)], axis=-1)
 
     def reversed(self) -> Curve:
         """The curve run the other way."""
         return Curve([piece.turned() for piece in reversed(self.pieces)])
 
-    def scale(self, links: NDArray[np.float64]) -> float:
-        """The factor by which links of these lengths must be scaled to go from end to end, each a chord."""
-        factor, known = self.length / float(links.sum()), (0.0, 0.0)
+    def scale(self, links: NDArray[np.float64], guess: Any = None) -> Any:
+        """The factor by which links of these lengths (n,) or (V, n) must be scaled to go from end to end as chords."""
+        factor, known = self.length / total_of(links) if guess is None else guess, (0.0, 0.0)
+        near, done = 4.0 * _EXACT * self.length * links.shape[-1] ** 0.5, False
+        first, close = True, 0.0 if guess is None else _CLOSE * self.length
         for _ in range(_NEWTON):
-            over = self.places(factor * links)[-1] - self.length
-            if abs(over) <= 4.0 * _EXACT * self.length * len(links) ** 0.5:
+            over = self.places(along(factor) * links)[-1] - self.length
+            if guess is None:
+                done = done | (abs(over) <= near)
+                if every(done):
+                    break
+            with np.errstate(divide="ignore", invalid="ignore"):
+                slope = self.length / factor if first else (over - known[1]) / (factor - known[0])
+                known, first = (factor, over), False
+                done = done | (slope <= 0.0) | (over == 0.0)
+                factor = where(done, factor, factor - over / slope)
+                done = done | (abs(over) <= close)
+            if every(done):
                 break
-            slope = (over - known[1]) / (factor - known[0]) if known[0] else self.length / factor
-            known = (factor, over)
-            if slope <= 0.0 or over == 0.0:
-                break
-            factor -= over / slope
         return factor
+
+
+def total_of(links: NDArray[np.float64]) -> Any:
+    """The sum of lengths (n,), or sums of lengths (V, n)."""
+    return float(links.sum()) if links.ndim == 1 else links.sum(axis=1)

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
+from warpchain.drive.each import hypot, radians, smallest, sqrt
 from warpchain.drive.part import (
     Name,
     NonNegative,
@@ -73,19 +74,19 @@ class Arm(Part):
     @property
     def free_angle_rad(self) -> float:
         """theta_0 [rad]."""
-        return math.radians(self.free_angle)
+        return radians(self.free_angle)
 
     @property
     def stops_rad(self) -> tuple[float, float]:
         """Lowest and highest angle [rad]; without stops minus and plus infinity."""
         if self.stops is None:
             return -math.inf, math.inf
-        return math.radians(self.stops[0]), math.radians(self.stops[1])
+        return radians(self.stops[0]), radians(self.stops[1])
 
     @property
     def center_radius(self) -> float:
         """Distance of the center of mass from the pivot [m]."""
-        return math.dist(self.center, self.pivot)
+        return hypot(self.center[0] - self.pivot[0], self.center[1] - self.pivot[1])
 
     @classmethod
     def _rules(cls, node: Any) -> Iterable[Problem]:
@@ -110,11 +111,11 @@ def stop_stiffness(arm: Arm, lever: float, link_stiffness: float, roller_mass: f
     """
     if arm.stop_stiffness is not None:
         return arm.stop_stiffness
-    return link_stiffness * min(lever * lever, arm.inertia / roller_mass)
+    return link_stiffness * smallest(lever * lever, arm.inertia / roller_mass)
 
 
 def stop_damping(arm: Arm, stiffness: float) -> float:
     """Damping of an arm's stops of a stiffness [N m/rad]: its own, or half the critical one [N m s/rad]."""
     if arm.stop_damping is not None:
         return arm.stop_damping
-    return 2.0 * STOP_RATIO * math.sqrt(stiffness * arm.inertia)
+    return 2.0 * STOP_RATIO * sqrt(stiffness * arm.inertia)

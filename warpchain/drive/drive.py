@@ -27,7 +27,7 @@ from warpchain.drive.contact import (
     GuideContact,
     merged,
 )
-from warpchain.drive.each import largest, radians
+from warpchain.drive.each import hypot, largest, power, radians, where
 from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.part import (
     Allowed,
@@ -245,10 +245,11 @@ class Drive(Part):
 
     def arm_lever(self, a: int) -> float:
         """How far from its pivot the chain can touch arm a [m]; without guides, where its center of mass is."""
-        pivot = self.arms[a].pivot
-        faces = [self.profile(g).points(self.chain.pitch, caps=False) for g in self.guides_of(a)]
-        reach = [math.dist(pivot, point) for face in faces for point in face]
-        return max(reach, default=0.0) or self.arms[a].center_radius or self.chain.pitch
+        px, py = self.arms[a].pivot
+        faces = [self.profile(g).points(self.chain.pitch, caps=False).tolist() for g in self.guides_of(a)]
+        reach = largest(0.0, *(hypot(px - x, py - y) for face in faces for x, y in face))
+        beside = self.arms[a].center_radius
+        return where(reach > 0.0, reach, where(beside > 0.0, beside, self.chain.pitch))
 
     def stop_stiffness(self, a: int) -> float:
         """Stiffness of the stops of arm a [N m/rad]: its own, or what `arms.stop_stiffness` chooses."""
@@ -267,7 +268,7 @@ class Drive(Part):
         """What the plungers on a body add to its mass [kg], or to an arm's inertia [kg m^2]."""
         tensioners = range(len(self.tensioners))
         on = (t for t in tensioners if self.tensioner_body(t) == body)
-        return sum(self.tensioners[t].plunger_mass * self.tensioner_lever(t) ** 2 for t in on)
+        return sum(self.tensioners[t].plunger_mass * power(self.tensioner_lever(t), 2) for t in on)
 
     def tensioner_lever(self, t: int) -> float:
         """Lever of tensioner t about its arm's pivot as drawn [m]; 1 on a sprocket, which it only shifts."""

@@ -1,7 +1,8 @@
 """Numbers, or arrays of them over the variants of a stack (`warpchain.drive.stack`): what takes either.
 
 A variant's value has the same bits alone as among others: arrays are worked through number by number wherever numpy's
-own function could round otherwise than Python's.
+own function could round otherwise than Python's. Not so by the functions that are called quick, with which chains are
+laid around guides: those of a stack may differ from those alone by round-off.
 """
 
 from __future__ import annotations
@@ -18,12 +19,38 @@ if TYPE_CHECKING:
 
 
 _IN_PAIRS = 8
+_PLAIN = frozenset((float, int, bool))
+
+
+class Unlike(Exception):
+    """Variants of a stack go unlike ways in a calculation, each of which is then worked out by itself.
+
+    Attributes:
+        way: (V,) what is the same for those that go the same way.
+    """
+
+    def __init__(self, way: NDArray[Any]) -> None:
+        super().__init__()
+        self.way = way
+
+
+def same(value: Any) -> Any:
+    """What decides about the way of a calculation, which all variants of a stack must share.
+
+    Raises:
+        Unlike: where they do not.
+    """
+    if not many(value):
+        return value
+    if (value != value[0]).any():
+        raise Unlike(value)
+    return value[0].item()
 
 
 def many(*values: Any) -> bool:
     """Whether any of some values is an array (...) of numbers."""
     for value in values:  # noqa: SIM110  a loop takes half the time of any()
-        if type(value) is not float and getattr(value, "ndim", None):
+        if type(value) not in _PLAIN and getattr(value, "ndim", None):
             return True
     return False
 
@@ -79,6 +106,28 @@ arctan2 = _rounded_as_numpy("arctan2")
 rint = _rounded_as_numpy("rint")
 
 
+def _quick(function: Callable[..., float], name: str) -> Callable[..., Any]:
+    """A function of Python's for numbers, numpy's of that name for arrays, which may round otherwise."""
+
+    def over(*values: Any) -> Any:
+        if not many(*values):
+            return function(*values)
+        import numpy as np
+
+        return getattr(np, name)(*values)
+
+    return over
+
+
+quick_sin = _quick(math.sin, "sin")
+quick_cos = _quick(math.cos, "cos")
+quick_tan = _quick(math.tan, "tan")
+quick_arcsin = _quick(math.asin, "arcsin")
+quick_arctan2 = _quick(math.atan2, "arctan2")
+quick_hypot = _quick(math.hypot, "hypot")
+copysign = _quick(math.copysign, "copysign")
+
+
 def floor(value: Any) -> Any:
     """The whole number below, or numbers."""
     if not many(value):
@@ -128,9 +177,21 @@ def smallest(*values: Any) -> Any:
     return reduce(np.minimum, values)
 
 
+def first_largest(values: Sequence[Any]) -> Any:
+    """Which of some values is the largest, the first of several; of arrays at each place."""
+    if not many(*values):
+        return max(range(len(values)), key=values.__getitem__)
+    return joined(values).argmax(axis=-1)
+
+
 def some(condition: Any) -> bool:
     """Whether a condition holds, or holds anywhere."""
     return bool(condition.any() if many(condition) else condition)
+
+
+def every(condition: Any) -> bool:
+    """Whether a condition holds, or holds everywhere."""
+    return bool(condition.all() if many(condition) else condition)
 
 
 def joined(values: Sequence[Any]) -> NDArray[np.float64]:

@@ -16,7 +16,10 @@ mineral oils of a single one.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from warpchain.drive.each import largest, power
 
 if TYPE_CHECKING:
     from warpchain.drive.tensioners import Tensioner
@@ -61,7 +64,7 @@ def oil_stiffness(tensioner: Tensioner, pressure: float | None = None, x: float 
     oil, chamber = tensioner.oil, tensioner.chamber
     assert oil is not None and chamber is not None
     modulus = oil.bulk_modulus * (1.0 + oil.air) if pressure is None else bulk_modulus(tensioner, pressure)
-    return modulus * tensioner.area**2 / (chamber.volume + tensioner.area * x)
+    return modulus * power(tensioner.area, 2) / (chamber.volume + tensioner.area * x)
 
 
 def relaxation_time(tensioner: Tensioner, pressure: float) -> float:
@@ -85,8 +88,22 @@ def valve_flow(tensioner: Tensioner, pressure: float) -> float:
     return area * math.sqrt(2.0 * limit / oil.density) * drop / limit
 
 
-def static_pressure(tensioner: Tensioner) -> float:
+def static_pressure(tensioner: Tensioner) -> Any:
     """Absolute pressure [Pa] at rest, Q_cv = Q_leak, to round-off; the ambient one where the valve stays closed."""
+    from warpchain.drive.stack import arrays_of, picked
+
+    own = tensioner.model_copy(update={"spring": None, "at": (0.0, 0.0), "direction": (1.0, 0.0)})
+    column = next(arrays_of(own), None)
+    if column is None:
+        return _at_rest(own)
+    import numpy as np
+
+    return np.array([_at_rest(picked(own, v)) for v in range(len(column))])
+
+
+@lru_cache(maxsize=1024)
+def _at_rest(tensioner: Tensioner) -> float:
+    """`static_pressure` of one tensioner."""
     oil = tensioner.oil
     assert oil is not None
     low, high = oil.ambient, oil.supply
@@ -98,13 +115,13 @@ def static_pressure(tensioner: Tensioner) -> float:
     return low
 
 
-def static_force(tensioner: Tensioner, x: float = 0.0) -> float:
+def static_force(tensioner: Tensioner, x: float = 0.0) -> Any:
     """Force [N] at rest at an extension [m]: (P - P_0) A + preload - k x, not below 0."""
     push = tensioner.spring_preload - tensioner.spring_stiffness * x
     if tensioner.hydraulic:
         assert tensioner.oil is not None
-        push += (static_pressure(tensioner) - tensioner.oil.ambient) * tensioner.area
-    return max(push, 0.0)
+        push = push + (static_pressure(tensioner) - tensioner.oil.ambient) * tensioner.area
+    return largest(push, 0.0)
 
 
 def bottom_place(tensioner: Tensioner) -> float:

@@ -19,7 +19,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from warpchain.drive.each import many, quick_cos, quick_sin, where
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,14 +49,28 @@ class ProfileError(ValueError):
         self.index = index
 
 
-def turn(angle: float) -> float:
-    """An angle [rad] brought between -pi and pi."""
-    return math.remainder(angle, 2.0 * math.pi)
+def turn(angle: Any) -> Any:
+    """An angle [rad], or angles of a stack's variants, brought between -pi and pi."""
+    if not many(angle):
+        return math.remainder(angle, 2.0 * math.pi)
+    import numpy as np
+
+    return angle - 2.0 * math.pi * np.rint(angle / (2.0 * math.pi))
 
 
-def direction(heading: float) -> Point:
-    """The unit vector of a heading [rad]."""
-    return math.cos(heading), math.sin(heading)
+def direction(heading: Any) -> tuple[Any, Any]:
+    """The unit vector of a heading [rad], or of those of a stack's variants."""
+    if type(heading) is float:
+        return math.cos(heading), math.sin(heading)
+    return quick_cos(heading), quick_sin(heading)
+
+
+def _sinc(angle: Any) -> Any:
+    """sin(x) / x."""
+    if not many(angle):
+        return math.sin(angle) / angle if angle else 1.0
+    safe = where(angle == 0.0, 1.0, angle)
+    return where(angle == 0.0, 1.0, quick_sin(safe) / safe)
 
 
 class Rise(NamedTuple):
@@ -76,7 +92,7 @@ class Rise(NamedTuple):
 
 @dataclass(frozen=True)
 class Piece:
-    """An arc or a straight line.
+    """An arc or a straight line; of a stack's variants its numbers may be arrays (V,).
 
     Attributes:
         start: where it begins [m].
@@ -103,7 +119,7 @@ class Piece:
     def at(self, s: float) -> tuple[Point, float]:
         """The point [m] and the heading of the tangent [rad] at the arc length s [m] from the start."""
         half = 0.5 * self.curvature * s
-        chord = s * (math.sin(half) / half if half else 1.0)
+        chord = s * _sinc(half)
         x, y = direction(self.heading + half)
         return (self.start[0] + chord * x, self.start[1] + chord * y), self.heading + 2.0 * half
 

@@ -5,30 +5,38 @@ way of a calculation: which values are given, and which are 0. A stack of them i
 numbers in which they differ are arrays (V,); what all share is a plain number. What is calculated from a drive's values
 by the functions of `warpchain.drive.each` then gives all of them at once, a drive alone being a stack of one.
 
-Guides that are no straight bars on the ground, arms, tensioners, and chains of unlike links are calculated number by
-number: of drives with these a stack differs in their sprockets' loads alone.
+Guides that are no straight bars on the ground are the same in all drives of a stack, and so are what their faces hang
+on and the pivots of arms. Chains of unlike links are calculated number by number: of drives with these a stack differs
+in their sprockets' loads alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.drive.arms import Arm
 from warpchain.drive.drive import Drive
 from warpchain.drive.each import many
 from warpchain.drive.motion import Load
 from warpchain.drive.part import Part
+from warpchain.drive.parts import Chain
 from warpchain.drive.table import Table
 from warpchain.errors import DriveError
 
 Value = TypeVar("Value")
 
 _PLAIN = frozenset((float, int, str, bool, type(None)))
+
+NOTHING, FACES, ALL = range(3)
+"""What drives share with the others of a stack: no number, those that guides' faces hang on, all but loads'."""
+
+_OF_FACES = {(Drive, "guides"), (Chain, "pitch"), (Chain, "roller_radius"), (Arm, "pivot")}
 
 LARGEST = 1024
 """Most variants of a stack: more are several, so that what is worked on stays in the processor's caches."""
@@ -49,15 +57,15 @@ class Stack:
 
 def stacks_of(drives: Sequence[Drive]) -> list[Stack]:
     """Drives sorted into stacks, in the order of their first members."""
-    exact = np.array(_exact(drives), dtype=bool)
-    groups = [(np.flatnonzero(exact == way), way) for way in (False, True)]
-    found = [stack for members, way in groups if len(members) for stack in _stacks(drives, members, way)]
+    shares = np.array(_shares(drives))
+    groups = [(np.flatnonzero(shares == share), share) for share in (NOTHING, FACES, ALL)]
+    found = [stack for members, share in groups if len(members) for stack in _stacks(drives, members, share)]
     return sorted(found, key=lambda stack: int(stack.members[0]))
 
 
-def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], exact: bool) -> Iterator[Stack]:
+def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], share: int) -> Iterator[Stack]:
     """Stacks of some drives: as if they were of a kind; then, where they are not, of each kind."""
-    columns = _Columns(exact)
+    columns = _Columns(share)
     drive = columns.of([drives[v] for v in members.tolist()])
     if many(drive.run.phase) and _turns_tables(drive):
         columns.kinds.append([drives[v].run.phase for v in members.tolist()])
@@ -70,7 +78,7 @@ def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], exact: bool) ->
     for v, key in zip(members.tolist(), zip(*columns.kinds, strict=True), strict=True):
         kinds.setdefault(key, []).append(v)
     for alike in kinds.values():
-        yield from _stacks(drives, np.array(alike, dtype=np.int64), exact)
+        yield from _stacks(drives, np.array(alike, dtype=np.int64), share)
 
 
 def _turns_tables(drive: Drive) -> bool:
@@ -80,33 +88,35 @@ def _turns_tables(drive: Drive) -> bool:
     )
 
 
-def _exact(drives: Sequence[Drive]) -> list[bool]:
-    """Which drives have parts that are calculated number by number."""
+def _shares(drives: Sequence[Drive]) -> list[int]:
+    """What drives share with those of their stack."""
     fields = [drive.__dict__ for drive in drives]
     faces = {id(guide): guide for of in fields for guide in of["guides"]}
     bars = {key for key, guide in faces.items() if guide.straight and guide.arm is None}
-    return [_single(of, len(bars) == len(faces), bars) for of in fields]
+    return [_share(of, len(bars) == len(faces), bars) for of in fields]
 
 
-def _single(drive: Mapping[str, Any], straight: bool, bars: set[int]) -> bool:
+def _share(drive: Mapping[str, Any], straight: bool, bars: set[int]) -> int:
     chain = drive["chain"].__dict__
     if chain["outer"] is not None or chain["play"] is not None or chain["worn_links"]:
-        return True
-    return bool(drive["arms"] or drive["tensioners"] or not (straight or all(id(g) in bars for g in drive["guides"])))
+        return ALL
+    bent = drive["arms"] or drive["tensioners"] or not (straight or all(id(g) in bars for g in drive["guides"]))
+    return FACES if bent else NOTHING
 
 
 class _Columns:
     """Puts parts or values together, column by column.
 
     Args:
-        exact: whether numbers must be the same within a kind, but for those of loads; else only which of them are 0.
+        share: what must be the same within a kind: `ALL` numbers but those of loads, what `FACES` of guides hang on, or
+            `NOTHING`. Which numbers are 0 always is.
 
     Attributes:
         kinds: columns of values that differ among kinds; without any, all were of one.
     """
 
-    def __init__(self, exact: bool) -> None:
-        self.exact = exact
+    def __init__(self, share: int) -> None:
+        self.exact, self.faces = share == ALL, share == FACES
         self.kinds: list[Sequence[Hashable]] = []
 
     def of(self, values: Sequence[Any]) -> Any:
@@ -127,15 +137,17 @@ class _Columns:
             if len(set(map(len, values))) > 1:
                 return self._differ([len(value) for value in values])
             return _same(first, tuple(map(self.of, zip(*values, strict=True))))
-        exact, self.exact = self.exact, self.exact and not isinstance(first, Load)
         changed = self._fields(first, [value.__dict__ for value in values])
-        self.exact = exact
         return first.model_copy(update=changed) if changed else first
 
     def _fields(self, first: Part, fields: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         """What differs from the first part; a seed that displaces rollers is no part of a stack."""
-        names = [name for name in fields[0] if name != "nudge"]
-        columns = {name: self.of(list(map(itemgetter(name), fields))) for name in names}
+        exact, columns, kind = self.exact, {}, type(first)
+        for name in fields[0]:
+            if name != "nudge":
+                self.exact = kind is not Load and (exact or (self.faces and (kind, name) in _OF_FACES))
+                columns[name] = self.of(list(map(itemgetter(name), fields)))
+        self.exact = exact
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
 
     def _numbers(self, values: Sequence[float]) -> float | NDArray[np.float64]:
@@ -161,7 +173,7 @@ def _mark(value: Any) -> Hashable:
 
 def stacked(values: Sequence[Value]) -> Value:
     """Drives or parts of a kind as one."""
-    found: Value = _Columns(False).of(values)
+    found: Value = _Columns(NOTHING).of(values)
     return found
 
 
@@ -175,6 +187,9 @@ def picked(value: Value, places: Any) -> Value:
         return found if found.size > 1 else found.item()
     if isinstance(value, tuple):
         return _same(value, tuple(picked(inner, places) for inner in value))  # type: ignore[return-value]
+    if is_dataclass(value) and not isinstance(value, type):
+        found = {field.name: picked(getattr(value, field.name), places) for field in fields(value)}
+        return replace(value, **found)
     if not isinstance(value, Part) or isinstance(value, Table):
         return value
     new = {name: picked(inner, places) for name, inner in value.__dict__.items()}

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from warpchain.drive.each import hypot, power, radians
 from warpchain.drive.part import (
     BARE,
     Allowed,
@@ -121,12 +122,12 @@ class Valve(Part):
     @property
     def hole_area(self) -> float:
         """A_b, on which the pressures act [m^2]."""
-        return 0.25 * math.pi * self.seat_diameter**2
+        return 0.25 * math.pi * power(self.seat_diameter, 2)
 
     @property
     def seat_angle_rad(self) -> float:
         """gamma [rad]."""
-        return math.radians(self.seat_angle)
+        return radians(self.seat_angle)
 
     @property
     def cracking_pressure(self) -> float:
@@ -235,7 +236,7 @@ class Tensioner(Part):
     @property
     def unit_direction(self) -> tuple[float, float]:
         """The unit vector along which it pushes."""
-        length = math.hypot(*self.direction)
+        length = hypot(*self.direction)
         return self.direction[0] / length, self.direction[1] / length
 
     @property
@@ -261,7 +262,7 @@ class Tensioner(Part):
     @property
     def area(self) -> float:
         """A of the plunger [m^2]; 0 without oil."""
-        return 0.25 * math.pi * self._bore[0] ** 2 if self.hydraulic else 0.0
+        return 0.25 * math.pi * power(self._bore[0], 2) if self.hydraulic else 0.0
 
     @property
     def hole_area(self) -> float:
@@ -275,8 +276,8 @@ class Tensioner(Part):
             return 0.0
         diameter, gap, length = self._bore
         assert self.oil is not None and self.plunger is not None
-        wide = 1.0 + 1.5 * self.plunger.eccentricity**2
-        return math.pi * diameter * gap**3 * wide / (12.0 * self.oil.dynamic_viscosity * length)
+        wide = 1.0 + 1.5 * power(self.plunger.eccentricity, 2)
+        return math.pi * diameter * power(gap, 3) * wide / (12.0 * self.oil.dynamic_viscosity * length)
 
     @property
     def drag_flow(self) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly import Assembly
 from warpchain.drive import Drive
+from warpchain.drive.each import along, joined, power
 from warpchain.drive.profile import Profile
 from warpchain.kernels.structs import GROUND
 
@@ -28,7 +29,7 @@ def piece_count(drive: Drive) -> int:
 
 
 def _origin(drive: Drive, g: int) -> NDArray[np.float64]:
-    """Where the coordinates of the body that carries guide g begin [m]."""
+    """Where the coordinates of the body that carries guide g begin [m]; the same for all of a stack."""
     arm = drive.arm_of(g)
     return np.zeros(2) if arm is None else np.asarray(drive.arms[arm].pivot)
 
@@ -79,19 +80,19 @@ def guide_heft(drive: Drive, g: int) -> float:
     if arm is None:
         return drive.chain.mass
     rollers = sum(drive.profile(of).face_length / drive.chain.pitch + 2.0 for of in drive.guides_of(arm))
-    return 1.0 / (1.0 / drive.chain.mass + rollers * drive.arm_lever(arm) ** 2 / drive.arm_inertia(arm))
+    return 1.0 / (1.0 / drive.chain.mass + rollers * power(drive.arm_lever(arm), 2) / drive.arm_inertia(arm))
 
 
 def fill_arm(row: Any, body: Any, drive: Drive, a: int, assembly: Assembly) -> None:
     """Fills the rows of arm a, of `kernels.structs.Arm` and, at rest, of `BodyState`."""
     arm = drive.arms[a]
-    row["pivot"] = body["center"] = arm.pivot
+    row["pivot"] = body["center"] = joined(arm.pivot)
     row["inverse_inertia"] = 1.0 / drive.arm_inertia(a)
     row["stiffness"], row["free_angle"], row["damping"] = arm.stiffness, arm.free_angle_rad, arm.damping
     row["low"], row["high"] = arm.stops_rad
     if arm.stops is not None:
         row["stop_stiffness"], row["stop_damping"] = drive.stop_stiffness(a), drive.stop_damping(a)
     row["reach"] = drive.arm_lever(a)
-    row["heft"] = arm.mass * np.subtract(arm.center, arm.pivot)
-    row["gravity"] = drive.run.gravity
-    body["angle"] = assembly.arm_angle[a]
+    row["heft"] = along(arm.mass) * (joined(arm.center) - joined(arm.pivot))
+    row["gravity"] = joined(drive.run.gravity)
+    body["angle"] = assembly.arm_angle[:, a]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-import numpy as np
-
 from warpchain.drive import Drive
+from warpchain.drive.each import joined, largest, power, quick_cos, quick_sin, quick_tan, sqrt, where
 from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
 
@@ -25,18 +23,18 @@ def fill_tensioner(row: Any, drive: Drive, t: int) -> None:
     row["body"] = body
     arm = body - len(drive.sprockets)
     if arm < 0:
-        row["home"] = drive.sprockets[body].center
+        row["home"] = joined(drive.sprockets[body].center)
     else:
-        row["home"] = tensioner.at
-        row["point"] = np.subtract(tensioner.at, drive.arms[arm].pivot)
-    row["direction"] = tensioner.unit_direction
+        row["home"] = joined(tensioner.at)
+        row["point"] = joined(tensioner.at) - joined(drive.arms[arm].pivot)
+    row["direction"] = joined(tensioner.unit_direction)
     fill_element(row, drive, tensioner)
 
 
 def fill_element(row: Any, drive: Drive, tensioner: Tensioner) -> None:
     """Fills what a tensioner is by itself: spring, oil, valve, ratchet, and stops as stiff as a link of the chain."""
-    stiffness, mass = drive.chain.stiffness, max(tensioner.plunger_mass, drive.chain.mass)
-    row["stop_stiffness"], row["stop_damping"] = stiffness, 2.0 * STOP_DAMPING * math.sqrt(stiffness * mass)
+    stiffness, mass = drive.chain.stiffness, largest(tensioner.plunger_mass, drive.chain.mass)
+    row["stop_stiffness"], row["stop_damping"] = stiffness, 2.0 * STOP_DAMPING * sqrt(stiffness * mass)
     row["stiffness"], row["preload"] = tensioner.spring_stiffness, tensioner.spring_preload
     row["damping"] = tensioner.spring_damping
     row["bottom"] = bottom_place(tensioner)
@@ -57,8 +55,9 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     row["bulk_modulus"], row["air"], row["density"] = oil.bulk_modulus, oil.air, oil.density
     row["hole_area"] = valve.hole_area
     row["valve_preload"], row["lift_max"] = valve.preload, valve.lift
-    row["valve_stiffness"] = valve.stiffness or 1e-300  # without a spring it opens all the way
+    # without a spring it opens all the way
+    row["valve_stiffness"] = where(valve.stiffness > 0.0, valve.stiffness, 1e-300)
     angle = valve.seat_angle_rad
-    row["seat_width"] = 2.0 * valve.ball_radius * math.tan(angle)
-    row["seat_growth"] = math.sin(angle) / math.cos(angle) ** 2
+    row["seat_width"] = 2.0 * valve.ball_radius * quick_tan(angle)
+    row["seat_growth"] = quick_sin(angle) / power(quick_cos(angle), 2)
     row["discharge"], row["laminar_limit"] = valve.discharge, LAMINAR_DROP
