@@ -20,6 +20,7 @@ from .block_events import END, EXTRA
 from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
+from .block_levers import block_levers
 from .block_observe import block_observing
 from .block_partners import block_partners
 from .block_rk4 import block_rk4
@@ -40,11 +41,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
-    vec2 = kinds.vec2
+    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
     sampling, partners = block_sampling(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
-    joints, arms = block_joints(kind), block_arms(kind)
+    joints, arms, levers = block_joints(kind), block_arms(kind), block_levers(kind)
     pull = joints.pull if kind.bending else row.pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
@@ -94,7 +95,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: wp.types.vector(3, Real)):
         """Adds the chain's force on the thread's sprocket to its sums."""
         hub = vec2(acting[1], acting[2])
-        if wp.static(kind.spinning):
+        if wp.static(kind.paired):
             spun = shared.spin_sums[mine.sprocket]
             shared.spin_sums[mine.sprocket] = add_spin_hub(spun, hub, now.watch_weight)
         else:
@@ -121,12 +122,21 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         if mine.sprocket >= 0:
             if wp.static(measuring) and now.watched != 0:
                 add_hub(shared, mine, now, acting)
-            if wp.static(kind.spinning):
+            if wp.static(kind.paired):
                 wheel = seen_wheel(shared.wheels, mine.sprocket)
-                seen = bodies.spin(ensemble, shared, mine, now, acting)
+                pushing = of_three()
+                if wp.static(kind.tensioners > 0):
+                    pushing = levers.pushed(ensemble, shared, mine, mine.sprocket)
+                seen = bodies.spin(ensemble, shared, mine, now, acting + pushing)
+                seen.pushing = pushing
                 if wp.static(measuring) and now.measured != 0:
                     observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
+                    if wp.static(kind.tensioners > 0):
+                        levers.observe_pushes(ensemble, sums, tallies, shared, mine, now, wheel, seen)
                 sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
+                if wp.static(kind.tensioners > 0):
+                    sampling.write_push_frames(ensemble, state, frames, shared, mine, now, mine.sprocket)
+                    levers.flow(ensemble, shared, mine, now, mine.sprocket)
             else:
                 before = shared.poses[mine.sprocket]
                 wrench = wrench_of(acting)
@@ -139,15 +149,19 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                         arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
                 sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
                 if wp.static(kind.tensioners > 0):
-                    sampling.write_push_frames(ensemble, state, frames, mine, now, mine.sprocket)
+                    sampling.write_push_frames(ensemble, state, frames, shared, mine, now, mine.sprocket)
                     arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
-                on_arm = wrench_of(acting)
-                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, on_arm)
+                if wp.static(kind.paired):
+                    lever = levers.advance_arm(ensemble, sums, tallies, shared, mine, now, acting[0])
+                    sampling.write_arm_frame(ensemble, state, frames, mine, now, lever, acting[0])
+                else:
+                    on_arm = wrench_of(acting)
+                    arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, on_arm)
+                    sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, on_arm.moment)
                 b = wp.static(sprockets) + mine.arm
-                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, on_arm)
-                sampling.write_push_frames(ensemble, state, frames, mine, now, b)
+                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, b)
 
     @wp.func
     def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
@@ -224,11 +238,16 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """What is shared of bodies and sums, from the state."""
         if mine.sprocket >= 0:
             bodies.start_body(ensemble, state, sums, shared, mine, step)
+            if wp.static(kind.paired and kind.tensioners > 0):
+                levers.start_plungers(ensemble, state, sums, shared, mine, mine.sprocket)
         if wp.static(measuring):
             observe.start_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
-                arms.start_arm(ensemble, state, shared, mine)
+                if wp.static(kind.paired):
+                    levers.start_arm(ensemble, state, sums, shared, mine)
+                else:
+                    arms.start_arm(ensemble, state, shared, mine)
 
     @wp.func
     def finish(
@@ -246,11 +265,16 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
+            if wp.static(kind.paired and kind.tensioners > 0):
+                levers.end_plungers(ensemble, state, sums, shared, mine, mine.sprocket)
         if wp.static(measuring):
             observe.end_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
-                arms.end_arm(ensemble, state, shared, mine)
+                if wp.static(kind.paired):
+                    levers.end_arm(ensemble, state, sums, shared, mine)
+                else:
+                    arms.end_arm(ensemble, state, shared, mine)
         if mine.thread == 0:
             progress = state.progress[mine.variant]
             progress.step = now.step

@@ -15,7 +15,7 @@ from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.cpu import CpuEngine
-from warpchain.engine.gpu import curved, pushing
+from warpchain.engine.gpu import curved
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic, quickened
 from warpchain.engine.states import GROUPS, Keeper, States
@@ -126,7 +126,6 @@ def kind_of(packed, shape):
         tensioners=int(packed.drives["tensioners"][0]),
         profiles=bool(packed.drives["pieces"].any()),
         curved=bool(curved(packed).any()),
-        pushing=bool(pushing(packed).any()),
     )
 
 

@@ -136,7 +136,6 @@ class Bucket:
     variants: NDArray[np.integer]
     order: wp.array  # of the variants, on the device
     stribeck: bool = True
-    pushing: bool = True
 
     @property
     def count(self) -> int:
@@ -172,7 +171,6 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         profiles=bucket.profiles,
         curved=bucket.curved,
         stribeck=bucket.stribeck,
-        pushing=bucket.pushing,
         crewed=shape.crewed,
         shared_bytes=shape.shared_bytes,
     )
@@ -183,14 +181,6 @@ def curved(packed: Packed) -> NDArray[np.bool_]:
     motions = packed.motions
     counts = motions["drive_table"]["cells"] + motions["load_table"]["cells"]
     return (np.add.reduceat(counts, packed.drives["first_body"]) > 0) | (packed.precision == "float64")
-
-
-def pushing(packed: Packed) -> NDArray[np.bool_]:
-    """Which variants have tensioners that push sprockets, (variants,); all at float64, where no kernel asks."""
-    owner = np.repeat(np.arange(packed.variants), packed.drives["tensioners"])
-    on_sprockets = packed.tensioners["body"] < packed.drives["sprockets"][owner]
-    counts = np.bincount(owner[on_sprockets], minlength=packed.variants)
-    return (counts > 0) | (packed.precision == "float64")
 
 
 def rows_apart(real: Any, buckets: Sequence[Bucket]) -> tuple[int, int, int]:
@@ -235,7 +225,7 @@ class GpuKernels:
         partners = [slots, drives["sprockets"], drives["guides"]]
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
-        kinds = [*kinds, curved(self.packed), pushing(self.packed), self.packed.stribeck]
+        kinds = [*kinds, curved(self.packed), self.packed.stribeck]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
         processors = self._processors
         most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
@@ -249,9 +239,9 @@ class GpuKernels:
             shape = block_shape(slots, len(order) // processors, most_shared, precision)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
-            profiles, curves, pushes, law = map(bool, others)
+            profiles, curves, law = map(bool, others)
             bodies = arms, tensioners, profiles, curves
-            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, law, pushes))
+            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, law))
         return buckets
 
     def _blocks(self, name: str, bucket: Bucket) -> int:
