@@ -2,7 +2,7 @@
 
 `types(Real)` gives the structs whose quantities are `Real` (wp.float64 or wp.float32). Everything is in SI units.
 Quantities that belong to a body's motion, and sums over time, are float64 at both precisions; on blocks at float32 what
-turns a sprocket and what contacts see of it is in float32 and pairs of float32 (`Spin`, `Wheel`, `Line`).
+moves bodies and what contacts see of them is in float32 and pairs of float32 (`Spin`, `Wheel`, `Lever`, `Plunger`).
 """
 
 from functools import cache

@@ -15,7 +15,7 @@ from ..structs import types
 from ..sum_structs import Sums, Tallies
 from ..sums import WATCH_EVERY, add_hub_force
 from .block_arms import block_arms
-from .block_bodies import block_bodies
+from .block_bodies import Seen, block_bodies
 from .block_events import END, EXTRA
 from .block_forces import block_forces
 from .block_joints import block_joints
@@ -104,6 +104,85 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, force, wp.float64(now.watch_weight))
 
     @wp.func
+    def advance_exact(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+    ):
+        """`advance_bodies` at float64."""
+        acting = acting_on(shared, mine.thread, now.watched)
+        if mine.sprocket >= 0:
+            if wp.static(measuring) and now.watched != 0:
+                add_hub(shared, mine, now, acting)
+            before = shared.poses[mine.sprocket]
+            wrench = wrench_of(acting)
+            if wp.static(kind.tensioners > 0):
+                wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
+            body = bodies.advance(ensemble, state, shared, mine, now, wrench)
+            if wp.static(measuring) and now.measured != 0:
+                observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
+                if wp.static(kind.tensioners > 0):
+                    arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
+            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
+            if wp.static(kind.tensioners > 0):
+                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, mine.sprocket)
+                arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                on_arm = wrench_of(acting)
+                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, on_arm)
+                b = wp.static(sprockets) + mine.arm
+                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, on_arm.moment)
+                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, b)
+
+    @wp.func
+    def advance_paired(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+    ):
+        """`advance_bodies` at float32."""
+        acting = acting_on(shared, mine.thread, now.watched)
+        b = int(mine.sprocket)
+        if mine.arm >= 0:
+            b = wp.static(sprockets) + mine.arm
+        if b >= 0:
+            wheel = seen_wheel(shared.wheels, b)
+            pushing = of_three()
+            if wp.static(kind.tensioners > 0):
+                pushing = levers.pushed(ensemble, shared, mine, b)
+            seen = Seen()
+            if mine.sprocket >= 0:
+                if wp.static(measuring) and now.watched != 0:
+                    add_hub(shared, mine, now, acting)
+                seen = bodies.spin(ensemble, shared, mine, now, acting + pushing)
+                seen.pushing = pushing
+                if wp.static(measuring) and now.measured != 0:
+                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
+                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
+            if wp.static(kind.arms > 0):
+                if mine.arm >= 0:
+                    seen = levers.advance_arm(ensemble, shared, mine, now, acting[0] + pushing[0])
+                    if wp.static(measuring) and now.measured != 0:
+                        levers.observe_arm(ensemble, tallies, shared, mine, now, seen, acting[0], wheel)
+                    sampling.write_arm_frame(ensemble, state, frames, mine, now, seen, acting[0])
+            if wp.static(kind.tensioners > 0):
+                if wp.static(measuring) and now.measured != 0:
+                    levers.observe_pushes(ensemble, sums, tallies, shared, mine, now, wheel, seen)
+                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, b)
+                levers.flow(ensemble, shared, mine, now, b)
+
+    @wp.func
     def advance_bodies(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -118,50 +197,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         All threads together work out what the chain does to it.
         """
-        acting = acting_on(shared, mine.thread, now.watched)
-        if mine.sprocket >= 0:
-            if wp.static(measuring) and now.watched != 0:
-                add_hub(shared, mine, now, acting)
-            if wp.static(kind.paired):
-                wheel = seen_wheel(shared.wheels, mine.sprocket)
-                pushing = of_three()
-                if wp.static(kind.tensioners > 0):
-                    pushing = levers.pushed(ensemble, shared, mine, mine.sprocket)
-                seen = bodies.spin(ensemble, shared, mine, now, acting + pushing)
-                seen.pushing = pushing
-                if wp.static(measuring) and now.measured != 0:
-                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
-                    if wp.static(kind.tensioners > 0):
-                        levers.observe_pushes(ensemble, sums, tallies, shared, mine, now, wheel, seen)
-                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
-                if wp.static(kind.tensioners > 0):
-                    sampling.write_push_frames(ensemble, state, frames, shared, mine, now, mine.sprocket)
-                    levers.flow(ensemble, shared, mine, now, mine.sprocket)
-            else:
-                before = shared.poses[mine.sprocket]
-                wrench = wrench_of(acting)
-                if wp.static(kind.tensioners > 0):
-                    wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
-                body = bodies.advance(ensemble, state, shared, mine, now, wrench)
-                if wp.static(measuring) and now.measured != 0:
-                    observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
-                    if wp.static(kind.tensioners > 0):
-                        arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
-                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
-                if wp.static(kind.tensioners > 0):
-                    sampling.write_push_frames(ensemble, state, frames, shared, mine, now, mine.sprocket)
-                    arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
-        if wp.static(kind.arms > 0):
-            if mine.arm >= 0:
-                if wp.static(kind.paired):
-                    lever = levers.advance_arm(ensemble, sums, tallies, shared, mine, now, acting[0])
-                    sampling.write_arm_frame(ensemble, state, frames, mine, now, lever, acting[0])
-                else:
-                    on_arm = wrench_of(acting)
-                    arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, on_arm)
-                    sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, on_arm.moment)
-                b = wp.static(sprockets) + mine.arm
-                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, b)
+        if wp.static(kind.paired):
+            advance_paired(ensemble, state, sums, tallies, shared, frames, mine, now)
+        else:
+            advance_exact(ensemble, state, sums, tallies, shared, frames, mine, now)
 
     @wp.func
     def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):

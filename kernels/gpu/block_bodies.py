@@ -340,7 +340,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         else:
             turning[0] = 1.0
             turning[1] = led_growth(ensemble, mine, mine.sprocket, time, spin)
-            body.speed = wheel.exact_speed
+            if wp.static(not rk4):  # whose speed is that of its instant
+                body.speed = wheel.exact_speed
         return hub_rates(time, wheel, body, hub, wrench, turning), turning
 
     @wp.func
@@ -424,7 +425,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
 
     @wp.func
     def spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, acting: wp.vec3f):
-        """Takes the thread's sprocket a step on, or a stage, if the run goes on; returns it with its rates at that instant.
+        """Takes the thread's sprocket a step or a stage on if the run goes on; returns it with its rates then.
 
         In pairs of float32; `acting` are the chain's moment on it [N m] and, if centers move, its force [N].
         """

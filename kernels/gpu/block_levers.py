@@ -48,6 +48,7 @@ class LeverFunctions:
     observe_pushes: wp.Function
     flow: wp.Function
     advance_arm: wp.Function
+    observe_arm: wp.Function
 
 
 @cache
@@ -185,43 +186,48 @@ def block_levers(kind: BlockKind) -> LeverFunctions:
             store_turn(shared.wheels, b, spun(wheel, leapfrog_kick(now.step, h) * angular, h, Led(), Spin()))
 
     @wp.func
-    def advance_arm(
-        ensemble: kinds.Ensemble,
-        sums: Sums,
-        tallies: Tallies,
-        shared: kinds.Shared,
-        mine: Mine,
-        now: Now,
-        moment: wp.float32,
-    ):
-        """Takes the thread's arm, on which the chain's `moment` [N m] acts, on by a step or a stage, and observes it.
+    def advance_arm(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, moment: wp.float32):
+        """Takes the thread's arm on by a step or a stage; `moment` is of the chain and of tensioners [N m].
 
         Returns it with its rates at the step's instant.
         """
         b = wp.static(sprockets) + mine.arm
-        drive = ensemble.drives[mine.variant]
-        lever = ensemble.levers[drive.first_arm + mine.arm]
+        lever = ensemble.levers[ensemble.drives[mine.variant].first_arm + mine.arm]
         wheel = load_wheel(shared.wheels, b)
-        heading = wp.vec2f(wheel.cosine.high, wheel.sine.high)
         seen = Seen()
         seen.angle = rounded(wheel.angle)
         seen.speed = wheel.speed.high
-        pushing = pushed(ensemble, shared, mine, b)
-        angular = arm_turning(seen, heading, moment + pushing[0], lever)
+        angular = arm_turning(seen, wp.vec2f(wheel.cosine.high, wheel.sine.high), moment, lever)
         if wp.static(not rk4):
             seen.speed = seen.speed + leapfrog_lag(now.step, mine.step.high) * angular
-        if wp.static(measuring) and now.measured != 0:
-            power = arm_dissipation(seen, lever)
-            shared.lever_sums[mine.arm] = add_lever(shared.lever_sums[mine.arm], seen, moment, power, now.weight)
-            if now.flags & ENDS != 0:
-                at = drive.first_body + b
-                energy = wp.float64(arm_energy(seen, heading, lever))
-                tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-            observe_pushes(ensemble, sums, tallies, shared, mine, now, wheel, seen)
         if now.going != 0:
             move_arm(shared, mine, now, wheel, angular)
-        flow(ensemble, shared, mine, now, b)
         return seen
+
+    @wp.func
+    def observe_arm(
+        ensemble: kinds.Ensemble,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        seen: Seen,
+        moment: wp.float32,
+        before: Wheel,
+    ):
+        """One step of the thread's arm, on which the chain's `moment` [N m] acts, for the window's sums.
+
+        `before` is where it was, `seen` has its rates at the step's instant.
+        """
+        drive = ensemble.drives[mine.variant]
+        lever = ensemble.levers[drive.first_arm + mine.arm]
+        power = arm_dissipation(seen, lever)
+        shared.lever_sums[mine.arm] = add_lever(shared.lever_sums[mine.arm], seen, moment, power, now.weight)
+        if now.flags & ENDS != 0:
+            at = drive.first_body + wp.static(sprockets) + mine.arm
+            heading = wp.vec2f(before.cosine.high, before.sine.high)
+            energy = wp.float64(arm_energy(seen, heading, lever))
+            tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
 
     return LeverFunctions(
         start_arm=start_arm,
@@ -232,4 +238,5 @@ def block_levers(kind: BlockKind) -> LeverFunctions:
         observe_pushes=observe_pushes,
         flow=flow,
         advance_arm=advance_arm,
+        observe_arm=observe_arm,
     )

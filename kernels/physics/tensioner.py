@@ -58,7 +58,7 @@ from typing import Any
 import warp as wp
 
 from ..logarithm import log_of_sum, logarithm
-from ..pairs import Pair, added, apart, pair_of, plus, rounded, times
+from ..pairs import Pair, apart, pair_of, plus, rounded, times, trimmed
 from ..structs import BodyState, Plunger, PlungerState, Push, Tensioner, TensionerState, Wrench
 from ..sum_structs import PlungerFlows, TensionerFlows
 from .body import heading_of
@@ -490,7 +490,7 @@ def content_after(content: wp.float64, gain: wp.float64):
 @wp.func
 def content_after(content: Pair, gain: wp.float32):
     """The same at float32."""
-    return added(content, log_of_sum(gain / wp.exp(content.high)))
+    return trimmed(plus(content, log_of_sum(gain / wp.exp(content.high))))
 
 
 @wp.func
