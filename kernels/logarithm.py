@@ -23,7 +23,7 @@ def power_of_two(e: int) -> wp.float32:
 
 @wp.func
 def logarithm(r: Pair):
-    """ln(r) as a pair, r > 0, to 4e-10."""
+    """ln(r) as a pair, r > 0, to 2e-9."""
     e = wp.rint(wp.log2(r.high))
     scale = power_of_two(-int(e))
     m = pair(r.high * scale, r.low * scale)

@@ -201,7 +201,7 @@ def filling(x: wp.float64, state: TensionerState, tensioner: Tensioner):
 
 @wp.func
 def filling(x: Pair, state: PlungerState, tensioner: Plunger):
-    """The same at float32: mu - ln(V/V_0), which is phi and small, so that float32 holds it to 1e-9."""
+    """The same at float32: mu - ln(V/V_0), which is phi and small, so that float32 holds it to 2e-9."""
     reach = x
     if x.high < tensioner.bottom:
         reach = pair_of(tensioner.bottom)

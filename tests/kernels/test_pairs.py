@@ -91,8 +91,8 @@ def test_logarithms_of_pairs():
     values = np.append(np.exp(generator.uniform(-8.0, 8.0, 20_000)), [1.0, 1.0 + 1e-6, 2.0, 0.5, np.sqrt(2.0)])
     small = generator.choice([-1, 1], len(values)) * 10.0 ** generator.uniform(-12, -0.1, len(values))
     found = launched(logarithms, len(values), given(values), given(small), width=2)
-    # what comes after the first term of artanh is rounded: a hundredth of 0.35, and the terms from s^15 on
-    assert np.abs(found[:, 0] - np.log(values)).max() <= 0.0101 * 0.35 * 2 * EPS + 2e-12
+    # what comes after the first term of artanh is rounded, some times: a hundredth of 0.35, and the terms from s^15 on
+    assert np.abs(found[:, 0] - np.log(values)).max() <= 0.0101 * 0.35 * 8 * EPS + 2e-12
     assert found[-5, 0] == 0.0
     exact = np.log1p(np.float32(small).astype(float))
     assert (np.abs(found[:, 1] - exact) <= 4 * EPS * np.abs(exact)).all()
@@ -444,9 +444,11 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
     # contacts' sums, watched forces and all of the motion are in what goes around without float64
     assert len(free) > 0.7 * len(loop)
     assert sum("rsqrt" in line or "sqrt" in line for line in free) > 3
-    # beside it: looks (every 32 steps), and the energies of rollers and bodies at the window's ends
+    # beside it: looks (every 32 steps), and at the window's ends the energies of rollers, bodies and tensioners, and
+    # what these have metered
     counts = sorted(sum(float64_arithmetic(branch).values()) for branch in branches)
-    assert len(counts) <= 3 and counts[-1] <= 180 and sum(counts[:-1]) <= 40, counts
+    arms = MEASURING[name].arms
+    assert len(counts) <= 3 + 2 * arms and counts[-1] <= 180 and sum(counts[:-1]) <= 40 + 40 * arms, counts
 
 
 def test_float64_is_found_where_it_is(tmp_path):
