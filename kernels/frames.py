@@ -12,7 +12,8 @@ from typing import Any
 
 import warp as wp
 
-from .structs import BodyState, Drive, Push, types
+from .pairs import rounded
+from .structs import Drive, types
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def frame_writers(Real: type, frame: Any) -> FrameWriters:
         frames[mine + wp.static(place("sprocket_center") + 1)] = Real(body.center[1])
 
     @wp.func
-    def write_arm(frames: wp.array[Real], at: int, drive: Drive, a: int, body: BodyState, moment: wp.float64):
+    def write_arm(frames: wp.array[Real], at: int, drive: Drive, a: int, body: Any, moment: Any):
         """Arm a at the frame's instant and the contacts' moment on it [N m], in a frame at `at`."""
         mine = at + width(drive.rollers, drive.sprockets, a, 0)
         frames[mine + wp.static(place("arm_angle"))] = Real(body.angle)
@@ -78,10 +79,10 @@ def frame_writers(Real: type, frame: Any) -> FrameWriters:
         frames[mine + wp.static(place("arm_moment"))] = Real(moment)
 
     @wp.func
-    def write_tensioner(frames: wp.array[Real], at: int, drive: Drive, t: int, push: Push):
+    def write_tensioner(frames: wp.array[Real], at: int, drive: Drive, t: int, push: Any):
         """Tensioner t at the frame's instant, in a frame at `at`."""
         mine = at + width(drive.rollers, drive.sprockets, drive.arms, t)
-        frames[mine + wp.static(place("tensioner_extension"))] = Real(push.extension)
+        frames[mine + wp.static(place("tensioner_extension"))] = Real(rounded(push.extension))
         frames[mine + wp.static(place("tensioner_force"))] = Real(push.force)
         frames[mine + wp.static(place("chamber_pressure"))] = Real(push.pressure)
 

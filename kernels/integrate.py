@@ -25,21 +25,21 @@ def leapfrog_lag(step: int, h: Any):
 
 
 @wp.func
-def rk4_weight(stage: int, h: wp.float64):
+def rk4_weight(stage: int, h: Any):
     """Weight of a stage in the sum of slopes [s]."""
-    return wp.where(stage == 1 or stage == 2, h / wp.float64(3.0), h / wp.float64(6.0))
+    return wp.where(stage == 1 or stage == 2, h / type(h)(3.0), h / type(h)(6.0))
 
 
 @wp.func
-def rk4_reach(stage: int, h: wp.float64):
+def rk4_reach(stage: int, h: Any):
     """How far from the step's start the next stage is [s]."""
-    return wp.where(stage < 2, wp.float64(0.5) * h, h)
+    return wp.where(stage < 2, type(h)(0.5) * h, h)
 
 
 @wp.func
-def rk4_instant(stage: int, h: wp.float64):
+def rk4_instant(stage: int, h: Any):
     """How far from the step's start a stage is [s]."""
-    return wp.where(stage == 0, wp.float64(0.0), wp.where(stage == 3, h, wp.float64(0.5) * h))
+    return wp.where(stage == 0, type(h)(0.0), wp.where(stage == 3, h, type(h)(0.5) * h))
 
 
 @wp.struct

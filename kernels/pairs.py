@@ -190,6 +190,18 @@ def rounded(a: Pair):
 
 
 @wp.func
+def rounded(a: wp.float64):
+    """A float64 stays what it is."""
+    return a
+
+
+@wp.func
+def added(sum: Pair, value: wp.float32):
+    """A sum and a value that is small beside it, or the first; float64 holds it exactly."""
+    return trimmed(settled(sum.high, sum.low + value))
+
+
+@wp.func
 def pair_of(value: wp.float64):
     """A float64, rounded to 48 bits."""
     high = wp.float32(value)

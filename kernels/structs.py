@@ -2,7 +2,7 @@
 
 `types(Real)` gives the structs whose quantities are `Real` (wp.float64 or wp.float32). Everything is in SI units.
 Quantities that belong to a body's motion, and sums over time, are float64 at both precisions; on blocks at float32 what
-turns a sprocket and what contacts see of it is in float32 and pairs of float32 (`Spin`, `Wheel`, `Line`).
+moves bodies and what contacts see of them is in float32 and pairs of float32 (`Spin`, `Wheel`, `Lever`, `Plunger`).
 """
 
 from functools import cache
@@ -117,22 +117,32 @@ class Mount:
     inertia: wp.float64  # of body and wheel; of the wheel alone if the angle is prescribed [kg m^2]
 
 
-@wp.struct
-class Arm:
-    """An arm that turns about a fixed pivot, which is its body's center; its angle is 0 as drawn (`physics.arm`)."""
+def _arm_struct(Real: type, vec2: type) -> type:
+    """`Arm` at a precision."""
 
-    pivot: wp.vec2d  # [m]
-    inverse_inertia: wp.float64  # about the pivot, with what moves along [1/(kg m^2)]
-    stiffness: wp.float64  # k_t of its torsion spring [N m/rad]
-    free_angle: wp.float64  # of that spring [rad]
-    damping: wp.float64  # c_t [N m s/rad]
-    low: wp.float64  # angles of its stops [rad]
-    high: wp.float64
-    stop_stiffness: wp.float64  # of a stop [N m/rad]
-    stop_damping: wp.float64  # [N m s/rad]
-    reach: wp.float64  # how far from the pivot the chain may touch it [m]
-    heft: wp.vec2d  # mass times its center of mass from the pivot, as drawn [kg m]
-    gravity: wp.vec2d  # [m/s^2]
+    @wp.struct
+    class Arm:
+        """An arm that turns about a fixed pivot, its body's center; its angle is 0 as drawn (`physics.arm`)."""
+
+        pivot: vec2  # [m]
+        inverse_inertia: Real  # about the pivot, with what moves along [1/(kg m^2)]
+        stiffness: Real  # k_t of its torsion spring [N m/rad]
+        free_angle: Real  # of that spring [rad]
+        damping: Real  # c_t [N m s/rad]
+        low: Real  # angles of its stops [rad]
+        high: Real
+        stop_stiffness: Real  # of a stop [N m/rad]
+        stop_damping: Real  # [N m s/rad]
+        reach: Real  # how far from the pivot the chain may touch it [m]
+        heft: vec2  # mass times its center of mass from the pivot, as drawn [kg m]
+        gravity: vec2  # [m/s^2]
+
+    return Arm
+
+
+Arm = _arm_struct(wp.float64, wp.vec2d)
+Lever = _arm_struct(wp.float32, wp.vec2f)
+"""`Arm` on blocks at float32."""
 
 
 @wp.struct
@@ -148,42 +158,52 @@ class Piece:
     place: wp.float64  # of its start along the face [m]
 
 
-@wp.struct
-class Tensioner:
-    """A tensioner: where it touches its body, its spring, oil, valve and ratchet (`physics.tensioner`)."""
+def _tensioner_struct(Real: type, vec2: type) -> type:
+    """`Tensioner` at a precision."""
 
-    body: wp.int32  # of the drive
-    point: wp.vec2d  # where it touches, from the body's center in the body's frame [m]
-    home: wp.vec2d  # r_0: where that is at the drawing [m]
-    direction: wp.vec2d  # d: in which it pushes, a unit vector
-    stiffness: wp.float64  # k of the spring [N/m]
-    preload: wp.float64  # f_0 of the spring at x = 0 [N]
-    damping: wp.float64  # c [N s/m]
-    hydraulic: wp.int32  # 1: with a chamber of oil; else what follows up to `laminar_limit` is 0
-    area: wp.float64  # A of the plunger [m^2]
-    volume: wp.float64  # V_0 of the chamber at x = 0 [m^3]
-    leak: wp.float64  # G of the gap [m^3/(s Pa)]
-    drag: wp.float64  # pi d h / 2 of the gap [m^2]
-    supply: wp.float64  # P_s [Pa]; pressures are absolute
-    ambient: wp.float64  # P_0 [Pa]
-    vapor: wp.float64  # P_v [Pa]
-    rest: wp.float64  # P at which the valve brings in what leaks [Pa]
-    bulk_modulus: wp.float64  # E_0 of the oil without air [Pa]
-    air: wp.float64  # share a of air at P_0
-    hole_area: wp.float64  # A_b of the valve's seat [m^2]
-    valve_preload: wp.float64  # F_0 [N]
-    valve_stiffness: wp.float64  # k_cv [N/m]
-    lift_max: wp.float64  # y_max [m]
-    seat_width: wp.float64  # 2 r_B tan(g) [m]
-    seat_growth: wp.float64  # sin(g) / cos(g)^2
-    discharge: wp.float64  # C_d
-    density: wp.float64  # rho of the oil [kg/m^3]
-    laminar_limit: wp.float64  # drop of pressure below which the valve's flow is linear in it [Pa]
-    ratchet_pitch: wp.float64  # a [m]; 0: no ratchet
-    backlash: wp.float64  # s [m]
-    bottom: wp.float64  # x_b below which the plunger stands on the chamber's bottom [m]
-    stop_stiffness: wp.float64  # k_s of ratchet and bottom [N/m]
-    stop_damping: wp.float64  # c_s [N s/m]
+    @wp.struct
+    class Tensioner:
+        """A tensioner: where it touches its body, its spring, oil, valve and ratchet (`physics.tensioner`)."""
+
+        body: wp.int32  # of the drive
+        point: vec2  # where it touches, from the body's center in the body's frame [m]
+        home: vec2  # r_0: where that is at the drawing [m]
+        direction: vec2  # d: in which it pushes, a unit vector
+        stiffness: Real  # k of the spring [N/m]
+        preload: Real  # f_0 of the spring at x = 0 [N]
+        damping: Real  # c [N s/m]
+        hydraulic: wp.int32  # 1: with a chamber of oil; else what follows up to `laminar_limit` is 0
+        area: Real  # A of the plunger [m^2]
+        volume: Real  # V_0 of the chamber at x = 0 [m^3]
+        leak: Real  # G of the gap [m^3/(s Pa)]
+        drag: Real  # pi d h / 2 of the gap [m^2]
+        supply: Real  # P_s [Pa]; pressures are absolute
+        ambient: Real  # P_0 [Pa]
+        vapor: Real  # P_v [Pa]
+        rest: Real  # P at which the valve brings in what leaks [Pa]
+        bulk_modulus: Real  # E_0 of the oil without air [Pa]
+        air: Real  # share a of air at P_0
+        hole_area: Real  # A_b of the valve's seat [m^2]
+        valve_preload: Real  # F_0 [N]
+        valve_stiffness: Real  # k_cv [N/m]
+        lift_max: Real  # y_max [m]
+        seat_width: Real  # 2 r_B tan(g) [m]
+        seat_growth: Real  # sin(g) / cos(g)^2
+        discharge: Real  # C_d
+        density: Real  # rho of the oil [kg/m^3]
+        laminar_limit: Real  # drop of pressure below which the valve's flow is linear in it [Pa]
+        ratchet_pitch: Real  # a [m]; 0: no ratchet
+        backlash: Real  # s [m]
+        bottom: Real  # x_b below which the plunger stands on the chamber's bottom [m]
+        stop_stiffness: Real  # k_s of ratchet and bottom [N/m]
+        stop_damping: Real  # c_s [N s/m]
+
+    return Tensioner
+
+
+Tensioner = _tensioner_struct(wp.float64, wp.vec2d)
+Plunger = _tensioner_struct(wp.float32, wp.vec2f)
+"""`Tensioner` on blocks at float32."""
 
 
 @wp.struct
@@ -365,6 +385,95 @@ class SpinSums:
 
 
 @wp.struct
+class Slope:
+    """A coordinate at the step's start, and the sum of its weighted slopes."""
+
+    base: Pair
+    total: Pair
+
+
+@wp.struct
+class WheelStages:
+    """`BodyStages` of a body on blocks at float32."""
+
+    angle: Slope
+    speed: Slope
+    x: Slope  # of the center
+    y: Slope
+    across: Slope  # velocity of the center, x
+    up: Slope  # and y
+
+
+@wp.struct
+class Stroke:
+    """What a tensioner's extension hangs on, on blocks at float32 (`physics.plunger`)."""
+
+    home: Pair  # r_0 . d [m]
+    direction_x: Pair  # d
+    direction_y: Pair
+    along: Pair  # p . d, p the touched point in the body's frame [m]
+    across: Pair  # d . p turned by +90 degrees [m]
+
+
+@wp.struct
+class PlungerState:
+    """`TensionerState` on blocks at float32."""
+
+    content: Pair  # mu
+    pressure: wp.float32  # P after the last step [Pa]
+    farthest: wp.float32  # x_max [m]
+
+
+@wp.struct
+class PlungerPush:
+    """`Push` on blocks at float32."""
+
+    force: wp.float32  # [N]
+    pressure: wp.float32  # [Pa]
+    extension: Pair  # [m]
+
+
+@wp.struct
+class PlungerMeter:
+    """`TensionerFlows` since the run began, on blocks at float32."""
+
+    leaked: Pair  # [m^3]
+    supplied: Pair  # [m^3]
+    leak_loss: Pair  # [J]
+    valve_loss: Pair  # [J]
+    supply_work: Pair  # [J]
+    lift: wp.float32  # y [m]
+
+
+@wp.struct
+class PlungerSums:
+    """`TensionerSums` on blocks at float32, but for what flowed."""
+
+    force_min: wp.float32  # [N]
+    force_max: wp.float32
+    force: Pair  # [N s]
+    pressure_min: wp.float32  # [Pa]
+    pressure_max: wp.float32
+    pressure: Pair  # [Pa s]
+    extension_min: wp.float32  # [m]
+    extension_max: wp.float32
+    extension: Pair  # [m s]
+    dissipated: Pair  # [J]
+
+
+@wp.struct
+class LeverSums:
+    """`ArmSums` on blocks at float32."""
+
+    angle_min: wp.float32  # [rad]
+    angle_max: wp.float32
+    angle: Pair  # [rad s]
+    angle_square: Pair
+    moment: Pair  # [N m s]
+    dissipated: Pair  # [J]
+
+
+@wp.struct
 class Led:
     """Where prescribed motion leads a sprocket, on blocks at float32."""
 
@@ -534,6 +643,9 @@ def types(Real: type) -> SimpleNamespace:
         pieces: wp.array[Piece]  # (all profiles' pieces,)
         arms: wp.array[Arm]  # (all arms,)
         tensioners: wp.array[Tensioner]  # (all tensioners,)
+        levers: wp.array[Lever]  # the arms for blocks at float32, else (1,)
+        plungers: wp.array[Plunger]  # the tensioners, the same
+        strokes: wp.array[Stroke]  # of the tensioners, the same
         curves: Curves
         seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
         split_seats: wp.array[wp.vec4f]  # the same for blocks at float32, else (1,): high parts of 12 bits, low parts
@@ -606,6 +718,12 @@ def types(Real: type) -> SimpleNamespace:
         led: wp.array[Led]  # (S, steps), the same
         hubs: wp.array[Hub]  # (S,), the same where sprockets' centers move
         hub_sums: wp.array[HubSums]  # (S,), the same
+        lever_sums: wp.array[LeverSums]  # (arms,), the same
+        wheel_stages: wp.array[WheelStages]  # (bodies,), the same with rk4
+        plungers: wp.array[PlungerState]  # (tensioners,), the same
+        plunger_pushes: wp.array[PlungerPush]  # (tensioners,), the same
+        plunger_meters: wp.array[PlungerMeter]  # (tensioners,), the same
+        plunger_sums: wp.array[PlungerSums]  # (tensioners,), the same
         lines: wp.array[wp.vec4f]  # rows of straight guide-bars, the same
         box: wp.array[wp.vec4f]  # (1,), the same: low and high corner beyond which a roller has left the drive [m]
         teeth: wp.array[Sprocket]  # (S,)

@@ -87,6 +87,18 @@ class TensionerFlows:
 
 
 @wp.struct
+class PlungerFlows:
+    """`TensionerFlows` on blocks at float32."""
+
+    leaked: wp.float32  # [m^3]
+    supplied: wp.float32  # [m^3]
+    leak_loss: wp.float32  # [J]
+    valve_loss: wp.float32  # [J]
+    supply_work: wp.float32  # [J]
+    lift: wp.float32  # y [m]
+
+
+@wp.struct
 class TensionerSums:
     """Sums over the window of a tensioner (time integrals, trapezoidal), and what flowed between its ends."""
 

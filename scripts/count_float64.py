@@ -29,9 +29,7 @@ KINDS = {
     "moving": BlockKind(*SHAPE, 2, 0, moving=True, curved=False),
     "rk4": BlockKind(*SHAPE, 2, 0, rk4=True, curved=False),
     "tensioner on a sprocket": BlockKind(*SHAPE, 2, 1, moving=True, tensioners=1, curved=False),
-    "tensioner on an arm": BlockKind(
-        *SHAPE, 3, 2, arms=1, tensioners=1, profiles=True, sliding=True, curved=False, pushing=False
-    ),
+    "tensioner on an arm": BlockKind(*SHAPE, 3, 2, arms=1, tensioners=1, profiles=True, sliding=True, curved=False),
     "metrics": BlockKind(*SHAPE, 2, 1, measuring=True, sliding=True, bending=True, curved=False),
     "metrics, moving": BlockKind(*SHAPE, 2, 0, measuring=True, moving=True, curved=False),
 }

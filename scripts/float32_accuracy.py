@@ -2,8 +2,8 @@
 
     python scripts/float32_accuracy.py [NAME ...] --device cuda:0
 
-Drives are the two equal sprockets of `bench_cpu.py` and examples by name. Run it in two trees to compare them (it needs
-nothing but the package and `bench_cpu.py`).
+Drives are the two equal sprockets of `bench_cpu.py`, the same by rk4, and examples by name. Run it in two trees to
+compare them (it needs nothing but the package and `bench_cpu.py`).
 """
 
 import argparse
@@ -14,7 +14,7 @@ from bench_cpu import bench_drives
 from warpchain import Drive, Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
 
-SECONDS = {"two": 0.4, "marine": 0.6, "engine": 0.1, "industrial": 0.6, "motorcycle": 0.2}
+SECONDS = {"two": 0.4, "rk4": 0.2, "marine": 0.6, "engine": 0.1, "car": 0.03, "industrial": 0.6, "motorcycle": 0.2}
 """Simulated time [s]; the metrics are of the second half."""
 
 COPIES = 64
@@ -22,7 +22,9 @@ COLUMNS = ("energy_residual_relative", "tension_mean", "tension_std", "tension_m
 
 
 def base(name: str) -> Drive:
-    """A drive by name."""
+    """A drive by name; "rk4" is "two" by that integrator."""
+    if name == "rk4":
+        return base("two").with_values({"run.integrator": "rk4"})
     return next(iter(bench_drives().values())) if name == "two" else load_drive(drive_path(name))
 
 

@@ -29,7 +29,7 @@ LEVELS = (
 
 KERNEL_LEVELS = (
     ("root", "pairs", "sum_structs"),
-    ("trigonometry",),
+    ("trigonometry", "logarithm"),
     ("structs", "rows"),
     ("integrate",),
     ("physics",),

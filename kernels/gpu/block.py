@@ -15,11 +15,12 @@ from ..structs import types
 from ..sum_structs import Sums, Tallies
 from ..sums import WATCH_EVERY, add_hub_force
 from .block_arms import block_arms
-from .block_bodies import block_bodies
+from .block_bodies import Seen, block_bodies
 from .block_events import END, EXTRA
 from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
+from .block_levers import block_levers
 from .block_observe import block_observing
 from .block_partners import block_partners
 from .block_rk4 import block_rk4
@@ -40,11 +41,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
-    vec2 = kinds.vec2
+    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
     sampling, partners = block_sampling(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
-    joints, arms = block_joints(kind), block_arms(kind)
+    joints, arms, levers = block_joints(kind), block_arms(kind), block_levers(kind)
     pull = joints.pull if kind.bending else row.pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
@@ -94,13 +95,92 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def add_hub(shared: kinds.Shared, mine: Mine, now: Now, acting: wp.types.vector(3, Real)):
         """Adds the chain's force on the thread's sprocket to its sums."""
         hub = vec2(acting[1], acting[2])
-        if wp.static(kind.spinning):
+        if wp.static(kind.paired):
             spun = shared.spin_sums[mine.sprocket]
             shared.spin_sums[mine.sprocket] = add_spin_hub(spun, hub, now.watch_weight)
         else:
             sums = shared.sprocket_sums[mine.sprocket]
             force = wp.vec2d(wp.float64(hub[0]), wp.float64(hub[1]))
             shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, force, wp.float64(now.watch_weight))
+
+    @wp.func
+    def advance_exact(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+    ):
+        """`advance_bodies` at float64."""
+        acting = acting_on(shared, mine.thread, now.watched)
+        if mine.sprocket >= 0:
+            if wp.static(measuring) and now.watched != 0:
+                add_hub(shared, mine, now, acting)
+            before = shared.poses[mine.sprocket]
+            wrench = wrench_of(acting)
+            if wp.static(kind.tensioners > 0):
+                wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
+            body = bodies.advance(ensemble, state, shared, mine, now, wrench)
+            if wp.static(measuring) and now.measured != 0:
+                observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
+                if wp.static(kind.tensioners > 0):
+                    arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
+            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
+            if wp.static(kind.tensioners > 0):
+                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, mine.sprocket)
+                arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
+        if wp.static(kind.arms > 0):
+            if mine.arm >= 0:
+                on_arm = wrench_of(acting)
+                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, on_arm)
+                b = wp.static(sprockets) + mine.arm
+                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, on_arm.moment)
+                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, b)
+
+    @wp.func
+    def advance_paired(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+    ):
+        """`advance_bodies` at float32."""
+        acting = acting_on(shared, mine.thread, now.watched)
+        b = int(mine.sprocket)
+        if mine.arm >= 0:
+            b = wp.static(sprockets) + mine.arm
+        if b >= 0:
+            wheel = seen_wheel(shared.wheels, b)
+            pushing = of_three()
+            if wp.static(kind.tensioners > 0):
+                pushing = levers.pushed(ensemble, shared, mine, b)
+            seen = Seen()
+            if mine.sprocket >= 0:
+                if wp.static(measuring) and now.watched != 0:
+                    add_hub(shared, mine, now, acting)
+                seen = bodies.spin(ensemble, shared, mine, now, acting + pushing)
+                seen.pushing = pushing
+                if wp.static(measuring) and now.measured != 0:
+                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
+                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
+            if wp.static(kind.arms > 0):
+                if mine.arm >= 0:
+                    seen = levers.advance_arm(ensemble, shared, mine, now, acting[0] + pushing[0])
+                    if wp.static(measuring) and now.measured != 0:
+                        levers.observe_arm(ensemble, tallies, shared, mine, now, seen, acting[0], wheel)
+                    sampling.write_arm_frame(ensemble, state, frames, mine, now, seen, acting[0])
+            if wp.static(kind.tensioners > 0):
+                if wp.static(measuring) and now.measured != 0:
+                    levers.observe_pushes(ensemble, sums, tallies, shared, mine, now, wheel, seen)
+                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, b)
+                levers.flow(ensemble, shared, mine, now, b)
 
     @wp.func
     def advance_bodies(
@@ -117,37 +197,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
         All threads together work out what the chain does to it.
         """
-        acting = acting_on(shared, mine.thread, now.watched)
-        if mine.sprocket >= 0:
-            if wp.static(measuring) and now.watched != 0:
-                add_hub(shared, mine, now, acting)
-            if wp.static(kind.spinning):
-                wheel = seen_wheel(shared.wheels, mine.sprocket)
-                seen = bodies.spin(ensemble, shared, mine, now, acting)
-                if wp.static(measuring) and now.measured != 0:
-                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
-                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
-            else:
-                before = shared.poses[mine.sprocket]
-                wrench = wrench_of(acting)
-                if wp.static(kind.tensioners > 0):
-                    wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
-                body = bodies.advance(ensemble, state, shared, mine, now, wrench)
-                if wp.static(measuring) and now.measured != 0:
-                    observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
-                    if wp.static(kind.tensioners > 0):
-                        arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
-                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
-                if wp.static(kind.tensioners > 0):
-                    sampling.write_push_frames(ensemble, state, frames, mine, now, mine.sprocket)
-                    arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
-        if wp.static(kind.arms > 0):
-            if mine.arm >= 0:
-                on_arm = wrench_of(acting)
-                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, on_arm)
-                b = wp.static(sprockets) + mine.arm
-                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, on_arm)
-                sampling.write_push_frames(ensemble, state, frames, mine, now, b)
+        if wp.static(kind.paired):
+            advance_paired(ensemble, state, sums, tallies, shared, frames, mine, now)
+        else:
+            advance_exact(ensemble, state, sums, tallies, shared, frames, mine, now)
 
     @wp.func
     def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
@@ -224,11 +277,16 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """What is shared of bodies and sums, from the state."""
         if mine.sprocket >= 0:
             bodies.start_body(ensemble, state, sums, shared, mine, step)
+            if wp.static(kind.paired and kind.tensioners > 0):
+                levers.start_plungers(ensemble, state, sums, shared, mine, mine.sprocket)
         if wp.static(measuring):
             observe.start_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
-                arms.start_arm(ensemble, state, shared, mine)
+                if wp.static(kind.paired):
+                    levers.start_arm(ensemble, state, sums, shared, mine)
+                else:
+                    arms.start_arm(ensemble, state, shared, mine)
 
     @wp.func
     def finish(
@@ -246,11 +304,16 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         row.put_back(state, shared, mine)
         if mine.sprocket >= 0:
             bodies.end_body(ensemble, state, sums, shared, mine)
+            if wp.static(kind.paired and kind.tensioners > 0):
+                levers.end_plungers(ensemble, state, sums, shared, mine, mine.sprocket)
         if wp.static(measuring):
             observe.end_extremes(ensemble, sums, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
-                arms.end_arm(ensemble, state, shared, mine)
+                if wp.static(kind.paired):
+                    levers.end_arm(ensemble, state, sums, shared, mine)
+                else:
+                    arms.end_arm(ensemble, state, shared, mine)
         if mine.thread == 0:
             progress = state.progress[mine.variant]
             progress.step = now.step

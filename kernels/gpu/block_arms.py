@@ -1,4 +1,7 @@
-"""Arms and tensioners on blocks of threads: how the thread that has a body takes on its arm, and what pushes it."""
+"""Arms and tensioners on blocks of threads: how the thread that has a body takes on its arm, and what pushes it.
+
+At float64, and while settling; `block_levers` is the same at float32.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -8,7 +11,6 @@ import warp as wp
 from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
 from ..physics.arm import arm_dissipation, arm_energy, arm_rates
 from ..physics.body import body_at, heading_of, leapfrog_body, pose_of, rk4_body
-from ..physics.spin import wheel_of
 from ..physics.tensioner import lost_power, push_by, stroke_of, tensioner_energy, tensioner_step
 from ..structs import BodyState, Motion, Mount, Wrench, types
 from ..sum_structs import Sums, Tallies
@@ -16,7 +18,6 @@ from ..sums import add_arm, add_energy, add_meter, add_tensioner, metered
 from .block_bodies import state_of
 from .block_events import END, ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
-from .block_wheels import follow, store_wheel
 
 
 @dataclass(frozen=True)
@@ -35,18 +36,14 @@ class ArmFunctions:
 @cache
 def block_arms(kind: BlockKind) -> ArmFunctions:
     """The functions of one variant's arms and tensioners on a block; body b is that of the drive."""
-    Real, sprockets, tensioners, rk4 = kind.Real, kind.sprockets, kind.tensioners, kind.rk4
-    kinds, Now = types(Real), now_struct(Real)
-    seen_in_pairs = kind.paired and kind.profiles
+    sprockets, tensioners, rk4 = kind.sprockets, kind.tensioners, kind.rk4
+    kinds, Now = types(kind.Real), now_struct(kind.Real)
 
     @wp.func
     def start_arm(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine):
         """What is shared of the thread's arm."""
         b = wp.static(sprockets) + mine.arm
-        pose = pose_of(state.bodies[ensemble.drives[mine.variant].first_body + b])
-        if wp.static(seen_in_pairs):
-            store_wheel(shared.wheels, b, wheel_of(pose, wp.float64(0.0)))
-        shared.poses[b] = pose
+        shared.poses[b] = pose_of(state.bodies[ensemble.drives[mine.variant].first_body + b])
 
     @wp.func
     def end_arm(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine):
@@ -124,8 +121,6 @@ def block_arms(kind: BlockKind) -> ArmFunctions:
             kick = leapfrog_kick(now.step, mine.h)
             body = leapfrog_body(wp.float64(0.0), kick, mine.h, body, rates, wp.float64(0.0), free, pivot)
         shared.poses[b] = pose_of(body)
-        if wp.static(seen_in_pairs):
-            follow(shared.wheels, b, shared.poses[b])
 
     @wp.func
     def advance_arm(

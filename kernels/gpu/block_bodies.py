@@ -5,11 +5,11 @@ from functools import cache
 
 import warp as wp
 
-from ..integrate import leapfrog_kick, leapfrog_lag, rk4_stage
-from ..pairs import Pair, counted, rounded
+from ..integrate import leapfrog_kick, leapfrog_lag, rk4_instant, rk4_reach, rk4_stage, rk4_weight
+from ..pairs import Pair, apart, counted, pair_of, plus, rounded, times
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.curve import integral_at, slope_at, value_at
-from ..physics.hub import hub_moved, hub_of, hub_rates, hub_trimmed, hub_velocity, with_hub
+from ..physics.hub import hub_moved, hub_of, hub_rates, hub_staged, hub_trimmed, hub_velocity, with_hub
 from ..physics.motion import load_moment, prescribed_at, ramp_slope
 from ..physics.spin import (
     faced,
@@ -19,19 +19,20 @@ from ..physics.spin import (
     ramped_course,
     spin_load,
     spin_of,
+    spin_staged,
     spun,
+    swung,
     wheel_at,
-    wheel_of,
     with_spin,
 )
-from ..structs import BodyState, Drive, Mount, Pose, Spin, SpinRates, SpinWrench, Wheel, Wrench, types
+from ..structs import BodyState, Drive, Hub, Mount, Pose, Spin, SpinRates, SpinWrench, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_forces import block_forces
 from .block_hub_sums import hub_sums_of, mount_sums_of
 from .block_kind import BlockKind, Mine, now_struct
 from .block_spin_sums import spin_sums_of, sprocket_sums_of
-from .block_wheels import follow, load_wheel, store_turn, store_wheel, velocity_of, within
+from .block_wheels import load_wheel, store_turn, store_wheel, velocity_of, within
 from .exchange import COURSE, lanes
 
 
@@ -60,6 +61,7 @@ class Seen:
     load: wp.float32  # moment [N m], at the speed that was known then
     velocity: wp.vec2f  # of the center, where sums of a mount want it [m/s]
     turning: wp.vec3f  # of `mount.accelerations`, the same
+    pushing: wp.vec3f  # of its tensioners: moment [N m] and force [N], the same
 
 
 @wp.func
@@ -112,34 +114,33 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     def body_gone(drive: Drive, shared: kinds.Shared, s: int):
         """1 where body s does not turn soundly, or its center has left the drive's box."""
         gone = int(0)
-        if wp.static(kind.spinning) and s < wp.static(sprockets):
+        if wp.static(kind.paired):
             wheel = load_wheel(shared.wheels, s)
             gone = int(not (wp.abs(wheel.angle.low + wheel.speed.high) < 1.0e38))
             if wp.static(moving):
                 gone = wp.max(gone, int(not within(shared.box[0], wheel.center)))
-        elif wp.static(kind.poses):
+        else:
             gone = int(not turns_soundly(shared.poses[s].angle, shared.poses[s].speed))
-        if wp.static(moving and not kind.spinning):
-            gone = wp.max(gone, int(not in_box(drive, shared.poses[s].center)))
+            if wp.static(moving):
+                gone = wp.max(gone, int(not in_box(drive, shared.poses[s].center)))
         return gone
 
     @wp.func
     def set_heading(shared: kinds.Shared, s: int):
         """Cosine and sine of body s from its angle."""
-        if wp.static(kind.spinning):
+        if wp.static(kind.paired):
             wheel = faced(load_wheel(shared.wheels, s))
             if wp.static(moving):
-                wheel, hub = hub_trimmed(with_velocity(shared.wheels, s, wheel), shared.hubs[s])
-                shared.hubs[s] = hub
-                store_wheel(shared.wheels, s, wheel)
-            else:
-                store_turn(shared.wheels, s, wheel)
+                if s < wp.static(sprockets):
+                    wheel, hub = hub_trimmed(with_velocity(shared.wheels, s, wheel), shared.hubs[s])
+                    shared.hubs[s] = hub
+                    store_wheel(shared.wheels, s, wheel)
+                    return
+            store_turn(shared.wheels, s, wheel)
             return
         sine, cosine = sine_cosine(shared.poses[s].angle)
         shared.poses[s].cosine = cosine
         shared.poses[s].sine = sine
-        if wp.static(kind.paired):
-            follow(shared.wheels, s, shared.poses[s])
 
     @wp.func
     def course_to(ensemble: kinds.Ensemble, mine: Mine, s: int, time: Pair, spin: Spin):
@@ -183,7 +184,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         b = drive.first_body + s
         at = drive.first_sprocket + s
         share_geometry(ensemble, shared, drive, mine.variant, s, state.bodies[b].center)
-        if wp.static(kind.spinning):
+        if wp.static(kind.paired):
             shared.spins[s] = spin_of(ensemble.motions[b])
             wheel = wheel_at(state.bodies[b], ensemble.sprockets[at].exact_radius)
             wheel.exact_speed = led_to(ensemble, shared, mine, s, step).speed
@@ -196,17 +197,15 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             pose.exact_speed = exact
             shared.poses[s] = pose
             shared.motions[s] = ensemble.motions[b]
-            if wp.static(kind.paired):
-                store_wheel(shared.wheels, s, wheel_of(pose, ensemble.sprockets[at].exact_radius))
         if wp.static(moving):
-            if wp.static(not kind.spinning):
+            if wp.static(not kind.paired):
                 shared.mounts[s] = ensemble.mounts[b]
         if wp.static(kind.measuring):
-            if wp.static(moving and kind.spinning):
+            if wp.static(moving and kind.paired):
                 shared.hub_sums[s] = hub_sums_of(sums.mount[at])
             elif wp.static(moving):
                 shared.mount_sums[s] = sums.mount[at]
-            if wp.static(kind.spinning):
+            if wp.static(kind.paired):
                 shared.spin_sums[s] = spin_sums_of(sums.sprocket[at])
             else:
                 shared.sprocket_sums[s] = sums.sprocket[at]
@@ -219,7 +218,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         drive = ensemble.drives[mine.variant]
         s = mine.sprocket
         at = drive.first_sprocket + s
-        if wp.static(kind.spinning):
+        if wp.static(kind.paired):
             b = drive.first_body + s
             wheel = load_wheel(shared.wheels, s)
             state.bodies[b] = with_spin(state.bodies[b], wheel)
@@ -229,11 +228,11 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         else:
             state.bodies[drive.first_body + s] = state_of(shared.poses[s])
         if wp.static(kind.measuring):
-            if wp.static(moving and kind.spinning):
+            if wp.static(moving and kind.paired):
                 sums.mount[at] = mount_sums_of(shared.hub_sums[s])
             elif wp.static(moving):
                 sums.mount[at] = shared.mount_sums[s]
-            if wp.static(kind.spinning):
+            if wp.static(kind.paired):
                 sums.sprocket[at] = sprocket_sums_of(shared.spin_sums[s])
             else:
                 sums.sprocket[at] = shared.sprocket_sums[s]
@@ -243,7 +242,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def is_led(shared: kinds.Shared, s: int):
         """Whether the angle of sprocket s is prescribed."""
-        if wp.static(kind.spinning):
+        if wp.static(kind.paired):
             return shared.spins[s].prescribed == 1
         else:
             return shared.motions[s].prescribed == 1
@@ -252,7 +251,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     def foresee(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
         """Puts where sprocket s is led at a step in its place."""
         at = course_of(s, step)
-        if wp.static(kind.spinning):
+        if wp.static(kind.paired):
             shared.led[at] = led_to(ensemble, shared, mine, s, step)
         else:
             angle, speed = prescribed_at(wp.float64(step) * mine.h, shared.motions[s], ensemble.curves)
@@ -273,7 +272,15 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             s = s + wp.static(threads) // lanes()
 
     @wp.func
-    def load_on(ensemble: kinds.Ensemble, mine: Mine, step: int, wheel: Wheel, spin: Spin):
+    def time_of(mine: Mine, now: Now):
+        """The instant of a step, or of a stage of it [s], at float32."""
+        if wp.static(rk4):
+            return plus(counted(now.step, mine.step), times(mine.step, rk4_instant(now.stage, 1.0)))
+        else:
+            return counted(now.step, mine.step)
+
+    @wp.func
+    def load_on(ensemble: kinds.Ensemble, mine: Mine, now: Now, wheel: Wheel, spin: Spin):
         """The load moment on the thread's sprocket [N m], in float32."""
         torque = spin.load[0]
         if wp.static(kind.curved):
@@ -281,16 +288,19 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
                 b = ensemble.drives[mine.variant].first_body + mine.sprocket
                 table = ensemble.split_tables[2 * b + 1]
                 if table.cells > 0:
-                    x = counted(step, mine.step)
+                    x = time_of(mine, now)
                     if table.over_angle == 1:
                         x = forward_of(wheel, spin)
                     torque = torque + value_at(x, table, ensemble.split_values)
-        return spin_load(float(step) * mine.step.high, torque, wheel, spin, ensemble.split_harmonics)
+        time = float(now.step) * mine.step.high
+        if wp.static(rk4):
+            time = time + rk4_instant(now.stage, mine.step.high)
+        return spin_load(time, torque, wheel, spin, ensemble.split_harmonics)
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
         """Works out the load on the thread's body, while other threads are at their contacts; `spin` does so itself."""
-        if wp.static(not kind.spinning):
+        if wp.static(not kind.paired):
             s = mine.sprocket
             time = wp.float64(step) * mine.h
             pose = shared.poses[s]
@@ -310,8 +320,29 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             shared.poses[s].angle = pose.angle
             shared.poses[s].speed = pose.speed
             shared.poses[s].exact_speed = pose.exact_speed
-        if wp.static(kind.paired):
-            follow(shared.wheels, s, shared.poses[s])
+
+    @wp.func
+    def moved_by(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, acting: wp.vec3f, wheel: Wheel, hub: Hub
+    ):
+        """Accelerations of a sprocket on an active mount, and `turning` of `mount.accelerations`, at float32."""
+        spin = shared.spins[mine.sprocket]
+        time = time_of(mine, now)
+        wrench = SpinWrench()
+        wrench.moment = acting[0]
+        wrench.force = wp.vec2f(acting[1], acting[2])
+        turning = wp.vec3f()
+        body = SpinRates()
+        body.speed = wheel.speed.high
+        body.velocity = wheel.velocity
+        if spin.prescribed == 0:
+            turning[2] = load_on(ensemble, mine, now, wheel, spin)
+        else:
+            turning[0] = 1.0
+            turning[1] = led_growth(ensemble, mine, mine.sprocket, time, spin)
+            if wp.static(not rk4):  # whose speed is that of its instant
+                body.speed = wheel.exact_speed
+        return hub_rates(time, wheel, body, hub, wrench, turning), turning
 
     @wp.func
     def spin_on_mount(
@@ -320,32 +351,19 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         """As `spin`, of a sprocket whose center moves or that has a balance wheel."""
         s = mine.sprocket
         h = mine.step.high
-        time = counted(now.step, mine.step)
         wheel = with_velocity(shared.wheels, s, wheel)
         hub = shared.hubs[s]
         spin = shared.spins[s]
-        wrench = SpinWrench()
-        wrench.moment = acting[0]
-        wrench.force = wp.vec2f(acting[1], acting[2])
-        seen = Seen()
-        turning = wp.vec3f()
-        if spin.prescribed == 0:
-            wheel.load = load_on(ensemble, mine, now.step, wheel, spin)
-            turning[2] = wheel.load
-        else:
-            turning[0] = 1.0
-            turning[1] = led_growth(ensemble, mine, s, time, spin)
-        body = SpinRates()
-        body.speed = wp.where(spin.prescribed == 1, wheel.exact_speed, wheel.speed.high)
-        body.velocity = wheel.velocity
-        rates = hub_rates(time, wheel, body, hub, wrench, turning)
+        rates, turning = moved_by(ensemble, shared, mine, now, acting, wheel, hub)
         lag = leapfrog_lag(now.step, h)
+        wheel.load = turning[2]
+        seen = Seen()
         seen.angle = rounded(wheel.angle)
         seen.center = wheel.center
         seen.load = wheel.load
         seen.speed = wp.where(spin.prescribed == 1, wheel.exact_speed, wheel.speed.high + lag * rates[2])
         if wp.static(kind.measuring) and now.measured != 0:
-            seen.velocity = hub_velocity(time, lag, wheel, hub, rates)
+            seen.velocity = hub_velocity(time_of(mine, now), lag, wheel, hub, rates)
             seen.turning = turning
         if now.going != 0:
             ahead = shared.led[course_of(s, now.step + 1)]
@@ -357,8 +375,57 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         return seen
 
     @wp.func
+    def stage_wheel(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, acting: wp.vec3f, wheel: Wheel
+    ):
+        """As `spin`, to where the next stage of rk4 evaluates the sprocket."""
+        s = mine.sprocket
+        spin = shared.spins[s]
+        rates = wp.vec3f()
+        turning = wp.vec3f()
+        mounted = int(0)
+        hub = Hub()
+        if wp.static(moving):
+            wheel = with_velocity(shared.wheels, s, wheel)
+            hub = shared.hubs[s]
+            mounted = hub.active
+            if mounted != 0:
+                rates, turning = moved_by(ensemble, shared, mine, now, acting, wheel, hub)
+        if mounted == 0 and spin.prescribed == 0:
+            turning[2] = load_on(ensemble, mine, now, wheel, spin)
+            rates[2] = (acting[0] + turning[2]) * spin.inverse_inertia
+        seen = Seen()
+        seen.angle = rounded(wheel.angle)
+        seen.speed = wheel.speed.high
+        seen.center = wheel.center
+        seen.velocity = wheel.velocity
+        seen.load = turning[2]
+        seen.turning = turning
+        wheel.load = turning[2]
+        if now.going != 0:
+            weight = rk4_weight(now.stage, mine.step.high)
+            reach = rk4_reach(now.stage, mine.step.high)
+            stages = shared.wheel_stages[s]
+            before = wheel.angle
+            after = plus(counted(now.step, mine.step), times(mine.step, rk4_reach(now.stage, 1.0)))
+            if wp.static(moving):
+                wheel, hub, stages = hub_staged(now.stage, weight, reach, after, wheel, hub, stages, rates)
+                shared.hubs[s].velocity_low = hub.velocity_low
+                shared.bands[s].center = wheel.center
+            wheel, stages = spin_staged(now.stage, weight, reach, wheel, stages, rates[2])
+            if spin.prescribed == 1:
+                course, rate = course_to(ensemble, mine, s, after, spin)
+                ahead = led_along(course, rate, spin, ensemble.split_harmonics)
+                wheel.angle = ahead.angle
+                wheel.speed = pair_of(ahead.speed)
+                wheel.exact_speed = ahead.speed
+            shared.wheel_stages[s] = stages
+            store_wheel(shared.wheels, s, swung(wheel, apart(wheel.angle, before)))
+        return seen
+
+    @wp.func
     def spin(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, acting: wp.vec3f):
-        """Takes the thread's sprocket one step on if the run goes on; returns it with its rates at the step's instant.
+        """Takes the thread's sprocket a step or a stage on if the run goes on; returns it with its rates then.
 
         In pairs of float32; `acting` are the chain's moment on it [N m] and, if centers move, its force [N].
         """
@@ -366,6 +433,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         h = mine.step.high
         moment = acting[0]
         wheel = load_wheel(shared.wheels, s)
+        if wp.static(rk4):
+            return stage_wheel(ensemble, shared, mine, now, acting, wheel)
         spin = shared.spins[s]
         if wp.static(moving):
             if shared.hubs[s].active != 0:
@@ -375,7 +444,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         seen.speed = wheel.exact_speed
         seen.center = wheel.center
         if spin.prescribed == 0:
-            wheel.load = load_on(ensemble, mine, now.step, wheel, spin)
+            wheel.load = load_on(ensemble, mine, now, wheel, spin)
             seen.load = wheel.load
             rate = (moment + wheel.load) * spin.inverse_inertia
             seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate

@@ -2,11 +2,10 @@
 
 import warp as wp
 
-from ..pairs import pair_of, whole
+from ..pairs import added, pair_of, whole
 from ..physics.hub import off_home
 from ..structs import Hub, HubSums, SpinRates, Wheel
 from ..sum_structs import MountSums
-from .block_spin_sums import added
 
 
 @wp.func

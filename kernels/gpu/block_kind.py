@@ -31,7 +31,6 @@ class BlockKind:
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
         curved: motions or loads may be tabulated, which matters at float32 only.
-        pushing: tensioners may push sprockets, not arms alone, which matters at float32 only.
         crewed: the last warp has no rollers, but moves the bodies.
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
@@ -54,27 +53,16 @@ class BlockKind:
     shared_bytes: int = DECLARED
     curved: bool = True
     stribeck: bool = True
-    pushing: bool = True
 
     @property
     def paired(self) -> bool:
-        """Whether contacts see bodies and guides in pairs of float32."""
+        """Whether bodies, and guides as contacts see them, are in pairs of float32."""
         return bool(self.Real == wp.float32)
 
     @property
-    def spinning(self) -> bool:
-        """Whether sprockets are moved in pairs of float32 too."""
-        return self.paired and not (self.rk4 or (self.tensioners and self.pushing))
-
-    @property
-    def poses(self) -> bool:
-        """Whether bodies have poses in float64: all but sprockets that are `spinning`."""
-        return not self.spinning or self.arms > 0
-
-    @property
     def wheels(self) -> int:
-        """Bodies that contacts see in pairs of float32: sprockets, and of guides with profiles arms and the ground."""
-        return self.bodies + 1 if self.profiles else self.sprockets
+        """Bodies that contacts see in pairs of float32: all, and with profiles the ground."""
+        return self.bodies + self.profiles
 
     @property
     def bodies(self) -> int:

@@ -277,8 +277,8 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         body.speed = seen.speed
         body.velocity = seen.velocity
         wrench = SpinWrench()
-        wrench.moment = acting[0]
-        wrench.force = wp.vec2f(acting[1], acting[2])
+        wrench.moment = acting[0] + seen.pushing[0]
+        wrench.force = wp.vec2f(acting[1] + seen.pushing[1], acting[2] + seen.pushing[2])
         held, power = hub_held(counted(now.step, mine.step), before, body, hub, wrench, seen.turning)
         shared.hub_sums[s] = add_hub_sums(shared.hub_sums[s], before, body, hub, held, power, now.weight)
         if now.flags & ENDS != 0:

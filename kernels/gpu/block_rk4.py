@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from ..integrate import rk4_stage
+from ..integrate import rk4_reach, rk4_weight
 from ..rows import accessors
 from ..structs import types
 from .block_kind import BlockKind, Mine, now_struct
@@ -23,22 +23,22 @@ def block_rk4(kind: BlockKind) -> wp.Function:
     row = block_rows(kind)
     X, Y, X_LOW, Y_LOW = row.X, row.Y, row.X_LOW, row.Y_LOW
     acceleration, velocity, set_velocity, move = row.acceleration, row.velocity, row.set_velocity, row.move
+    step_of = row.step_of
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     compensated = Real == wp.float32
 
     @wp.func
     def stage_roller(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, j: int):
         """Roller j, evaluated, to where the next stage evaluates it; the fourth ends the step."""
-        stage = rk4_stage(now.stage, wp.float64(0.0), mine.h)
-        weight = Real(stage.weight)
-        reach = Real(stage.reach)
+        weight = rk4_weight(now.stage, step_of(mine))
+        reach = rk4_reach(now.stage, step_of(mine))
         n = mine.rollers
         rows = shared.rows
         kept = state.stages
         at = wp.static(STAGE_ROWS) * mine.first + j
         v = velocity(rows, j)
         a = acceleration(shared, j)
-        if stage.number == 0:
+        if now.stage == 0:
             store_row(kept, at, load_row(rows, X + j))
             store_row(kept, at + n, load_row(rows, Y + j))
             store_row(kept, at + 2 * n, v[0])
@@ -58,7 +58,7 @@ def block_rk4(kind: BlockKind) -> wp.Function:
             store_row(rows, X_LOW + j, load_row(kept, at + 4 * n))
             store_row(rows, Y_LOW + j, load_row(kept, at + 5 * n))
         start = vec2(load_row(kept, at + 2 * n), load_row(kept, at + 3 * n))
-        if stage.number == 3:
+        if now.stage == 3:
             set_velocity(shared, j, start + vec2(load_row(kept, at + 8 * n), load_row(kept, at + 9 * n)))
             move(shared, j, load_row(kept, at + 6 * n), load_row(kept, at + 7 * n))
         else:

@@ -9,7 +9,7 @@ import warp as wp
 from ..frames import frame_writers
 from ..physics.body import in_box
 from ..rows import accessors
-from ..structs import BodyState, Drive, Wrench, types
+from ..structs import Drive, types
 from ..sum_structs import Sums, Tallies
 from ..sums import STRAND_EVERY, add_energy, watch_weight
 from .block_bodies import block_bodies
@@ -117,6 +117,9 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             now.diverged = any_thread(gone_from(drive, shared, mine))
             if mine.sprocket >= 0:
                 set_heading(shared, mine.sprocket)
+            if wp.static(kind.paired and kind.arms > 0):
+                if mine.arm >= 0:
+                    set_heading(shared, wp.static(sprockets) + mine.arm)
             plan(ensemble, shared, mine, now.step)
             barrier()
         if now.flags & LAST != 0 or now.diverged != 0:
@@ -218,19 +221,20 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        body: BodyState,
-        wrench: Wrench,
+        body: Any,
+        moment: Any,
     ):
-        """Writes the thread's arm to the frame, where that is due."""
+        """Writes the thread's arm to the frame, where that is due; `moment` is the chain's on it [N m]."""
         if now.flags & FRAME != 0:
             at = frame_at(ensemble, state, mine.variant, now.since, now.step)
-            write.write_arm(frames, at, ensemble.drives[mine.variant], mine.arm, body, wrench.moment)
+            write.write_arm(frames, at, ensemble.drives[mine.variant], mine.arm, body, moment)
 
     @wp.func
     def write_push_frames(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         frames: wp.array[Real],
+        shared: kinds.Shared,
         mine: Mine,
         now: Now,
         b: int,
@@ -241,7 +245,10 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             drive = ensemble.drives[mine.variant]
             for t in range(wp.static(kind.tensioners)):
                 if ensemble.tensioners[drive.first_tensioner + t].body == b:
-                    write.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
+                    if wp.static(kind.paired):
+                        write.write_tensioner(frames, at, drive, t, shared.plunger_pushes[t])
+                    else:
+                        write.write_tensioner(frames, at, drive, t, state.pushes[drive.first_tensioner + t])
 
     return SamplingFunctions(
         write_arm_frame=write_arm_frame,

@@ -5,15 +5,9 @@ While a kernel runs, sums are pairs of float32; what it reads and writes back is
 
 import warp as wp
 
-from ..pairs import Pair, pair_of, settled, trimmed, whole
+from ..pairs import added, pair_of, whole
 from ..structs import SpinSums
 from ..sum_structs import SprocketSums
-
-
-@wp.func
-def added(sum: Pair, value: wp.float32):
-    """A sum and a value that is small beside it, or the first; float64 holds it exactly."""
-    return trimmed(settled(sum.high, sum.low + value))
 
 
 @wp.func

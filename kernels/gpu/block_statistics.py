@@ -65,7 +65,7 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
             before = shared.strands[wp.where(s > 0, s, wp.static(sprockets)) - 1]
             roller = mid_wrap(before, shared.strands[s], n)
             seat = state.seat[mine.memory + s * n + roller]
-            if wp.static(kind.spinning):
+            if wp.static(kind.paired):
                 sign = wp.float64(shared.spins[s].sign)
             else:
                 sign = shared.motions[s].sign
@@ -93,7 +93,7 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
                 of_strand = seen_on(drive, tallies, s)
                 of_strand.samples = shared.strand_sums[s].samples
                 of_strand.displacement = shared.strand_sums[s].displacement
-                if wp.static(kind.spinning):
+                if wp.static(kind.paired):
                     of_sprocket = sprocket_sums_of(shared.spin_sums[s])
                 else:
                     of_sprocket = shared.sprocket_sums[s]
@@ -102,7 +102,7 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
                     sums.strand_notes[at] = of_strand
                     sums.sprocket_notes[at] = of_sprocket
                     if wp.static(moving):
-                        if wp.static(kind.spinning):
+                        if wp.static(kind.paired):
                             sums.mount_notes[at] = mount_sums_of(shared.hub_sums[s])
                         else:
                             sums.mount_notes[at] = shared.mount_sums[s]

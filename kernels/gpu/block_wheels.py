@@ -20,8 +20,7 @@ import warp as wp
 
 from ..pairs import pair
 from ..physics.seat import line_of
-from ..physics.spin import wheel_with
-from ..structs import Line, Pose, Wheel, types
+from ..structs import Line, Wheel, types
 from .block_kind import BlockKind
 
 WHEEL_ROWS = wp.constant(6)
@@ -136,12 +135,6 @@ def store_wheel(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
 def within(box: wp.vec4f, p: wp.vec2f):
     """Whether `p` is finite and in a box (low corner, high corner)."""
     return p[0] > box[0] and p[0] < box[2] and p[1] > box[1] and p[1] < box[3]
-
-
-@wp.func
-def follow(rows: wp.array[wp.vec4f], b: int, pose: Pose):
-    """Makes body b go with its pose in float64."""
-    store_wheel(rows, b, wheel_with(load_wheel(rows, b), pose))
 
 
 @wp.func

@@ -12,7 +12,24 @@ from typing import Any
 
 import warp as wp
 
-from ..structs import Hub, HubSums, Led, Motion, Mount, Pose, Spin, SpinSums, Strand, types
+from ..structs import (
+    Hub,
+    HubSums,
+    Led,
+    LeverSums,
+    Motion,
+    Mount,
+    PlungerMeter,
+    PlungerPush,
+    PlungerState,
+    PlungerSums,
+    Pose,
+    Spin,
+    SpinSums,
+    Strand,
+    WheelStages,
+    types,
+)
 from ..sum_structs import LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
 from .block_kind import DECLARED, BlockKind
 from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
@@ -320,17 +337,21 @@ def room(kind: BlockKind) -> Room:
     strand_of = kind.slots if kind.measuring else 1
     of_each = [kinds.Sprocket, kinds.Band]
     of_each += [Strand, SprocketSums, StrandSums] if kind.measuring else []
-    of_each += ([Hub, HubSums] if kind.spinning else [Mount, MountSums]) if kind.moving else []
+    of_each += ([Hub, HubSums] if kind.paired else [Mount, MountSums]) if kind.moving else []
     of_each += [wp.vec4f] * GEAR_ROWS if kind.paired else []
-    of_each += [Spin, *([Led] * COURSE)] if kind.spinning else [Motion]
-    used = kind.sprockets * (16 * COURSE * (not kind.spinning) + sum(map(_bytes, of_each)))
-    used += (kind.bodies + kind.profiles) * _bytes(Pose) * kind.poses
+    of_each += [Spin, *([Led] * COURSE)] if kind.paired else [Motion]
+    used = kind.sprockets * (16 * COURSE * (not kind.paired) + sum(map(_bytes, of_each)))
+    used += (kind.bodies + kind.profiles) * _bytes(Pose) * (not kind.paired)
     if kind.sliding:
         used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
     # and the chain, alignment, what stands for no mount
     used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + strand_of + 1000
     if kind.paired:
         used += (kind.guides * LINE_ROWS + kind.wheels * WHEEL_ROWS) * _bytes(wp.vec4f)
+        used += kind.tensioners * sum(map(_bytes, (PlungerState, PlungerPush)))
+        used += kind.bodies * _bytes(WheelStages) * kind.rk4
+        if kind.measuring:
+            used += kind.arms * _bytes(LeverSums) + kind.tensioners * sum(map(_bytes, (PlungerMeter, PlungerSums)))
     needs = (rows * size + 4 * kind.slots, size * parts, seen * size)
     asks = used + sum(needs) > DECLARED and kind.shared_bytes > DECLARED
     used += 4 * kind.threads * asks  # Warp's own
@@ -417,6 +438,24 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(_shared_snippet("led", COURSE * sprockets))
     def led(like: kinds.Shared) -> wp.array[Led]: ...
 
+    @wp.func_native(_shared_snippet("wheel_stages", kind.bodies))
+    def wheel_stages(like: kinds.Shared) -> wp.array[WheelStages]: ...
+
+    @wp.func_native(_shared_snippet("lever_sums", kind.arms))
+    def lever_sums(like: kinds.Shared) -> wp.array[LeverSums]: ...
+
+    @wp.func_native(_shared_snippet("plungers", kind.tensioners))
+    def plungers(like: kinds.Shared) -> wp.array[PlungerState]: ...
+
+    @wp.func_native(_shared_snippet("plunger_pushes", kind.tensioners))
+    def plunger_pushes(like: kinds.Shared) -> wp.array[PlungerPush]: ...
+
+    @wp.func_native(_shared_snippet("plunger_meters", kind.tensioners))
+    def plunger_meters(like: kinds.Shared) -> wp.array[PlungerMeter]: ...
+
+    @wp.func_native(_shared_snippet("plunger_sums", kind.tensioners))
+    def plunger_sums(like: kinds.Shared) -> wp.array[PlungerSums]: ...
+
     @wp.func_native(_shared_snippet("lines", LINE_ROWS * max(guides, 1)))
     def lines(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
 
@@ -485,6 +524,21 @@ def exchange(kind: BlockKind) -> Exchange:
             barrier()
 
     @wp.func
+    def of_plungers(shared: kinds.Shared):
+        """What is kept of arms and tensioners, at float32."""
+        if wp.static(kind.tensioners > 0):
+            shared.plungers = plungers(shared)
+            shared.plunger_pushes = plunger_pushes(shared)
+            if wp.static(kind.measuring):
+                shared.plunger_meters = plunger_meters(shared)
+                shared.plunger_sums = plunger_sums(shared)
+        if wp.static(kind.arms > 0 and kind.measuring):
+            shared.lever_sums = lever_sums(shared)
+        if wp.static(kind.rk4):
+            shared.wheel_stages = wheel_stages(shared)
+        return shared
+
+    @wp.func
     def shared_arrays(state: kinds.State, block: int):
         """The arrays that the threads share; `block` is the place of this block in its launch."""
         shared = kinds.Shared()
@@ -505,9 +559,9 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.gears = gears(shared)
             shared.lines = lines(shared)
             shared.box = box(shared)
-        if wp.static(kind.spinning):
             shared.spins = spins(shared)
             shared.led = led(shared)
+            shared = of_plungers(shared)
             if wp.static(moving):
                 shared.hubs = hubs(shared)
                 if wp.static(kind.measuring):
@@ -515,7 +569,6 @@ def exchange(kind: BlockKind) -> Exchange:
         else:
             shared.motions = motions(shared)
             shared.course = course(shared)
-        if wp.static(kind.poses):
             shared.poses = poses(shared)
         shared.strand_of = strand_of(shared)
         shared.teeth = teeth(shared)
@@ -532,11 +585,11 @@ def exchange(kind: BlockKind) -> Exchange:
             shared.parts = parts(shared)
         else:
             shared.parts = view(state.parts, block * wp.static(of.parts), wp.static(of.parts))
-        if wp.static(not kind.spinning):
+        if wp.static(not kind.paired):
             shared.mounts = mounts(shared)
         if wp.static(kind.measuring):
             shared.strands = strands(shared)
-            if wp.static(kind.spinning):
+            if wp.static(kind.paired):
                 shared.spin_sums = spin_sums(shared)
             else:
                 shared.mount_sums = mount_sums(shared)

@@ -6,15 +6,17 @@ N the moment of contacts and tensioners about the pivot, M_g = r x g of its weig
 stop pushes only, M_stop = k (theta_low - theta) - c omega >= 0 below the lower one, likewise above the upper one.
 """
 
+from typing import Any
+
 import warp as wp
 
-from ..structs import Arm, BodyState
+from ..structs import BodyState
 
 
 @wp.func
-def stop_moment(angle: wp.float64, speed: wp.float64, arm: Arm):
+def stop_moment(angle: Any, speed: Any, arm: Any):
     """Moment [N m] of the stop that an arm leans on, and what of it is elastic."""
-    zero = wp.float64(0.0)
+    zero = type(angle)(0.0)
     elastic = zero
     moment = zero
     if angle < arm.low:
@@ -27,7 +29,7 @@ def stop_moment(angle: wp.float64, speed: wp.float64, arm: Arm):
 
 
 @wp.func
-def own_moment(body: BodyState, heading: wp.vec2d, arm: Arm):
+def own_moment(body: Any, heading: Any, arm: Any):
     """Moment [N m] on an arm of all but contacts and tensioners: weight, spring, damper, stops, as in (a).
 
     Args:
@@ -35,11 +37,10 @@ def own_moment(body: BodyState, heading: wp.vec2d, arm: Arm):
         heading: cosine and sine of its angle.
         arm: its data.
     """
-    r = wp.vec2d(
-        arm.heft[0] * heading[0] - arm.heft[1] * heading[1], arm.heft[0] * heading[1] + arm.heft[1] * heading[0]
-    )
+    x = arm.heft[0] * heading[0] - arm.heft[1] * heading[1]
+    y = arm.heft[0] * heading[1] + arm.heft[1] * heading[0]
     stop, elastic = stop_moment(body.angle, body.speed, arm)
-    weight = r[0] * arm.gravity[1] - r[1] * arm.gravity[0]
+    weight = x * arm.gravity[1] - y * arm.gravity[0]
     return weight + stop - arm.stiffness * (body.angle - arm.free_angle) - arm.damping * body.speed
 
 
@@ -52,22 +53,27 @@ def relaxed_arm(body: BodyState, angular: wp.float64, kick: wp.float64, h: wp.fl
 
 
 @wp.func
-def arm_rates(body: BodyState, heading: wp.vec2d, moment: wp.float64, arm: Arm):
-    """Accelerations of an arm's center (none) and angle [rad/s^2], (a), as `body.body_rates` gives a sprocket's.
+def arm_turning(body: Any, heading: Any, moment: Any, arm: Any):
+    """Angular acceleration of an arm [rad/s^2], (a).
 
     `moment` is that of contacts and tensioners about the pivot [N m].
     """
-    angular = (moment + own_moment(body, heading, arm)) * arm.inverse_inertia
-    return wp.vec3d(wp.float64(0.0), wp.float64(0.0), angular)
+    return (moment + own_moment(body, heading, arm)) * arm.inverse_inertia
 
 
 @wp.func
-def arm_energy(body: BodyState, heading: wp.vec2d, arm: Arm):
+def arm_rates(body: BodyState, heading: wp.vec2d, moment: wp.float64, arm: Any):
+    """Accelerations of an arm's center (none) and angle, as `body.body_rates` gives a sprocket's."""
+    return wp.vec3d(wp.float64(0.0), wp.float64(0.0), arm_turning(body, heading, moment, arm))
+
+
+@wp.func
+def arm_energy(body: Any, heading: Any, arm: Any):
     """Kinetic, elastic and potential energy of an arm [J]."""
-    half = wp.float64(0.5)
+    half = type(body.speed)(0.5)
     turned = body.angle - arm.free_angle
     energy = half * body.speed * body.speed / arm.inverse_inertia + half * arm.stiffness * turned * turned
-    beyond = wp.max(arm.low - body.angle, wp.float64(0.0)) + wp.max(body.angle - arm.high, wp.float64(0.0))
+    beyond = wp.max(arm.low - body.angle, type(half)(0.0)) + wp.max(body.angle - arm.high, type(half)(0.0))
     energy += half * arm.stop_stiffness * beyond * beyond
     x = arm.heft[0] * heading[0] - arm.heft[1] * heading[1]
     y = arm.heft[0] * heading[1] + arm.heft[1] * heading[0]
@@ -75,7 +81,7 @@ def arm_energy(body: BodyState, heading: wp.vec2d, arm: Arm):
 
 
 @wp.func
-def arm_dissipation(body: BodyState, arm: Arm):
+def arm_dissipation(body: Any, arm: Any):
     """Power [W] that an arm's damper and stops take."""
     stop, elastic = stop_moment(body.angle, body.speed, arm)
     return arm.damping * body.speed * body.speed - (stop - elastic) * body.speed

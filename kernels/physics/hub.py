@@ -8,9 +8,10 @@ import warp as wp
 
 from ..pairs import Pair, apart, exact_product, pair, pair_of, plus, rounded, settled, times, trimmed, whole
 from ..root import reciprocal
-from ..structs import BodyState, Hub, Mount, SpinRates, SpinWrench, Wheel
+from ..structs import BodyState, Hub, Mount, SpinRates, SpinWrench, Wheel, WheelStages
 from ..trigonometry import sine_cosine
 from .mount import PRESCRIBED, accelerations, holding_force, prescribing_power
+from .stages import staged
 
 
 @wp.func
@@ -125,6 +126,26 @@ def drifted(place: Pair, h: wp.float32, speed: Pair):
 
 
 @wp.func
+def placed(x: Pair, y: Pair, u: Pair, v: Pair, wheel: Wheel, hub: Hub):
+    """A sprocket whose center is at (x, y) [m] and moves at (u, v) [m/s]: the wheel and its hub."""
+    wheel.center = wp.vec2f(x.high, y.high)
+    wheel.center_low = wp.vec2f(x.low, y.low)
+    wheel.velocity = wp.vec2f(u.high, v.high)
+    hub.velocity_low = wp.vec2f(u.low, v.low)
+    return wheel, hub
+
+
+@wp.func
+def prescribed_hub(time: Pair, hub: Hub):
+    """Place (x, y) [m] and velocity [m/s] of a prescribed center."""
+    sine, cosine = prescribed_phase(time, hub)
+    along = plus(hub.offset, times(hub.amplitude, sine))
+    x = plus(times(along, hub.direction[0]), pair(hub.home[0], hub.home_low[0]))
+    y = plus(times(along, hub.direction[1]), pair(hub.home[1], hub.home_low[1]))
+    return x, y, (hub.amplitude.high * hub.frequency.high * rounded(cosine)) * hub.direction
+
+
+@wp.func
 def hub_moved(time: Pair, kick: wp.float32, h: wp.float32, wheel: Wheel, hub: Hub, rates: wp.vec3f):
     """A sprocket's center a leapfrog step on to `time`, as `body.leapfrog_body`: the wheel and its hub."""
     x = coordinate(wheel, 0)
@@ -132,10 +153,7 @@ def hub_moved(time: Pair, kick: wp.float32, h: wp.float32, wheel: Wheel, hub: Hu
     u = speed_along(wheel, hub, 0)
     v = speed_along(wheel, hub, 1)
     if hub.moves == PRESCRIBED:
-        sine, cosine = prescribed_phase(time, hub)
-        along = plus(hub.offset, times(hub.amplitude, sine))
-        to_x = plus(times(along, hub.direction[0]), pair(hub.home[0], hub.home_low[0]))
-        to_y = plus(times(along, hub.direction[1]), pair(hub.home[1], hub.home_low[1]))
+        to_x, to_y, moving = prescribed_hub(time, hub)
         u = pair_of(apart(to_x, x) * reciprocal(h))
         v = pair_of(apart(to_y, y) * reciprocal(h))
         x = to_x
@@ -145,11 +163,37 @@ def hub_moved(time: Pair, kick: wp.float32, h: wp.float32, wheel: Wheel, hub: Hu
         v = shifted(v, kick, rates[1])
         x = drifted(x, h, u)
         y = drifted(y, h, v)
-    wheel.center = wp.vec2f(x.high, y.high)
-    wheel.center_low = wp.vec2f(x.low, y.low)
-    wheel.velocity = wp.vec2f(u.high, v.high)
-    hub.velocity_low = wp.vec2f(u.low, v.low)
-    return wheel, hub
+    return placed(x, y, u, v, wheel, hub)
+
+
+@wp.func
+def hub_staged(
+    number: int,
+    weight: wp.float32,
+    reach: wp.float32,
+    time: Pair,
+    wheel: Wheel,
+    hub: Hub,
+    stages: WheelStages,
+    rates: wp.vec3f,
+):
+    """A sprocket's center where the next stage of rk4 has it, at `time`: the wheel, its hub, and as `stages.staged`."""
+    u = speed_along(wheel, hub, 0)
+    v = speed_along(wheel, hub, 1)
+    x, of_x = staged(number, weight, reach, coordinate(wheel, 0), u, stages.x)
+    y, of_y = staged(number, weight, reach, coordinate(wheel, 1), v, stages.y)
+    u, of_u = staged(number, weight, reach, u, pair_of(rates[0]), stages.across)
+    v, of_v = staged(number, weight, reach, v, pair_of(rates[1]), stages.up)
+    stages.x = of_x
+    stages.y = of_y
+    stages.across = of_u
+    stages.up = of_v
+    if hub.moves == PRESCRIBED:
+        x, y, velocity = prescribed_hub(time, hub)
+        u = pair_of(velocity[0])
+        v = pair_of(velocity[1])
+    wheel, hub = placed(x, y, u, v, wheel, hub)
+    return wheel, hub, stages
 
 
 @wp.func
@@ -178,6 +222,5 @@ def hub_velocity(time: Pair, lag: wp.float32, wheel: Wheel, hub: Hub, rates: wp.
     """Velocity of a center [m/s] `lag` after that of its rates, as `body.body_at`."""
     velocity = wheel.velocity + lag * wp.vec2f(rates[0], rates[1])
     if hub.moves == PRESCRIBED:
-        sine, cosine = prescribed_phase(time, hub)
-        velocity = (hub.amplitude.high * hub.frequency.high * rounded(cosine)) * hub.direction
+        x, y, velocity = prescribed_hub(time, hub)
     return velocity

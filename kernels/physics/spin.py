@@ -14,10 +14,11 @@ import warp as wp
 
 from ..pairs import Pair, apart, exact_product, minus, pair, pair_of, plus, rounded, settled, times, trimmed, whole
 from ..root import reciprocal
-from ..structs import BodyState, Led, Motion, Pose, Spin, Wheel
+from ..structs import BodyState, Led, Motion, Pose, Spin, Wheel, WheelStages
 from ..trigonometry import HALF_PI, sine_cosine
 from .motion import ramp, resisted
 from .seat import grid_of, reach_of
+from .stages import staged
 
 
 @wp.func
@@ -222,3 +223,21 @@ def spun(wheel: Wheel, change: wp.float32, h: wp.float32, ahead: Led, spin: Spin
         turn = way.high + (way.low + h * wheel.speed.low)
         wheel.angle = plus(wheel.angle, way)
     return swung(wheel, turn)
+
+
+@wp.func
+def spin_staged(
+    number: int, weight: wp.float32, reach: wp.float32, wheel: Wheel, stages: WheelStages, angular: wp.float32
+):
+    """Angle and angular velocity where the next stage of rk4 has them, as `stages.staged`; the heading is as before.
+
+    `angular` is the angular acceleration [rad/s^2].
+    """
+    turning = wheel.speed
+    angle, of_angle = staged(number, weight, reach, wheel.angle, turning, stages.angle)
+    speed, of_speed = staged(number, weight, reach, turning, pair_of(angular), stages.speed)
+    wheel.angle = angle
+    wheel.speed = speed
+    stages.angle = of_angle
+    stages.speed = of_speed
+    return wheel, stages

@@ -53,23 +53,23 @@ x_b is the bottom of the chamber, where a plunger stands without a ratchet, too.
 """
 
 import math
+from typing import Any
 
 import warp as wp
 
-from ..structs import BodyState, Push, Tensioner, TensionerState, Wrench
-from ..sum_structs import TensionerFlows
+from ..logarithm import log_of_sum, logarithm
+from ..pairs import Pair, apart, pair_of, plus, rounded, times, trimmed
+from ..structs import BodyState, Plunger, PlungerState, Push, Tensioner, TensionerState, Wrench
+from ..sum_structs import PlungerFlows, TensionerFlows
 from .body import heading_of
 
 ROUNDS = wp.constant(60)
 """Newton's steps at most; from the pressure before, two or three do."""
 
-CLOSE = wp.constant(wp.float64(1e-7))
-"""A step of Newton's that is smaller than this part of z is the last (the error is then about its square)."""
-
-LARGEST = wp.constant(wp.float64(8.0))
+LARGEST = 8.0
 """z above any pressure: 8^7 is two million times the ambient one."""
 
-SMALL = wp.constant(wp.float64(0.03))
+SMALL = 0.03
 """Up to here exp is a polynomial of degree 5, to 1e-12."""
 
 NODES = [0.1834346424956498, 0.525532409916329, 0.7966664774136267, 0.9602898564975363]
@@ -112,62 +112,62 @@ def tensioner_wrench(force: wp.float64, arm: wp.vec2d, tensioner: Tensioner):
 
 
 @wp.func
-def chamber_volume(x: wp.float64, tensioner: Tensioner):
+def chamber_volume(x: Any, tensioner: Any):
     """V [m^3]; what is left at the bottom where x is below that."""
-    return tensioner.volume + tensioner.area * wp.max(x, tensioner.bottom)
+    return tensioner.volume + tensioner.area * wp.max(rounded(x), tensioner.bottom)
 
 
 @wp.func
-def root_of(pressure: wp.float64, tensioner: Tensioner):
+def root_of(pressure: Any, tensioner: Any):
     """z = (P / P_0)^(1/7)."""
-    return wp.pow(pressure / tensioner.ambient, wp.float64(wp.static(1.0 / 7.0)))
+    return wp.pow(pressure / tensioner.ambient, type(pressure)(wp.static(1.0 / 7.0)))
 
 
 @wp.func
-def pressure_at(z: wp.float64, tensioner: Tensioner):
+def pressure_at(z: Any, tensioner: Any):
     """P = P_0 z^7 [Pa]."""
     square = z * z
     return tensioner.ambient * square * square * square * z
 
 
 @wp.func
-def compression(z: wp.float64, tensioner: Tensioner):
+def compression(z: Any, tensioner: Any):
     """phi [-] and dphi/dz, eq. (5)."""
-    one = wp.float64(1.0)
+    one = type(z)(1.0)
     square = z * z
     sixth = square * square * square
     share = one / (one + tensioner.air)
     stiff = share * tensioner.ambient / tensioner.bulk_modulus * sixth
     soft = share * tensioner.air / sixth
-    return (stiff - soft) * z, wp.float64(7.0) * stiff + wp.float64(5.0) * soft
+    return (stiff - soft) * z, type(z)(7.0) * stiff + type(z)(5.0) * soft
 
 
 @wp.func
-def bulk_modulus(pressure: wp.float64, tensioner: Tensioner):
+def bulk_modulus(pressure: Any, tensioner: Any):
     """E(P) [Pa], eq. (4)."""
     z = root_of(pressure, tensioner)
     phi, slope = compression(z, tensioner)
-    return wp.float64(7.0) * pressure / (z * slope)
+    return type(pressure)(7.0) * pressure / (z * slope)
 
 
 @wp.func
-def valve_lift(pressure: wp.float64, tensioner: Tensioner):
+def valve_lift(pressure: Any, tensioner: Any):
     """y [m] of the ball, eq. (8)."""
     push = (tensioner.supply - pressure) * tensioner.hole_area - tensioner.valve_preload
-    return wp.clamp(push / tensioner.valve_stiffness, wp.float64(0.0), tensioner.lift_max)
+    return wp.clamp(push / tensioner.valve_stiffness, type(pressure)(0.0), tensioner.lift_max)
 
 
 @wp.func
-def valve_flow(pressure: wp.float64, tensioner: Tensioner):
+def valve_flow(pressure: Any, tensioner: Any):
     """Q_cv [m^3/s] and dQ_cv/dP, eq. (8)."""
-    zero = wp.float64(0.0)
-    two = wp.float64(2.0)
+    zero = type(pressure)(0.0)
+    two = type(pressure)(2.0)
     flow = zero
     slope = zero
     y = valve_lift(pressure, tensioner)
     if y > zero:
         drop = tensioner.supply - pressure
-        around = tensioner.discharge * wp.float64(wp.static(math.pi))
+        around = tensioner.discharge * type(pressure)(wp.static(math.pi))
         curtain = around * y * (tensioner.seat_width + y * tensioner.seat_growth)
         hole = tensioner.hole_area
         part = hole / wp.sqrt(curtain * curtain + hole * hole)
@@ -186,7 +186,7 @@ def valve_flow(pressure: wp.float64, tensioner: Tensioner):
 
 
 @wp.func
-def inflow(pressure: wp.float64, rate: wp.float64, tensioner: Tensioner):
+def inflow(pressure: Any, rate: Any, tensioner: Any):
     """Q_cv, Q_leak [m^3/s] and d(Q_cv - Q_leak)/dP, eq. (7), (8)."""
     supplied, slope = valve_flow(pressure, tensioner)
     leaked = tensioner.leak * (pressure - tensioner.ambient) + tensioner.drag * rate
@@ -194,39 +194,83 @@ def inflow(pressure: wp.float64, rate: wp.float64, tensioner: Tensioner):
 
 
 @wp.func
-def imbalance(z: wp.float64, content: wp.float64, volume: wp.float64, h: wp.float64, rate: wp.float64, t: Tensioner):
-    """What is left of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6)."""
-    phi, slope = compression(z, t)
-    room = volume
-    if h > wp.float64(0.0):
-        pressure = pressure_at(z, t)
-        supplied, leaked, flow_slope = inflow(pressure, rate, t)
-        room = wp.max(volume - h * (supplied - leaked), wp.float64(0.01) * volume)
-        slope -= h * flow_slope * wp.float64(7.0) * pressure / (z * room)
-    return phi + wp.log(room / t.volume) - content, slope
+def filling(x: wp.float64, state: TensionerState, tensioner: Tensioner):
+    """The chamber's volume V [m^3], and what phi + `room_left` is with the oil in it, eq. (6): mu."""
+    return chamber_volume(x, tensioner), state.content
 
 
 @wp.func
-def solved_root(
-    content: wp.float64, volume: wp.float64, h: wp.float64, rate: wp.float64, near: wp.float64, tensioner: Tensioner
-):
+def filling(x: Pair, state: PlungerState, tensioner: Plunger):
+    """The same at float32: mu - ln(V/V_0), which is phi and small, so that float32 holds it to 2e-9."""
+    reach = x
+    if x.high < tensioner.bottom:
+        reach = pair_of(tensioner.bottom)
+    part = plus(times(reach, tensioner.area / tensioner.volume), 1.0)
+    return chamber_volume(x, tensioner), apart(state.content, logarithm(part))
+
+
+@wp.func
+def room_left(volume: wp.float64, inflow: wp.float64, tensioner: Tensioner):
+    """What a step's inflow [m^3] leaves of V [m^3], and the logarithm of its part of V_0."""
+    room = wp.max(volume - inflow, wp.float64(0.01) * volume)
+    return room, wp.log(room / tensioner.volume)
+
+
+@wp.func
+def room_left(volume: wp.float32, inflow: wp.float32, tensioner: Plunger):
+    """The same at float32, the logarithm that of its part of V."""
+    part = wp.max(-inflow / volume, -0.99)
+    return volume + volume * part, log_of_sum(part)
+
+
+@wp.func
+def imbalance(z: Any, content: Any, volume: Any, h: Any, rate: Any, t: Any):
+    """What is left of eq. (9) at z, and its derivative by z; with h = 0 of eq. (6)."""
+    phi, slope = compression(z, t)
+    zero = type(z)(0.0)
+    if h > zero:
+        pressure = pressure_at(z, t)
+        supplied, leaked, flow_slope = inflow(pressure, rate, t)
+        room, part = room_left(volume, h * (supplied - leaked), t)
+        slope -= h * flow_slope * type(z)(7.0) * pressure / (z * room)
+        rest = phi + part - content
+    else:
+        room, part = room_left(volume, zero, t)
+        rest = phi + part - content
+    return rest, slope
+
+
+@wp.func
+def close_to(z: wp.float64):
+    """A step of Newton's that is smaller than this is the last (the error is then about its square)."""
+    return wp.float64(1e-7) * z
+
+
+@wp.func
+def close_to(z: wp.float32):
+    """The same at float32."""
+    return 1.0e-4 * z
+
+
+@wp.func
+def solved_root(content: Any, volume: Any, h: Any, rate: Any, near: Any, tensioner: Any):
     """z of eq. (9), or of eq. (6) where h = 0, not below that of the vapor pressure; by Newton's method in a bracket.
 
     Args:
-        content: mu [-].
-        volume: V [m^3].
+        content, volume: of the oil, as `filling` gives them.
         h: step [s].
         rate: x' [m/s].
         near: a z to begin at.
+        tensioner: its data.
     """
-    zero = wp.float64(0.0)
+    zero = type(near)(0.0)
     floor = zero  # z of the vapor pressure, once it is wanted
     low = zero
-    high = LARGEST
+    high = type(near)(wp.static(LARGEST))
     z = near
     change = high
     rounds = int(0)
-    while rounds < ROUNDS and wp.abs(change) > CLOSE * z:
+    while rounds < ROUNDS and wp.abs(change) > close_to(z):
         rest, slope = imbalance(z, content, volume, h, rate, tensioner)
         if rest > zero:
             high = z
@@ -238,7 +282,7 @@ def solved_root(
                 floor = root_of(tensioner.vapor, tensioner)
             after = floor
         if after < low or after > high or (z > floor and low == floor and after == floor):
-            after = wp.float64(0.5) * (low + high)
+            after = type(near)(0.5) * (low + high)
         change = after - z
         z = after
         rounds += 1
@@ -246,48 +290,48 @@ def solved_root(
 
 
 @wp.func
-def pressure_of(x: wp.float64, state: TensionerState, tensioner: Tensioner):
+def pressure_of(x: Any, state: Any, tensioner: Any):
     """P(mu, x) [Pa], eq. (6); the ambient pressure of a mere spring."""
     pressure = tensioner.ambient
     if tensioner.hydraulic == 1:
-        zero = wp.float64(0.0)
-        volume = chamber_volume(x, tensioner)
+        zero = type(pressure)(0.0)
+        volume, content = filling(x, state, tensioner)
         near = root_of(state.pressure, tensioner)
-        pressure = pressure_at(solved_root(state.content, volume, zero, zero, near, tensioner), tensioner)
+        pressure = pressure_at(solved_root(content, volume, zero, zero, near, tensioner), tensioner)
     return pressure
 
 
 @wp.func
-def elastic_push(x: wp.float64, pressure: wp.float64, tensioner: Tensioner):
+def elastic_push(x: Any, pressure: Any, tensioner: Any):
     """(P - P_0) A + f_0 - k x [N], the spring pushing only where there is no oil, eq. (2), (3)."""
-    push = tensioner.preload - tensioner.stiffness * x
+    push = tensioner.preload - tensioner.stiffness * rounded(x)
     if tensioner.hydraulic == 0:
-        push = wp.max(push, wp.float64(0.0))
+        push = wp.max(push, type(pressure)(0.0))
     return push + (pressure - tensioner.ambient) * tensioner.area
 
 
 @wp.func
-def stop_place(state: TensionerState, tensioner: Tensioner):
+def stop_place(state: Any, tensioner: Any):
     """x_s [m] below which the stop pushes out, eq. (12)."""
     place = tensioner.bottom
     pitch = tensioner.ratchet_pitch
-    if pitch > wp.float64(0.0):
+    if pitch > type(pitch)(0.0):
         place = wp.max(place, pitch * wp.floor(state.farthest / pitch) - tensioner.backlash)
     return place
 
 
 @wp.func
-def stop_force(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+def stop_force(x: Any, rate: Any, state: Any, tensioner: Any):
     """F_s [N], eq. (12)."""
-    force = wp.float64(0.0)
-    depth = stop_place(state, tensioner) - x
+    force = type(rate)(0.0)
+    depth = stop_place(state, tensioner) - rounded(x)
     if depth > force:
         force = wp.max(force, tensioner.stop_stiffness * depth - tensioner.stop_damping * rate)
     return force
 
 
 @wp.func
-def tensioner_force(x: wp.float64, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+def tensioner_force(x: Any, rate: Any, state: Any, tensioner: Any):
     """F >= 0 [N] on the touched point along the direction, and P [Pa], eq. (2), (3).
 
     Args:
@@ -296,7 +340,7 @@ def tensioner_force(x: wp.float64, rate: wp.float64, state: TensionerState, tens
     """
     pressure = pressure_of(x, state, tensioner)
     push = elastic_push(x, pressure, tensioner) - tensioner.damping * rate
-    return wp.max(push, wp.float64(0.0)) + stop_force(x, rate, state, tensioner), pressure
+    return wp.max(push, type(rate)(0.0)) + stop_force(x, rate, state, tensioner), pressure
 
 
 @wp.func
@@ -322,14 +366,83 @@ def push_by(body: BodyState, remembered: TensionerState, tensioner: Tensioner):
 
 
 @wp.func
-def lost_power(push: Push, rate: wp.float64, state: TensionerState, tensioner: Tensioner):
+def lost_power(push: Any, rate: Any, state: Any, tensioner: Any):
     """Power [W] that the dampers of spring and stop take, and what is lost where a plunger cannot follow.
 
     `rate` is x' at the instant of `push` [m/s], whose own is half a step behind with leapfrog.
     """
-    depth = wp.max(stop_place(state, tensioner) - push.extension, wp.float64(0.0))
+    depth = wp.max(stop_place(state, tensioner) - rounded(push.extension), type(rate)(0.0))
     elastic = elastic_push(push.extension, push.pressure, tensioner) + tensioner.stop_stiffness * depth
     return (elastic - push.force) * rate
+
+
+@wp.func
+def exponential(x: Any):
+    """exp(x), quick where x is small."""
+    one = type(x)(1.0)
+    value = one + x / type(x)(5.0)
+    if wp.abs(x) < type(x)(wp.static(SMALL)):
+        value = one + x * type(x)(0.25) * value
+        value = one + x * type(x)(wp.static(1.0 / 3.0)) * value
+        value = one + x * type(x)(0.5) * value
+        value = one + x * value
+    else:
+        value = wp.exp(x)
+    return value
+
+
+@wp.func
+def compressed(z: Any, phi_end: Any, tensioner: Any):
+    """(p - P_0) exp(phi_end - phi) dphi/dz, what eq. (10) integrates."""
+    phi, slope = compression(z, tensioner)
+    return (pressure_at(z, tensioner) - tensioner.ambient) * exponential(phi_end - phi) * slope
+
+
+@wp.func
+def specific_energy(z: Any, tensioner: Any):
+    """u exp(phi) [Pa], eq. (10): the energy of the oil by its volume as it is; and exp(phi)."""
+    phi, slope = compression(z, tensioner)
+    half = type(z)(0.5) * (z - type(z)(1.0))
+    middle = type(z)(1.0) + half
+    total = type(z)(0.0)
+    for i in range(wp.static(len(NODES))):
+        reach = type(z)(wp.static(NODES[i])) * half
+        both = compressed(middle - reach, phi, tensioner) + compressed(middle + reach, phi, tensioner)
+        total += type(z)(wp.static(WEIGHTS[i])) * both
+    return half * total, wp.exp(phi)
+
+
+@wp.func
+def enthalpy(z: Any, tensioner: Any):
+    """H [Pa] of the oil, eq. (10)."""
+    energy, density = specific_energy(z, tensioner)
+    return (energy + pressure_at(z, tensioner) - tensioner.ambient) / density
+
+
+@wp.func
+def oil_energy(x: Any, state: Any, tensioner: Any):
+    """U [J], eq. (11); 0 at the ambient pressure."""
+    pressure = pressure_of(x, state, tensioner)
+    energy, density = specific_energy(root_of(pressure, tensioner), tensioner)
+    liquid = tensioner.volume * wp.exp(rounded(state.content)) / density
+    vapor = chamber_volume(x, tensioner) - liquid
+    return liquid * energy - (pressure - tensioner.ambient) * vapor
+
+
+@wp.func
+def tensioner_energy(x: Any, state: Any, tensioner: Any):
+    """Stored in spring, stop and oil [J]; the spring's is 0 at x = 0."""
+    half = type(tensioner.volume)(0.5)
+    zero = type(tensioner.volume)(0.0)
+    reach = rounded(x)
+    if tensioner.hydraulic == 0 and tensioner.stiffness > zero:
+        reach = wp.min(reach, tensioner.preload / tensioner.stiffness)
+    energy = reach * (half * tensioner.stiffness * reach - tensioner.preload)
+    depth = wp.max(stop_place(state, tensioner) - rounded(x), zero)
+    energy += half * tensioner.stop_stiffness * depth * depth
+    if tensioner.hydraulic == 1:
+        energy += oil_energy(x, state, tensioner)
+    return energy
 
 
 @wp.func
@@ -341,75 +454,6 @@ def damper_power(x: wp.float64, rate: wp.float64, state: TensionerState, tension
     push.force = force
     push.pressure = pressure
     return lost_power(push, rate, state, tensioner)
-
-
-@wp.func
-def exponential(x: wp.float64):
-    """exp(x), quick where x is small."""
-    one = wp.float64(1.0)
-    value = one + x / wp.float64(5.0)
-    if wp.abs(x) < SMALL:
-        value = one + x * wp.float64(0.25) * value
-        value = one + x * wp.float64(wp.static(1.0 / 3.0)) * value
-        value = one + x * wp.float64(0.5) * value
-        value = one + x * value
-    else:
-        value = wp.exp(x)
-    return value
-
-
-@wp.func
-def compressed(z: wp.float64, phi_end: wp.float64, tensioner: Tensioner):
-    """(p - P_0) exp(phi_end - phi) dphi/dz, what eq. (10) integrates."""
-    phi, slope = compression(z, tensioner)
-    return (pressure_at(z, tensioner) - tensioner.ambient) * exponential(phi_end - phi) * slope
-
-
-@wp.func
-def specific_energy(z: wp.float64, tensioner: Tensioner):
-    """u exp(phi) [Pa], eq. (10): the energy of the oil by its volume as it is; and exp(phi)."""
-    phi, slope = compression(z, tensioner)
-    half = wp.float64(0.5) * (z - wp.float64(1.0))
-    middle = wp.float64(1.0) + half
-    total = wp.float64(0.0)
-    for i in range(wp.static(len(NODES))):
-        reach = wp.float64(wp.static(NODES[i])) * half
-        pair = compressed(middle - reach, phi, tensioner) + compressed(middle + reach, phi, tensioner)
-        total += wp.float64(wp.static(WEIGHTS[i])) * pair
-    return half * total, wp.exp(phi)
-
-
-@wp.func
-def enthalpy(z: wp.float64, tensioner: Tensioner):
-    """H [Pa] of the oil, eq. (10)."""
-    energy, density = specific_energy(z, tensioner)
-    return (energy + pressure_at(z, tensioner) - tensioner.ambient) / density
-
-
-@wp.func
-def oil_energy(x: wp.float64, state: TensionerState, tensioner: Tensioner):
-    """U [J], eq. (11); 0 at the ambient pressure."""
-    pressure = pressure_of(x, state, tensioner)
-    energy, density = specific_energy(root_of(pressure, tensioner), tensioner)
-    liquid = tensioner.volume * wp.exp(state.content) / density
-    vapor = chamber_volume(x, tensioner) - liquid
-    return liquid * energy - (pressure - tensioner.ambient) * vapor
-
-
-@wp.func
-def tensioner_energy(x: wp.float64, state: TensionerState, tensioner: Tensioner):
-    """Stored in spring, stop and oil [J]; the spring's is 0 at x = 0."""
-    half = wp.float64(0.5)
-    zero = wp.float64(0.0)
-    reach = x
-    if tensioner.hydraulic == 0 and tensioner.stiffness > zero:
-        reach = wp.min(x, tensioner.preload / tensioner.stiffness)
-    energy = reach * (half * tensioner.stiffness * reach - tensioner.preload)
-    depth = wp.max(stop_place(state, tensioner) - x, zero)
-    energy += half * tensioner.stop_stiffness * depth * depth
-    if tensioner.hydraulic == 1:
-        energy += oil_energy(x, state, tensioner)
-    return energy
 
 
 @wp.func
@@ -426,43 +470,67 @@ def resting_state(x: wp.float64, tensioner: Tensioner):
 
 
 @wp.func
-def oil_step(x: wp.float64, rate: wp.float64, h: wp.float64, state: TensionerState, tensioner: Tensioner):
+def no_flows(h: wp.float64):
+    """Where nothing has flowed yet."""
+    return TensionerFlows()
+
+
+@wp.func
+def no_flows(h: wp.float32):
+    """The same at float32."""
+    return PlungerFlows()
+
+
+@wp.func
+def content_after(content: wp.float64, gain: wp.float64):
+    """mu after M has changed by `gain` [units of V_0 at phi = 0], eq. (6)."""
+    return wp.log(wp.exp(content) + gain)
+
+
+@wp.func
+def content_after(content: Pair, gain: wp.float32):
+    """The same at float32."""
+    return trimmed(plus(content, log_of_sum(gain / wp.exp(content.high))))
+
+
+@wp.func
+def oil_step(x: Any, rate: Any, h: Any, state: Any, tensioner: Any):
     """The oil after a step, and what flowed, eq. (9).
 
     What flows has the enthalpy at the mean z of the step's ends: with it, work on the plunger by the mean of the forces
     at both ends and what is stored, lost and supplied differ by O(h^2).
     """
     before = root_of(state.pressure, tensioner)
-    z = solved_root(state.content, chamber_volume(x, tensioner), h, rate, before, tensioner)
+    volume, content = filling(x, state, tensioner)
+    z = solved_root(content, volume, h, rate, before, tensioner)
     pressure = pressure_at(z, tensioner)
     supplied, leaked, slope = inflow(pressure, rate, tensioner)
-    flows = TensionerFlows()
+    flows = no_flows(h)
     flows.supplied = h * supplied
     flows.leaked = h * leaked
     flows.lift = valve_lift(pressure, tensioner)
     phi, slope = compression(z, tensioner)
     density = wp.exp(phi)
-    middle = enthalpy(wp.float64(0.5) * (before + z), tensioner)
+    middle = enthalpy(type(z)(0.5) * (before + z), tensioner)
     flows.leak_loss = middle * density * flows.leaked
-    if supplied > wp.float64(0.0):
+    if supplied > type(z)(0.0):
         flows.supply_work = enthalpy(root_of(tensioner.supply, tensioner), tensioner) * density * flows.supplied
         flows.valve_loss = flows.supply_work - middle * density * flows.supplied
-    mass = wp.exp(state.content) + density * (flows.supplied - flows.leaked) / tensioner.volume
-    state.content = wp.log(mass)
+    state.content = content_after(state.content, density * (flows.supplied - flows.leaked) / tensioner.volume)
     state.pressure = pressure
     return state, flows
 
 
 @wp.func
-def tensioner_step(x: wp.float64, rate: wp.float64, h: wp.float64, state: TensionerState, tensioner: Tensioner):
+def tensioner_step(x: Any, rate: Any, h: Any, state: Any, tensioner: Any):
     """The state after a step of `h` [s], once the body has moved, and what flowed in it.
 
     Args:
         x: extension after the step [m].
         rate: x' over the step [m/s].
     """
-    flows = TensionerFlows()
+    flows = no_flows(h)
     if tensioner.hydraulic == 1:
         state, flows = oil_step(x, rate, h, state, tensioner)
-    state.farthest = wp.max(state.farthest, x)
+    state.farthest = wp.max(state.farthest, rounded(x))
     return state, flows

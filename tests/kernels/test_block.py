@@ -14,7 +14,7 @@ from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
-from warpchain.engine.buckets import curved, pushing
+from warpchain.engine.buckets import curved
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic, quickened
@@ -126,7 +126,6 @@ def kind_of(packed, shape):
         tensioners=int(packed.drives["tensioners"][0]),
         profiles=bool(packed.drives["pieces"].any()),
         curved=bool(curved(packed).any()),
-        pushing=bool(pushing(packed).any()),
     )
 
 
@@ -364,16 +363,18 @@ def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
 
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
-@pytest.mark.parametrize("drives", [equal_sprockets, rk4, moving_sprockets])
+@pytest.mark.parametrize("drives", [equal_sprockets, rk4, moving_sprockets, arms, arms_rk4, pushed_slider])
 def test_where_launches_end_does_not_matter(fibers, drives, precision):
     variants = drives()[:1]
     schedules = [Schedule(drive.run.step, 2100, 1000, 2100, 0) for drive in variants]
     packed = pack(variants, schedules).at_precision(precision)
     none = wp.zeros(1, dtype=packed.real, device="cpu")
-    once = run_blocks(packed, BlockShape(32, 2), [2101], [0], none)
-    twice = run_blocks(packed, BlockShape(32, 2), [1024, 1024, 53], [0], none)
-    np.testing.assert_array_equal(once[0].rollers.numpy(), twice[0].rollers.numpy())
-    for name in ("chain", "strand", "sprocket", "mount", "contact"):
+    shape = BlockShape(32, -(-variants[0].chain.links // 32))
+    once = run_blocks(packed, shape, [2101], [0], none)
+    twice = run_blocks(packed, shape, [1024, 1024, 53], [0], none)
+    for name in ("rollers", "bodies", "tensioners"):
+        np.testing.assert_array_equal(getattr(once[0], name).numpy(), getattr(twice[0], name).numpy(), err_msg=name)
+    for name in ("chain", "strand", "sprocket", "mount", "contact", "arm", "tensioner"):
         mine, theirs = getattr(once[1], name).numpy(), getattr(twice[1], name).numpy()
         np.testing.assert_array_equal(mine, theirs, err_msg=name)
 

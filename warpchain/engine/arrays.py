@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.engine.fill import INTEGRATORS
-from warpchain.engine.packed import Packed
+from warpchain.engine.packed import Packed, dtype_of
 from warpchain.kernels import batches, structs, sum_structs
 from warpchain.kernels.tension_bins import BINS
 
@@ -51,11 +51,25 @@ def split_pieces(pieces: NDArray[Any]) -> NDArray[np.float32]:
     return made.reshape(-1, 4)
 
 
+def strokes(tensioners: NDArray[Any]) -> NDArray[Any]:
+    """(tensioners,) `structs.Stroke`."""
+    made = np.zeros(len(tensioners), dtype=structs.Stroke.numpy_dtype())
+    (px, py), (dx, dy) = tensioners["point"].T, tensioners["direction"].T
+    home = (tensioners["home"] * tensioners["direction"]).sum(axis=1)
+    along, across = px * dx + py * dy, px * dy - py * dx
+    for name, values in zip(made.dtype.names or (), (home, dx, dy, along, across), strict=True):
+        pairs = split(values)
+        made[name]["high"], made[name]["low"] = pairs[:, 0], pairs[:, 1]
+    return made
+
+
 def upload_ensemble(packed: Packed, device: str) -> Any:
     """What does not change during a run (`kernels.structs.types(...).Ensemble`), copied to `device`."""
     kinds = structs.types(packed.real)
     ensemble = kinds.Ensemble()
-    tabulated = packed.precision == "float32" and len(packed.tables) > 0
+    paired = packed.precision == "float32"
+    tabulated = paired and len(packed.tables) > 0
+    arms, tensioners = packed.arms[: None if paired else 0], packed.tensioners[: None if paired else 0]
     for name, values, dtype in (
         ("drives", packed.drives, structs.Drive),
         ("chains", packed.chains, kinds.Chain),
@@ -67,12 +81,15 @@ def upload_ensemble(packed: Packed, device: str) -> Any:
         ("pieces", packed.pieces, structs.Piece),
         ("arms", packed.arms, structs.Arm),
         ("tensioners", packed.tensioners, structs.Tensioner),
+        ("levers", arms.astype(dtype_of(structs.Lever)), structs.Lever),
+        ("plungers", tensioners.astype(dtype_of(structs.Plunger)), structs.Plunger),
+        ("strokes", strokes(tensioners), structs.Stroke),
         ("seats", packed.seats, wp.vec2d),
-        ("split_seats", split_seats(packed.seats) if packed.precision == "float32" else np.zeros((1, 4)), wp.vec4f),
+        ("split_seats", split_seats(packed.seats) if paired else np.zeros((1, 4)), wp.vec4f),
         ("split_harmonics", np.column_stack([packed.harmonics, np.sin(packed.harmonics[:, 2])]), wp.vec4f),
         ("split_tables", split_tables(packed.motions[: None if tabulated else 0]), structs.SplitTable),
         ("split_values", split(packed.tables[: None if tabulated else 0]), wp.vec2f),
-        ("split_pieces", split_pieces(packed.pieces[: None if packed.precision == "float32" else 0]), wp.vec4f),
+        ("split_pieces", split_pieces(packed.pieces[: None if paired else 0]), wp.vec4f),
         ("tooth_sliding", packed.tooth_sliding, kinds.Sliding),
         ("guide_sliding", packed.guide_sliding, kinds.Sliding),
         ("joints", packed.joints, kinds.Joint),

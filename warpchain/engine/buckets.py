@@ -108,14 +108,6 @@ def curved(packed: Packed) -> NDArray[np.bool_]:
     return (np.add.reduceat(counts, packed.drives["first_body"]) > 0) | (packed.precision == "float64")
 
 
-def pushing(packed: Packed) -> NDArray[np.bool_]:
-    """Which variants have tensioners that push sprockets, (variants,); all at float64, where no kernel asks."""
-    owner = np.repeat(np.arange(packed.variants), packed.drives["tensioners"])
-    on_sprockets = packed.tensioners["body"] < packed.drives["sprockets"][owner]
-    counts = np.bincount(owner[on_sprockets], minlength=packed.variants)
-    return (counts > 0) | (packed.precision == "float64")
-
-
 def rows_apart(buckets: Sequence[Bucket]) -> tuple[int, int, int]:
     """Values, integers and values of parts that blocks too large for shared memory keep in global memory."""
     needs = np.zeros(3, dtype=int)
@@ -167,7 +159,6 @@ class GpuKernels:
             "tensioners": drives["tensioners"],
             "profiles": drives["pieces"] > 0,
             "curved": curved(packed),
-            "pushing": pushing(packed),
             "stribeck": packed.stribeck,
         }
         keys = np.column_stack(list(columns.values()))

@@ -1,0 +1,159 @@
+"""What arms and tensioners keep at float32 without float64, and the window's sums of them, as `block_spin_sums`.
+
+Read from the state and written back as float64, which holds them exactly.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from ..pairs import added, pair_of, rounded, whole
+from ..structs import LeverSums, PlungerMeter, PlungerPush, PlungerState, PlungerSums, TensionerState
+from ..sum_structs import ArmSums, PlungerFlows, TensionerFlows, TensionerSums
+
+
+@wp.func
+def plunger_of(state: TensionerState):
+    """What a tensioner remembers, in pairs."""
+    made = PlungerState()
+    made.content = pair_of(state.content)
+    made.pressure = wp.float32(state.pressure)
+    made.farthest = wp.float32(state.farthest)
+    return made
+
+
+@wp.func
+def tensioner_of(state: PlungerState):
+    """The same in float64."""
+    made = TensionerState()
+    made.content = whole(state.content)
+    made.pressure = wp.float64(state.pressure)
+    made.farthest = wp.float64(state.farthest)
+    return made
+
+
+@wp.func
+def meter_of(flows: TensionerFlows):
+    """A meter in pairs."""
+    meter = PlungerMeter()
+    meter.leaked = pair_of(flows.leaked)
+    meter.supplied = pair_of(flows.supplied)
+    meter.leak_loss = pair_of(flows.leak_loss)
+    meter.valve_loss = pair_of(flows.valve_loss)
+    meter.supply_work = pair_of(flows.supply_work)
+    meter.lift = wp.float32(flows.lift)
+    return meter
+
+
+@wp.func
+def flows_of(meter: PlungerMeter):
+    """A meter in float64."""
+    flows = TensionerFlows()
+    flows.leaked = whole(meter.leaked)
+    flows.supplied = whole(meter.supplied)
+    flows.leak_loss = whole(meter.leak_loss)
+    flows.valve_loss = whole(meter.valve_loss)
+    flows.supply_work = whole(meter.supply_work)
+    flows.lift = wp.float64(meter.lift)
+    return flows
+
+
+@wp.func
+def metered_plunger(total: PlungerMeter, flows: PlungerFlows):
+    """As `sums.metered`."""
+    total.leaked = added(total.leaked, flows.leaked)
+    total.supplied = added(total.supplied, flows.supplied)
+    total.leak_loss = added(total.leak_loss, flows.leak_loss)
+    total.valve_loss = added(total.valve_loss, flows.valve_loss)
+    total.supply_work = added(total.supply_work, flows.supply_work)
+    total.lift = flows.lift
+    return total
+
+
+@wp.func
+def plunger_sums_of(sums: TensionerSums):
+    """A tensioner's sums in pairs."""
+    made = PlungerSums()
+    made.force_min = wp.float32(sums.force_min)
+    made.force_max = wp.float32(sums.force_max)
+    made.force = pair_of(sums.force)
+    made.pressure_min = wp.float32(sums.pressure_min)
+    made.pressure_max = wp.float32(sums.pressure_max)
+    made.pressure = pair_of(sums.pressure)
+    made.extension_min = wp.float32(sums.extension_min)
+    made.extension_max = wp.float32(sums.extension_max)
+    made.extension = pair_of(sums.extension)
+    made.dissipated = pair_of(sums.dissipated)
+    return made
+
+
+@wp.func
+def with_plunger_sums(sums: TensionerSums, made: PlungerSums):
+    """A tensioner's sums in float64; what flowed is in `sums`."""
+    sums.force_min = wp.float64(made.force_min)
+    sums.force_max = wp.float64(made.force_max)
+    sums.force = whole(made.force)
+    sums.pressure_min = wp.float64(made.pressure_min)
+    sums.pressure_max = wp.float64(made.pressure_max)
+    sums.pressure = whole(made.pressure)
+    sums.extension_min = wp.float64(made.extension_min)
+    sums.extension_max = wp.float64(made.extension_max)
+    sums.extension = whole(made.extension)
+    sums.dissipated = whole(made.dissipated)
+    return sums
+
+
+@wp.func
+def add_plunger(sums: PlungerSums, push: PlungerPush, power: wp.float32, weight: wp.float32):
+    """As `sums.add_tensioner`."""
+    x = rounded(push.extension)
+    sums.force_min = wp.min(sums.force_min, push.force)
+    sums.force_max = wp.max(sums.force_max, push.force)
+    sums.force = added(sums.force, weight * push.force)
+    sums.pressure_min = wp.min(sums.pressure_min, push.pressure)
+    sums.pressure_max = wp.max(sums.pressure_max, push.pressure)
+    sums.pressure = added(sums.pressure, weight * push.pressure)
+    sums.extension_min = wp.min(sums.extension_min, x)
+    sums.extension_max = wp.max(sums.extension_max, x)
+    sums.extension = added(sums.extension, weight * x)
+    sums.dissipated = added(sums.dissipated, weight * power)
+    return sums
+
+
+@wp.func
+def lever_sums_of(sums: ArmSums):
+    """An arm's sums in pairs."""
+    made = LeverSums()
+    made.angle_min = wp.float32(sums.angle_min)
+    made.angle_max = wp.float32(sums.angle_max)
+    made.angle = pair_of(sums.angle)
+    made.angle_square = pair_of(sums.angle_square)
+    made.moment = pair_of(sums.moment)
+    made.dissipated = pair_of(sums.dissipated)
+    return made
+
+
+@wp.func
+def arm_sums_of(made: LeverSums):
+    """An arm's sums in float64."""
+    sums = ArmSums()
+    sums.angle_min = wp.float64(made.angle_min)
+    sums.angle_max = wp.float64(made.angle_max)
+    sums.angle = whole(made.angle)
+    sums.angle_square = whole(made.angle_square)
+    sums.moment = whole(made.moment)
+    sums.dissipated = whole(made.dissipated)
+    return sums
+
+
+@wp.func
+def add_lever(sums: LeverSums, body: Any, moment: wp.float32, power: wp.float32, weight: wp.float32):
+    """As `sums.add_arm`."""
+    way = weight * body.angle
+    sums.angle_min = wp.min(sums.angle_min, body.angle)
+    sums.angle_max = wp.max(sums.angle_max, body.angle)
+    sums.angle = added(sums.angle, way)
+    sums.angle_square = added(sums.angle_square, way * body.angle)
+    sums.moment = added(sums.moment, weight * moment)
+    sums.dissipated = added(sums.dissipated, weight * power)
+    return sums

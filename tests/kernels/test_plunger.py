@@ -1,0 +1,118 @@
+"""Tensioners at float32 without float64, against those at float64."""
+
+import numpy as np
+import pytest
+import warp as wp
+from tensioner_rig import moved, tensioner
+
+from warpchain.engine.arrays import strokes
+from warpchain.kernels.gpu.block_lever_sums import flows_of, metered_plunger, plunger_of
+from warpchain.kernels.pairs import pair_of, rounded, whole
+from warpchain.kernels.physics.body import heading_of
+from warpchain.kernels.physics.plunger import lever_of, reached
+from warpchain.kernels.physics.spin import wheel_at
+from warpchain.kernels.physics.tensioner import (
+    extension,
+    resting_state,
+    tensioner_energy,
+    tensioner_force,
+    tensioner_step,
+    tensioner_wrench,
+    touch_of,
+)
+from warpchain.kernels.structs import BodyState, Plunger, PlungerMeter, Stroke, Tensioner
+
+COLUMNS = ("force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "content")
+
+
+def given(values, dtype=wp.float64):
+    return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu")
+
+
+def plunger_like(t):
+    """The same tensioner at float32."""
+    made = Plunger()
+    for name in Tensioner.vars:
+        value = getattr(t, name)
+        setattr(made, name, wp.vec2f(*value) if isinstance(value, wp.vec2d) else value)
+    return made
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def lead(
+    places: wp.array[wp.float64], h: wp.float64, exact: Tensioner, t: Plunger, every: int, out: wp.array2d[wp.float64]
+):
+    state = plunger_of(resting_state(places[0], exact))
+    meter = PlungerMeter()
+    for i in range(1, places.shape[0]):
+        x = pair_of(places[i])
+        rate = wp.float32((places[i] - places[i - 1]) / h)
+        after, flows = tensioner_step(x, rate, wp.float32(h), state, t)
+        state = after
+        meter = metered_plunger(meter, flows)
+        force, pressure = tensioner_force(x, rate, state, t)
+        if i % every == 0:
+            row = i // every - 1
+            total = flows_of(meter)
+            out[row, 0] = wp.float64(force)
+            out[row, 1] = wp.float64(pressure)
+            out[row, 2] = wp.float64(tensioner_energy(x, state, t))
+            out[row, 3] = total.leaked
+            out[row, 4] = total.supplied
+            out[row, 5] = total.leak_loss
+            out[row, 6] = total.valve_loss
+            out[row, 7] = total.supply_work
+            out[row, 8] = whole(state.content)
+
+
+@pytest.mark.parametrize("air", [0.0, 0.01, 0.06])
+def test_a_led_plunger_at_float32_does_what_it_does_at_float64(air):
+    # five turns of a shaker in a hundred thousand steps: the valve opens, oil leaks, the chamber is pressed to 30 bar
+    t, steps, every = tensioner(air=air, ratchet_pitch=1e-3, backlash=2e-4), 100_000, 100
+    places = 1e-4 * np.sin(2.0 * np.pi * 5.0 * np.arange(steps + 1) / steps) + 1.5e-3
+    h = 1.0 / (200.0 * steps / 5.0)
+    out = wp.zeros((steps // every, len(COLUMNS)), dtype=wp.float64, device="cpu")
+    wp.launch(lead, dim=1, inputs=[given(places), h, t, plunger_like(t), every, out], device="cpu")
+    found = dict(zip(COLUMNS, out.numpy().T, strict=True))
+    exact = moved(t, places, h)
+    wanted = {key: exact[key][every::every] for key in COLUMNS[:-1]}
+    for key in ("leaked", "supplied", "leak_loss", "valve_loss", "work"):
+        wanted[key] = np.cumsum(exact[key])[every::every]
+    assert wanted["pressure"].max() > 5e5 and wanted["supplied"][-1] > 0.0
+    # the root is found to 1e-8 and held to 6e-8; P = z^7, and forces lose P_0 A; what flows hangs on both and adds up
+    for key, values in wanted.items():
+        scale = np.abs(values).max()
+        np.testing.assert_allclose(found[key], values, rtol=0, atol=2e-5 * scale, err_msg=key)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def touch(angles: wp.array[wp.float64], stroke: Stroke, t: Tensioner, center: wp.vec2d, out: wp.array2d[wp.float64]):
+    i = wp.tid()
+    body = BodyState()
+    body.angle = angles[i]
+    body.center = center
+    place, velocity = touch_of(body.center, heading_of(body), body.speed, body.velocity, t)
+    wheel = wheel_at(body, wp.float64(0.0))
+    one = tensioner_wrench(wp.float64(1.0), place - body.center, t)
+    out[i, 0] = whole(reached(wheel, stroke)) - extension(place, t)
+    out[i, 1] = wp.float64(lever_of(wheel, stroke)) - one.moment
+    out[i, 2] = wp.float64(rounded(wheel.angle)) - angles[i]
+
+
+def test_the_extension_in_pairs_is_that_of_float64():
+    t = tensioner(point=wp.vec2d(0.21, -0.037), home=wp.vec2d(1.312, 0.433), direction=wp.vec2d(-0.6, 0.8))
+    row = np.zeros(1, dtype=Tensioner.numpy_dtype())
+    for name in ("point", "home", "direction"):
+        row[name] = tuple(getattr(t, name))
+    made, stroke = strokes(row), Stroke()
+    for name in made.dtype.names:
+        pair = getattr(stroke, name)
+        pair.high, pair.low = (float(made[name][part][0]) for part in ("high", "low"))
+        setattr(stroke, name, pair)
+    angles = np.random.default_rng(7).uniform(-0.5, 0.5, 5000)
+    out = wp.zeros((len(angles), 3), dtype=wp.float64, device="cpu")
+    wp.launch(touch, len(angles), inputs=[given(angles), stroke, t, wp.vec2d(1.1, 0.47), out], device="cpu")
+    found = np.abs(out.numpy())
+    # headings to 5e-12, products and sums of numbers below 1.5 m to a few parts in 2^48
+    assert found[:, 0].max() <= 5e-12 * 0.22 + 16 * 2.0**-48 * 1.5
+    assert found[:, 1].max() <= 4 * 2.0**-24 * 0.22
