@@ -5,7 +5,6 @@ from functools import cache
 
 import warp as wp
 
-from ..physics.body import pose_of
 from ..physics.contact import carried
 from ..rows import accessors, whole_lanes
 from ..structs import GROUND, Drive, Wanted, Wrench, types
@@ -61,28 +60,41 @@ def partners(Real: type, capacity: int) -> Partners:
     soon = runs(Real, capacity)
 
     @wp.func
-    def partner_of(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, p: int):
-        """Partner p of a drive, its sprockets and then its guides, where it is now."""
+    def sprocket_of(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int):
+        """Sprocket s of a drive, where it is now."""
         partner = Partner()
+        partner.teeth = 1
+        partner.body = s
+        partner.pose = state.poses[drive.first_body + s]
+        partner.sprocket = ensemble.sprockets[drive.first_sprocket + s]
+        partner.law = partner.sprocket.law
+        partner.sliding = ensemble.tooth_sliding[drive.first_sprocket + s]
+        return partner
+
+    @wp.func
+    def guide_of(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, g: int):
+        """Guide g of a drive, where it is now."""
+        partner = Partner()
+        bar = ensemble.guides[drive.first_guide + g]
+        partner.body = bar.body
+        partner.pose.cosine = wp.float64(1.0)
+        if bar.body != GROUND:
+            partner.pose = state.poses[drive.first_body + bar.body]
+            if bar.pieces == 0:
+                bar = carried(bar, partner.pose)
+        bar.first_piece = drive.first_piece + bar.first_piece
+        partner.guide = bar
+        partner.law = bar.law
+        partner.sliding = ensemble.guide_sliding[drive.first_guide + g]
+        return partner
+
+    @wp.func
+    def partner_of(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, p: int):
+        """Partner p of a drive, its sprockets and then its guides."""
         if p < drive.sprockets:
-            partner.teeth = 1
-            partner.body = p
-            partner.pose = pose_of(state.bodies[drive.first_body + p])
-            partner.sprocket = ensemble.sprockets[drive.first_sprocket + p]
-            partner.law = partner.sprocket.law
-            partner.sliding = ensemble.tooth_sliding[drive.first_sprocket + p]
-        else:
-            bar = ensemble.guides[drive.first_guide + p - drive.sprockets]
-            partner.body = bar.body
-            partner.pose.cosine = wp.float64(1.0)
-            if bar.body != GROUND:
-                partner.pose = pose_of(state.bodies[drive.first_body + bar.body])
-                if bar.pieces == 0:
-                    bar = carried(bar, partner.pose)
-            bar.first_piece = drive.first_piece + bar.first_piece
-            partner.guide = bar
-            partner.law = bar.law
-            partner.sliding = ensemble.guide_sliding[drive.first_guide + p - drive.sprockets]
+            partner = sprocket_of(ensemble, state, drive, p)
+            return partner
+        partner = guide_of(ensemble, state, drive, p - drive.sprockets)
         return partner
 
     @wp.func
@@ -221,12 +233,12 @@ def partners(Real: type, capacity: int) -> Partners:
         return group
 
     @wp.func
-    def take_down(w: wp.array[Real], group: Group, partner: Partner, impacts: int, wanted: Wanted, totals: Totals):
+    def take_down(w: wp.array[Real], group: Group, on_teeth: bool, impacts: int, wanted: Wanted, totals: Totals):
         """`totals` with what only metrics count, `impacts` before this group; magnitudes for frames."""
         if wanted.sizes != 0:
-            add_sizes(w, group, wp.where(partner.teeth != 0, SPROCKET_FORCE, GUIDE_FORCE))
+            add_sizes(w, group, wp.where(on_teeth, SPROCKET_FORCE, GUIDE_FORCE))
         if wanted.measures != 0:
-            if partner.teeth != 0:
+            if on_teeth:
                 if totals.impacts != impacts:
                     totals.contacts += teeth.first_touches(w, group)
             else:
@@ -245,22 +257,30 @@ def partners(Real: type, capacity: int) -> Partners:
     ):
         """Contacts of one run of rollers with one partner, eq. (5)-(23); returns the visit with them in its totals."""
         n = drive.rollers
-        partner = partner_of(ensemble, state, drive, visit.partner)
         first, count = soon.run(w, drive, visit.partner, visit.run)
+        on_teeth = visit.partner < drive.sprockets
         group = Group()
-        if partner.teeth != 0:
+        law = kinds.ContactLaw()
+        sliding = kinds.Sliding()
+        if on_teeth:
+            partner = sprocket_of(ensemble, state, drive, visit.partner)
             group = touch_sprocket(w, ensemble, first, first + count, n, partner, memory)
+            law = partner.law
+            sliding = partner.sliding
         else:
-            group = touch_guide(w, ensemble, first, first + count, n, partner, memory)
+            guide = guide_of(ensemble, state, drive, visit.partner - drive.sprockets)
+            group = touch_guide(w, ensemble, first, first + count, n, guide, memory)
+            law = guide.law
+            sliding = guide.sliding
         if group.high > group.low:
             impacts = visit.totals.impacts
-            totals, changed = answer(w, group, partner.law, partner.sliding, memory, chain, visit.totals)
+            totals, changed = answer(w, group, law, sliding, memory, chain, visit.totals)
             if changed != 0 and memory.stage == 0:
-                if partner.teeth != 0:
-                    teeth.keep(w, group.low, group.high, partner.body, memory)
+                if on_teeth:
+                    teeth.keep(w, group.low, group.high, visit.partner, memory)
                 else:
                     contact.keep(w, group, memory)
-            visit.totals = take_down(w, group, partner, impacts, memory.wanted, totals)
+            visit.totals = take_down(w, group, on_teeth, impacts, memory.wanted, totals)
         return visit
 
     @wp.func

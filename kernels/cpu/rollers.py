@@ -87,7 +87,7 @@ class Rows:
     run_first: int  # of runs of rollers that can come near a partner soon (`runs`): the first roller
     run_count: int  # and how many they are
     runs: int  # of partner i of the drive
-    room: int  # 0: steps for which they hold; 1: as long as none is faster, along x or y [m/s]
+    room: int  # 0: steps for which they hold; 1: as long as none is faster [m/s]
 
 
 ROWS = tuple(field.name for field in fields(Rows))
@@ -252,7 +252,7 @@ def passes(Real: type, capacity: int) -> Passes:
     def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):
         """v += kick a, then x += h v; who can come near a partner holds for a step less, or no longer."""
         inverse_mass = chain.inverse_mass
-        limit = load_row(w, ROOM + 1)
+        limit = load_row(w, ROOM + 1) * load_row(w, ROOM + 1)
         fast = int(0)
         i = int(0)
         while i < whole(n):
@@ -262,8 +262,8 @@ def passes(Real: type, capacity: int) -> Passes:
             store_row(w, VX + i, vx)
             store_row(w, VY + i, vy)
             move(w, i, h * vx, h * vy)
-            slow = wp.abs(vx) <= limit and wp.abs(vy) <= limit
-            fast = fast | wp.where(i < n and not slow, 1, 0)
+            square = vx * vx + vy * vy
+            fast = fast | wp.where(square <= limit, 0, wp.where(i < n, 1, 0))
             i = i + 1
         store_row(w, ROOM, wp.where(fast != 0, Real(0.0), load_row(w, ROOM) - Real(1.0)))
 

@@ -2,7 +2,7 @@
 
 Every so often all rollers are held against each partner, widened by a margin. Those found are kept as runs of up to
 `contacts.GROUP` rollers one after the other. As long as no roller and no body is faster than a limit, none of the
-others comes through more than 0.71 of the margin in the steps for which the runs hold, which leaves more than float32
+others comes through more than 0.7 of the margin in the steps for which the runs hold, which leaves more than float32
 rounds off. So results do not depend on runs.
 """
 
@@ -102,7 +102,7 @@ def runs(Real: type, capacity: int) -> Runs:
     def hurry(w: wp.array[Real], velocity: wp.vec2d):
         """Ends the time for which runs hold if the center of a body, which has moved, is too fast."""
         limit = wp.float64(load_row(w, ROOM + 1))
-        if not (wp.abs(velocity[0]) <= limit and wp.abs(velocity[1]) <= limit):
+        if not (wp.dot(velocity, velocity) <= limit * limit):
             store_row(w, ROOM, Real(0.0))
 
     @wp.func
@@ -113,11 +113,14 @@ def runs(Real: type, capacity: int) -> Runs:
     @wp.func
     def renew(w: wp.array[Real], drive: Drive):
         """For how many steps new runs hold, at twice the speed of now."""
-        fastest = Real(0.0)
+        square = Real(0.0)
         for i in range(drive.rollers):
-            fastest = wp.max(fastest, wp.max(wp.abs(load_row(w, VX + i)), wp.abs(load_row(w, VY + i))))
-        way = Real(0.25) * margin(w) / Real(drive.step)
-        room = wp.floor(wp.clamp(way / (Real(2.0) * fastest + Real(1.0e-9)), Real(1.0), wp.static(Real(LONGEST))))
+            vx = load_row(w, VX + i)
+            vy = load_row(w, VY + i)
+            square = wp.max(square, vx * vx + vy * vy)
+        way = Real(0.35) * margin(w) / Real(drive.step)
+        room = way / (Real(2.0) * wp.sqrt(square) + Real(1.0e-9))
+        room = wp.floor(wp.clamp(room, Real(1.0), wp.static(Real(LONGEST))))
         store_row(w, ROOM, room)
         store_row(w, ROOM + 1, way / room)
 

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..integrate import Rk4Stage
 from ..physics.arm import arm_rates
-from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, rk4_body, turns_soundly
+from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
 from ..rows import accessors
@@ -60,6 +60,8 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         chain = ensemble.chains[variant]
         links = ensemble.links[variant]
         n = drive.rollers
+        for b in range(drive.first_body, drive.first_body + drive.bodies):  # side by side, each waits for itself only
+            state.poses[b] = pose_of(state.bodies[b])
         if links.uneven != 0:
             joints.pull_uneven(w, n, chain, links)
         elif joint.rubs != 0:
@@ -71,8 +73,8 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
             joints.bend_links(w, n)
         if wanted.sizes != 0:
             clear_sizes(w, n)
-        for b in range(drive.bodies):
-            state.wrenches[drive.first_body + b] = Wrench()
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.wrenches[b] = Wrench()
         memory = kinds.Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
