@@ -5,6 +5,7 @@ from functools import cache
 
 import warp as wp
 
+from ..physics.body import pose_of
 from ..physics.contact import carried
 from ..rows import accessors, whole_lanes
 from ..structs import GROUND, Drive, Wanted, Wrench, types
@@ -38,6 +39,7 @@ def with_reaction(wrench: Wrench, force: wp.vec2d, moment: wp.float64):
 class Partners:
     """What meets the partners of one variant."""
 
+    see_bodies: wp.Function
     look_around: wp.Function
     meet_all: wp.Function
 
@@ -58,6 +60,12 @@ def partners(Real: type, capacity: int) -> Partners:
     NEAR, SPROCKET_FORCE, GUIDE_FORCE = at.near, at.sprocket_force, at.guide_force
     unlike, whole = accessors(Real).unlike, whole_lanes(Real)
     soon = runs(Real, capacity)
+
+    @wp.func
+    def see_bodies(state: kinds.State, drive: Drive):
+        """Finds all bodies' poses, one right after the other: each is a long chain that waits for itself only."""
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.poses[b] = pose_of(state.bodies[b])
 
     @wp.func
     def sprocket_of(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, s: int):
@@ -154,6 +162,7 @@ def partners(Real: type, capacity: int) -> Partners:
         memory.impact_speed = state.impact_speed
         memory.first = drive.first_contact
         margin = soon.margin(w)
+        see_bodies(state, drive)
         for p in range(drive.sprockets + drive.guides):
             partner = partner_of(ensemble, state, drive, p)
             if partner.teeth != 0 or partner.body == GROUND:
@@ -170,9 +179,7 @@ def partners(Real: type, capacity: int) -> Partners:
         soon.renew(w, drive)
 
     @wp.func
-    def near_group(
-        w: wp.array[Real], first: int, end: int, n: int, partner: Partner, memory: kinds.Memory
-    ):
+    def near_group(w: wp.array[Real], first: int, end: int, n: int, partner: Partner, memory: kinds.Memory):
         """The group of rollers from `first` on, before `end`, that are near a partner; the others leave it."""
         find_near(w, first, end, partner)
         count = wp.min(n, end) - first
@@ -208,9 +215,7 @@ def partners(Real: type, capacity: int) -> Partners:
         if others != 0 or moved != wp.uint64(0):
             group = near_group(w, first, end, n, partner, memory)
             if group.high > group.low:
-                teeth.seat_rollers(
-                    w, group, n, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory
-                )
+                teeth.seat_rollers(w, group, n, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory)
         teeth.touch_teeth(w, group.low, group.high, partner.sprocket, partner.pose, partner.body)
         return group
 
@@ -314,4 +319,4 @@ def partners(Real: type, capacity: int) -> Partners:
                 visit.run = 0
                 visit.partner += 1
 
-    return Partners(meet_all=meet_all, look_around=look_around)
+    return Partners(see_bodies=see_bodies, look_around=look_around, meet_all=meet_all)

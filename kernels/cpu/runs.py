@@ -1,9 +1,9 @@
 """Which rollers can come near a partner within the next steps: only these are looked at.
 
 Every so often all rollers are held against each partner, widened by a margin. Those found are kept as runs of up to
-`contacts.GROUP` rollers one after the other. As long as no roller and no body is faster than a limit, none of the
-others comes through more than 0.7 of the margin in the steps for which the runs hold, which leaves more than float32
-rounds off. So results do not depend on runs.
+`contacts.GROUP` rollers one after the other, those in between included. As long as no roller and no body is faster than
+a limit, none of the others comes through more than 0.7 of the margin in the steps for which the runs hold, which leaves
+more than float32 rounds off. So results do not depend on runs.
 """
 
 from dataclasses import dataclass
@@ -18,6 +18,8 @@ from .rollers import rows
 
 MARGIN = 0.125
 """By how much partners are widened, of the first link's length."""
+APART = wp.constant(16)
+"""Rollers between two that are near from which on a run ends; where a sprocket has both ends of the chain, say."""
 LONGEST = 64
 """Steps for which runs hold at most."""
 
@@ -49,9 +51,14 @@ def runs(Real: type, capacity: int) -> Runs:
     RUN_FIRST, RUN_COUNT, RUNS, ROOM = at.run_first, at.run_count, at.runs, at.room
 
     @wp.func
-    def slots(n: int):
-        """Runs that a partner has at most: they begin at least a group after each other."""
+    def groups(n: int):
+        """Runs that so many rollers are at most where each but the last is a whole group."""
         return (n + GROUP - 1) // GROUP
+
+    @wp.func
+    def slots(n: int):
+        """Runs that a partner has at most: whole groups, and two that end where others follow only later."""
+        return groups(n) + 2
 
     @wp.func
     def crowded(drive: Drive):
@@ -64,14 +71,17 @@ def runs(Real: type, capacity: int) -> Runs:
         place = p * slots(n) - 1
         count = int(0)
         first = int(0)
+        last = int(0)
         i = int(0)
         while i < n:
             if unlike(w, NEAR + i, wp.min(wp.static(lanes), n - i), Real(0.0)) != wp.uint64(0):
-                if count == 0 or i - first >= GROUP:
+                spare = i - last > APART and count + groups(n - i) < slots(n)
+                if count == 0 or i - first >= GROUP or spare:
                     count = count + 1
                     first = i
                     store_row(w, RUN_FIRST + place + count, Real(first))
                 store_row(w, RUN_COUNT + place + count, Real(i - first + wp.static(lanes)))
+                last = i
             i = i + wp.static(lanes)
         store_row(w, RUNS + p, Real(count))
 
@@ -128,7 +138,7 @@ def runs(Real: type, capacity: int) -> Runs:
     def count(w: wp.array[Real], drive: Drive, p: int):
         """How many runs partner p has."""
         if crowded(drive):
-            return slots(drive.rollers)
+            return groups(drive.rollers)
         return int(load_row(w, RUNS + p))
 
     @wp.func

@@ -7,7 +7,7 @@ import warp as wp
 
 from ..integrate import Rk4Stage
 from ..physics.arm import arm_rates
-from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
+from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_body, rk4_body, turns_soundly
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
 from ..rows import accessors
@@ -38,7 +38,8 @@ class Evaluating:
 def evaluating(Real: type, capacity: int) -> Evaluating:
     """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
-    link_pass, meet_all = passes(Real, capacity).link_pass, partners(Real, capacity).meet_all
+    link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity)
+    see_bodies, meet_all = meet.see_bodies, meet.meet_all
     clear_sizes = contacts(Real, capacity).clear_sizes
     joints = joint_passes(Real, capacity)
 
@@ -60,8 +61,7 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         chain = ensemble.chains[variant]
         links = ensemble.links[variant]
         n = drive.rollers
-        for b in range(drive.first_body, drive.first_body + drive.bodies):  # side by side, each waits for itself only
-            state.poses[b] = pose_of(state.bodies[b])
+        see_bodies(state, drive)
         if links.uneven != 0:
             joints.pull_uneven(w, n, chain, links)
         elif joint.rubs != 0:
