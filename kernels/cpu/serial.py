@@ -15,7 +15,9 @@ from ..rows import STATE_ROWS
 from ..structs import DIVERGENCE_CHECK, Wanted, types
 from ..sum_structs import Sums
 from .observe import instant_of, observing, wanted_at
+from .partners import partners
 from .rollers import ROWS, passes
+from .runs import runs
 from .steps import evaluating, moving, stepping
 
 SCRATCH_ROWS = len(ROWS)
@@ -32,6 +34,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
     do = stepping(Real, capacity)
     observe = observing(Real, capacity, frame)
     evaluate = evaluating(Real, capacity).evaluate
+    soon, look_around = runs(Real, capacity), partners(Real, capacity).look_around
     inside, find_rates, bodies_sound = part.inside, moving(Real).find_rates, moving(Real).bodies_sound
 
     @wp.func
@@ -51,12 +54,15 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
+        soon.forget(w, drive)
         observe.clear(w, n)
         end = wp.min(progress.step + steps, drive.steps + 1)
         at = drive.first_value
         step = progress.step
         while step < end and progress.diverged == 0:
             now = instant_of(drive, step)
+            if soon.used_up(w, drive):
+                look_around(ensemble, state, drive, w)
             stage = int(0)
             while stage < 4:
                 wanted = Wanted()
