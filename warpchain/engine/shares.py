@@ -25,13 +25,13 @@ from warpchain.errors import SimulationError
 from warpchain.results.channels import FrameLayout
 from warpchain.results.metrics import Blocks, Ended, joined
 
-LEAST = 2048
+LEAST = 4096
 """Fewest variants of a share where a GPU gets several: fewer do not fill it to the end."""
 
 WORTH = 1024
 """Fewest variants of a share where GPUs get one each: packing fewer takes no time."""
 
-MOST = 8
+MOST = 4
 """Most shares of a GPU."""
 
 
