@@ -98,10 +98,9 @@ def stages(bases: list[Drive], count: int, rounds: int) -> dict[str, float]:
         with spent(times, "by changes", count):
             for v, each in enumerate(values):
                 changes[v % len(bases)].drive(each)
-        if not bases[0].arms:
-            wanted = adjustment(bases[0])
-            with spent(times, "adjusted", count):
-                adjusted_all(drives, wanted, [{}] * count)
+        wanted = adjustment(bases[0])
+        with spent(times, "adjusted", count):
+            adjusted_all(drives, wanted, [{}] * count)
         with spent(times, "sorted", count):
             stacks = stacks_of(drives)
         with spent(times, "steps", count):

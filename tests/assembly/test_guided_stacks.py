@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from warpchain import assemble
+from warpchain.assembly import path
 from warpchain.assembly.fit import fit_position, fit_positions
 from warpchain.assembly.layout import findings, suspects
 from warpchain.assembly.together import assemble_all
@@ -20,6 +21,11 @@ from warpchain.errors import DriveError
 from warpchain.results.schedule import Schedule
 
 NEAR = 1e-12  # of a pitch
+
+
+@pytest.fixture(autouse=True)
+def _stacks_of_few(monkeypatch):
+    monkeypatch.setattr(path, "FEW", 2)
 
 
 def car(**values):
@@ -176,3 +182,11 @@ def test_cars_are_moved_together():
     for drive, strain, moved in zip(drives, strains, together, strict=True):
         alone = fit_position(drive, "exhaust cam", (1.0, 0.0), strain=strain, travel=0.004)
         assert moved.sprockets[2].center == pytest.approx(alone.sprockets[2].center, abs=2.1e-10)
+
+
+def test_a_few_are_worked_out_one_by_one(monkeypatch):
+    monkeypatch.undo()
+    drives = cars(path.FEW - 1)
+    states = assemble_all(stacks_of(drives))
+    assert len(states.blocks) == len(drives)
+    assert np.array_equal(states[3].position, assemble(drives[3]).position)

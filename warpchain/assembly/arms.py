@@ -36,7 +36,6 @@ AT_STOP = math.radians(1e-4)
 _STEP = math.radians(0.25)
 _SWEEPS = 60
 _SECANTS = 60
-_HALVED = 8  # so many steps, in case that secants stay on one side
 _FIRST = 1e-5  # rad
 _LONGEST = math.radians(2.0)
 _NEAR = 1e-11  # rad; the error after such a step is round-off
@@ -224,8 +223,8 @@ def _bracketed(moment: Callable[[float], float], arm: Arm, near: float) -> float
 def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple[Any, Any] | None:
     """Where a moment that falls with the angle is 0 [rad], by secants, and its slope there [N m/rad].
 
-    Where a secant leads out of the angles between which it is, as at stops and where chains go slack, these are halved.
-    None where there are none, or the moment is not defined, of any variant.
+    Where a secant leads out of the angles between which it is, or is over half as long as the last but one, as at stops
+    and where chains go slack, these are halved. None where a variant has none, or no moment there.
 
     Args:
         moment: of an angle.
@@ -237,7 +236,8 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
         change = copysign(_FIRST, here) if slope is None else _bounded(-here / slope)
         angle, done = near + change, slope is not None and abs(change) <= _NEAR
         low, high = where(here > 0.0, near, -math.inf), where(here < 0.0, near, math.inf)
-        for turn in range(_SECANTS):
+        steps = [math.inf, abs(change)]
+        for _ in range(_SECANTS):
             if every(done):
                 return angle, slope
             last, here = here, moment(angle)
@@ -251,9 +251,10 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
                 return None
             change = _bounded(-here / where(slope < 0.0, slope, -1.0))
             wanted = angle + change
-            astray = (slope >= 0.0) | (wanted <= low) | (wanted >= high) | (turn % _HALVED == _HALVED - 1)
+            astray = (slope >= 0.0) | (wanted <= low) | (wanted >= high) | (abs(change) > 0.5 * steps.pop(0))
             change = where(held & astray & (abs(change) > _NEAR), middle - angle, change)
             change = where(done | (here == 0.0), 0.0, change)
+            steps.append(abs(change))
             before, angle = angle, angle + change
             done = done | (abs(change) <= _NEAR)
     except DriveError:

@@ -49,6 +49,9 @@ if TYPE_CHECKING:
 MAX_STRAIN = 0.05
 """Largest nominal strain of a chain that counts as fitting its path, taut or slack."""
 
+FEW = 16
+"""Fewer drives whose chains lie on guides are faster one by one than as a stack."""
+
 Found = TypeVar("Found")
 Item = TypeVar("Item")
 Pair = tuple[Any, Any]
@@ -235,6 +238,8 @@ class Plan:
             if not which.any():
                 return ()
             raise Unlike(np.where(which, np.arange(1, self.variants + 1), 0))
+        if 1 < self.variants < FEW:
+            raise Unlike(np.arange(self.variants))
         return obstacles(drive, [(line.start, line.end) for line in self.lines])
 
     def course(self, arm_angle: Sequence[Any]) -> Course:

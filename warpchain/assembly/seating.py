@@ -70,7 +70,7 @@ _SPARE = 0.05  # pitch angles beyond the half one before a seat is given back
 _ROUNDS = 10
 _ITERATIONS = 40
 _LAYINGS = 8  # of links on strings
-_LEFT = 2e-3  # of the error, by each of them
+_LEFT = 2e-2  # of the error, by each of them, at most
 _CLOSED, _CLOSEST = 1e-10, 2e-14  # of a pitch
 _LAID = 1e-13  # of a pitch
 
