@@ -24,7 +24,7 @@ class Partners:
 
 
 @cache
-def partners(Real: type, capacity: int) -> Partners:
+def partners(Real: type, capacity: int, plain: bool) -> Partners:
     """The function that meets the partners of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     teeth, face, contact = teeth_passes(Real, capacity), guide_passes(Real, capacity), contacts(Real, capacity)
@@ -82,7 +82,7 @@ def partners(Real: type, capacity: int) -> Partners:
             teeth.find_engaged(w, n, partner.sprocket, partner.pose)
         elif partner.guide.pieces == 0:
             face.find_over_bar(w, n, partner.guide)
-        else:
+        elif wp.static(not plain):
             face.find_over_profile(w, n, partner.guide, partner.pose)
 
     @wp.func
@@ -104,7 +104,7 @@ def partners(Real: type, capacity: int) -> Partners:
             teeth.touch_teeth(w, group, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory)
         elif partner.guide.pieces == 0:
             face.touch_bar(w, group, partner.guide, partner.pose, memory)
-        else:
+        elif wp.static(not plain):
             face.touch_profile(w, group, partner.guide, partner.pose, ensemble.pieces, memory)
 
     @wp.func
