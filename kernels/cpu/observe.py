@@ -1,4 +1,7 @@
-"""What is taken from an evaluated step: sums of the window, the energy balance, and frames."""
+"""What is taken from an evaluated step: sums of the window, the energy balance, and frames.
+
+What few steps come to is kept out of the time loop's one piece (`inline=False`), which compiles sooner then.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -105,7 +108,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
     write = frame_writers(Real, frame)
     write_roller, write_sprocket, width = write.write_roller, write.write_sprocket, write.width
 
-    @wp.func
+    @wp.func(inline=False)
     def mechanical_energy(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -188,7 +191,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
             sums.strand[s] = tally.merge_strand_links(w, n, state.strands[s], sums.strand[s])
         tally.clear(w, n)
 
-    @wp.func
+    @wp.func(inline=False)
     def look_at_chain(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -277,7 +280,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         of.guide_force = load_row(w, GUIDE_FORCE + i)
         return of
 
-    @wp.func
+    @wp.func(inline=False)
     def sample(
         ensemble: kinds.Ensemble,
         state: kinds.State,
