@@ -291,10 +291,13 @@ def _march(
     keeper: Keeper | None = None,
 ) -> None:
     """Launches steps until every variant has ended; the frames of one are taken while the next runs."""
+    from warpchain.engine.batches import batch_durations
+
     drives = engine.packed.drives
     rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
     total = float(((last + 1) * rollers).sum())
     buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
+    batched = bool(np.isfinite(batch_durations(drives)).any())
     taken: tuple[Any, Any, Any] | None = None
 
     def tick() -> None:
@@ -306,7 +309,8 @@ def _march(
     turn = 0
     while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.asked:
         futures = engine.advance(steps if keeper is None else keeper.most(before, steps), buffers[turn])
-        _load_ahead()
+        if batched:
+            _load_ahead()
         if taken is not None:
             recorder.take(taken[0].numpy(), *taken[1:])
         _await(futures, stop, tick)
@@ -321,7 +325,7 @@ def _march(
 
 @cache
 def _load_ahead() -> None:
-    """Imports what the metrics need, which takes 0.3 s, while the engine is at work without Python's lock."""
+    """Imports what metrics of batches need, which takes 0.3 s, while the engine is at work without Python's lock."""
     Thread(target=import_module, args=("scipy.special",)).start()
 
 
