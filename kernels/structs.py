@@ -565,6 +565,7 @@ def types(Real: type) -> SimpleNamespace:
         bodies: wp.array[BodyState]  # (all bodies,)
         body_stages: wp.array[BodyStages]  # (all bodies,), for rk4
         wrenches: wp.array[Wrench]  # (all bodies,), of contacts
+        poses: wp.array[Pose]  # (all bodies,), on the CPU: as contacts see them
         rates: wp.array[wp.vec3d]  # (all bodies,), on the CPU: accelerations of center [m/s^2] and angle [rad/s^2]
         tensioners: wp.array[TensionerState]  # (all tensioners,)
         pushes: wp.array[Push]  # (all tensioners,)

@@ -68,6 +68,7 @@ class Contacts:
     place_arm: wp.Function
     touch: wp.Function
     answer: wp.Function
+    keep: wp.Function
     clear_sizes: wp.Function
     add_sizes: wp.Function
 
@@ -176,7 +177,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
 
     @wp.func
     def press_one(w: wp.array[Real], i: int, law: kinds.ContactLaw):
-        """The normal force on roller i, and what its contact keeps."""
+        """The normal force on roller i, and what its contact keeps; 1 if that is something else than before."""
         penetration = load_row(w, PENETRATION + i)
         normal_x = load_row(w, NORMAL_X + i)
         normal_y = load_row(w, NORMAL_Y + i)
@@ -195,6 +196,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
         store_row(w, SIZE + i, size)
         store_row(w, KEPT + i, kept)
         store_row(w, DAMPER + i, damper)
+        return wp.where(kept == load_row(w, BEFORE + i), 0, 1)
 
     @wp.func
     def add_force(w: wp.array[Real], i: int):
@@ -207,17 +209,19 @@ def contacts(Real: type, capacity: int) -> Contacts:
 
     @wp.func
     def press(w: wp.array[Real], group: Group, law: kinds.ContactLaw):
-        """Normal forces; of a linear law in a loop of its own, which vectorizes."""
+        """Normal forces; of a linear law in a loop of its own, which vectorizes. 1 if contacts keep something else."""
+        changed = int(0)
         i = group.low
         if law.exponent == Real(1.0):
             law.exponent = Real(1.0)  # so that the compiler knows
             while i < group.high:
-                press_one(w, i, law)
+                changed = changed | press_one(w, i, law)
                 i = i + 1
         else:
             while i < group.high:
-                press_one(w, i, law)
+                changed = changed | press_one(w, i, law)
                 i = i + 1
+        return changed
 
     @wp.func
     def begins(w: wp.array[Real], i: int):
@@ -249,18 +253,22 @@ def contacts(Real: type, capacity: int) -> Contacts:
         chain: kinds.Chain,
         measured: bool,
     ):
-        """Forces of a linear law where nothing rubs, and what comes of them, in one loop; 1 if any contact begins."""
+        """Forces of a linear law where nothing rubs, and what comes of them, in one loop.
+
+        Returns 1 each if contacts keep something else, and if any begins.
+        """
         law.exponent = Real(1.0)  # so that the compiler knows
+        changed = int(0)
         began = int(0)
         i = group.low
         while i < group.high:
-            press_one(w, i, law)
+            changed = changed | press_one(w, i, law)
             add_force(w, i)
             if measured:
                 lose_one(w, i, memory, chain)
                 began = began | begins(w, i)
             i = i + 1
-        return began
+        return changed, began
 
     @wp.func
     def add_drag(w: wp.array[Real], i: int, drag: vec2):
@@ -414,29 +422,41 @@ def contacts(Real: type, capacity: int) -> Contacts:
         chain: kinds.Chain,
         totals: Totals,
     ):
-        """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to."""
+        """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to.
+
+        Returns 1 too if contacts keep something else from now on.
+        """
         measured = memory.wanted.measures != 0
+        changed = int(0)
         began = int(1)
         if law.exponent == Real(1.0) and sliding.rubs == 0:
             if measured:
-                began = press_smoothly(w, group, law, memory, chain, True)
+                changed, began = press_smoothly(w, group, law, memory, chain, True)
             else:
-                press_smoothly(w, group, law, memory, chain, False)
+                changed, began = press_smoothly(w, group, law, memory, chain, False)
         else:
-            press(w, group, law)
+            changed = press(w, group, law)
             if sliding.rubs != 0:
                 rub_rollers(w, group, sliding)
             add_forces(w, group)
             if measured:
                 lose(w, group, sliding, memory, chain)
-        if memory.stage == 0:
-            keep(w, group, memory)
         if measured:
             totals = add_measured(w, group, law, sliding, memory.wanted, totals)
             if began != 0:
                 totals.impacts += begun(w, group)
         else:
             totals = add_up(w, group, totals, False, False)
-        return totals
+        return totals, changed
 
-    return Contacts(group_of, leave_seats, recall, place_arm, touch, answer, clear_sizes, add_sizes)
+    return Contacts(
+        group_of=group_of,
+        leave_seats=leave_seats,
+        recall=recall,
+        place_arm=place_arm,
+        touch=touch,
+        answer=answer,
+        keep=keep,
+        clear_sizes=clear_sizes,
+        add_sizes=add_sizes,
+    )

@@ -8,7 +8,7 @@ import warp as wp
 from ..physics.contact import MISSED, UNTOUCHED, misses, on_guide, surface_velocity, turned
 from ..physics.guide import at_face
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
-from ..rows import accessors, whole_lanes
+from ..rows import accessors
 from ..structs import Piece, Pose, types
 from ..sum_structs import Totals
 from .contacts import Group, contacts, is_near, lowest_bit, next_bits
@@ -33,19 +33,19 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
     kinds = types(Real)
     vec2, place, contact = kinds.vec2, passes(Real, capacity).place, contacts(Real, capacity)
     recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
-    load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_piece, store_piece = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
     VX, VY, NEAR, BEFORE, OPEN, PENETRATION = at.vx, at.vy, at.near, at.before, at.open, at.penetration
     unlike = accessors(Real).unlike
 
     @wp.func
-    def find_over_bar(w: wp.array[Real], n: int, bar: kinds.Guide):
-        """Which rollers are at a guide-bar's face or ends; only those touch it."""
+    def find_over_bar(w: wp.array[Real], first: int, last: int, bar: kinds.Guide):
+        """Which rollers from `first` on, before `last`, are at a guide-bar's face or ends; only those touch it."""
         reach = wp.float64(bar.end_radius + bar.roller_radius)
         end = wp.float64(bar.length) + reach
-        i = int(0)
-        while i < whole(n):
+        i = first
+        while i < last:
             p = place(w, i) - bar.start
             along = wp.dot(p, bar.direction)
             across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
@@ -105,10 +105,10 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         return totals
 
     @wp.func
-    def find_over_profile(w: wp.array[Real], n: int, guide: kinds.Guide, body: Pose):
-        """Which rollers are near a profile."""
-        i = int(0)
-        while i < whole(n):
+    def find_over_profile(w: wp.array[Real], first: int, end: int, guide: kinds.Guide, body: Pose):
+        """Which rollers from `first` on, before `end`, are near a profile."""
+        i = first
+        while i < end:
             near = Real(0.0)
             if near_profile(in_frame(place(w, i) - body.center, body), guide):
                 near = Real(1.0)

@@ -10,6 +10,7 @@ from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_r
 from ..rows import STATE_ROWS, accessors
 from ..structs import Drive, Wanted, types
 from .rollers import passes, rows
+from .runs import runs
 from .steps import evaluating, moving
 
 
@@ -20,7 +21,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
     part = passes(Real, capacity)
     evaluate = evaluating(Real, capacity, plain).evaluate
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    at = rows(capacity)
+    at, forget = rows(capacity), runs(Real, capacity).forget
     VX, VY, TENSION = at.vx, at.vy, at.tension
     kick_drift, acceleration, rates_of = part.kick_drift, part.acceleration, moving(Real, plain).rates_of
 
@@ -103,6 +104,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         s = settling[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
+        forget(w, drive)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
             evaluate(ensemble, state, variant, joint, w, 0, Wanted())

@@ -57,6 +57,7 @@ class Rows:
     direction_y: int
     direction_x_low: int
     direction_y_low: int
+    held: int  # v0 that its contact with that sprocket has kept [m/s]
     radial: int  # in a tooth gap: from the seat, along the seat's outward direction and across it [m]
     lateral: int
     outward_x: int  # that direction
@@ -83,6 +84,10 @@ class Rows:
     greatest: int
     rates: int  # weighted sum of squares of rates of elongation
     strand: int  # that the link is on
+    run_first: int  # of runs of rollers that can come near a partner soon (`runs`): the first roller
+    run_count: int  # and how many they are
+    runs: int  # of partner i of the drive
+    room: int  # 0: steps for which they hold; 1: as long as none is faster [m/s]
 
 
 ROWS = tuple(field.name for field in fields(Rows))
@@ -111,6 +116,7 @@ class Passes:
     move: wp.Function
     link_pass: wp.Function
     place: wp.Function
+    accelerated: wp.Function
     accelerations: wp.Function
     acceleration: wp.Function
     kick_drift: wp.Function
@@ -127,6 +133,7 @@ def passes(Real: type, capacity: int) -> Passes:
     at = rows(capacity)
     X, Y, VX, VY, X_LOW, Y_LOW, LINK_X, LINK_Y = at.x, at.y, at.vx, at.vy, at.x_low, at.y_low, at.link_x, at.link_y
     LENGTH, FX, FY, TENSION, RATE, DIRECTION_OF = at.length, at.fx, at.fy, at.tension, at.rate, at.direction_of
+    ROOM = at.room
 
     @wp.func
     def fetch(rollers: wp.array[Real], lengths: wp.array[Real], w: wp.array[Real], first: int, n: int):
@@ -138,6 +145,7 @@ def passes(Real: type, capacity: int) -> Passes:
                 w[row * wp.static(capacity) + i] = rollers[STATE_ROWS * first + row * n + i]
         for i in range(n):
             w[LENGTH + i] = lengths[first + i]
+        for i in range(whole(n)):
             w[DIRECTION_OF + i] = Real(-1.0)
 
     @wp.func
@@ -222,11 +230,17 @@ def passes(Real: type, capacity: int) -> Passes:
         store_row(w, LINK_Y, load_row(w, LINK_Y + n))
 
     @wp.func
-    def accelerations(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """Acceleration of roller i [m/s^2] in x and y: its two links, its contacts and gravity."""
-        x = load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i)
-        y = load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i)
+    def accelerated(w: wp.array[Real], i: int, fx: Real, fy: Real, inverse_mass: Real, gravity: vec2):
+        """Acceleration of roller i [m/s^2] in x and y: its two links, what its contacts exert, and gravity."""
+        x = load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + fx
+        y = load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + fy
         return acceleration_along(x, inverse_mass, gravity[0]), acceleration_along(y, inverse_mass, gravity[1])
+
+    @wp.func
+    def accelerations(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
+        """The same with the contacts of the rows."""
+        ax, ay = accelerated(w, i, load_row(w, FX + i), load_row(w, FY + i), inverse_mass, gravity)
+        return ax, ay
 
     @wp.func
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
@@ -236,8 +250,10 @@ def passes(Real: type, capacity: int) -> Passes:
 
     @wp.func
     def kick_drift(w: wp.array[Real], n: int, chain: kinds.Chain, kick: Real, h: Real):
-        """v += kick a, then x += h v."""
+        """v += kick a, then x += h v; who can come near a partner holds for a step less, or no longer."""
         inverse_mass = chain.inverse_mass
+        limit = load_row(w, ROOM + 1) * load_row(w, ROOM + 1)
+        fast = int(0)
         i = int(0)
         while i < whole(n):
             a = acceleration(w, i, inverse_mass, chain.gravity)
@@ -246,7 +262,10 @@ def passes(Real: type, capacity: int) -> Passes:
             store_row(w, VX + i, vx)
             store_row(w, VY + i, vy)
             move(w, i, h * vx, h * vy)
+            square = vx * vx + vy * vy
+            fast = fast | wp.where(square <= limit, 0, wp.where(i < n, 1, 0))
             i = i + 1
+        store_row(w, ROOM, wp.where(fast != 0, Real(0.0), load_row(w, ROOM) - Real(1.0)))
 
     @wp.func
     def inside(w: wp.array[Real], n: int, low: wp.vec2d, high: wp.vec2d):
@@ -271,6 +290,7 @@ def passes(Real: type, capacity: int) -> Passes:
         move=move,
         link_pass=link_pass,
         place=place,
+        accelerated=accelerated,
         accelerations=accelerations,
         acceleration=acceleration,
         kick_drift=kick_drift,

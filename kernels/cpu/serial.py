@@ -15,7 +15,9 @@ from ..rows import STATE_ROWS
 from ..structs import DIVERGENCE_CHECK, Wanted, types
 from ..sum_structs import Sums
 from .observe import instant_of, observing, wanted_at
+from .partners import partners
 from .rollers import ROWS, passes
+from .runs import runs
 from .steps import evaluating, moving, stepping
 
 SCRATCH_ROWS = len(ROWS)
@@ -33,6 +35,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
     do = stepping(Real, capacity, plain)
     observe = observing(Real, capacity, frame, plain)
     evaluate = evaluating(Real, capacity, plain).evaluate
+    soon, look_around = runs(Real, capacity), partners(Real, capacity, plain).look_around
     inside, find_rates, bodies_sound = part.inside, moving(Real, plain).find_rates, moving(Real, plain).bodies_sound
 
     @wp.func
@@ -52,12 +55,15 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
+        soon.forget(w, drive)
         observe.clear(w, n)
         end = wp.min(progress.step + steps, drive.steps + 1)
         at = drive.first_value
         step = progress.step
         while step < end and progress.diverged == 0:
             now = instant_of(drive, step)
+            if soon.used_up(w, drive):
+                look_around(ensemble, state, drive, w)
             stage = int(0)
             while stage < 4:
                 wanted = Wanted()

@@ -11,20 +11,13 @@ from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_bod
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
 from ..rows import accessors
-from ..structs import GROUND, Drive, Wanted, Wrench, types
+from ..structs import Drive, Wanted, Wrench, types
 from ..sums import metered
 from .contacts import contacts
 from .joints import joint_passes
-from .partners import partners
+from .partners import partners, with_reaction
 from .rollers import passes, rows
-
-
-@wp.func
-def with_reaction(wrench: Wrench, force: wp.vec2d, moment: wp.float64):
-    """The wrench on a body with what one more partner's contacts do to it."""
-    wrench.force = wrench.force + force
-    wrench.moment = wrench.moment + moment
-    return wrench
+from .runs import runs
 
 
 @wp.func
@@ -48,7 +41,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
     For `plain` see `serial.advance_kernel`, as everywhere here.
     """
     kinds = types(Real)
-    link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity, plain).meet
+    link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity, plain)
+    see_bodies, meet_all = meet.see_bodies, meet.meet_all
     clear_sizes = contacts(Real, capacity).clear_sizes
     joints = joint_passes(Real, capacity)
 
@@ -70,6 +64,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
         chain = ensemble.chains[variant]
         links = ensemble.links[variant]
         n = drive.rollers
+        see_bodies(state, drive)
         if links.uneven != 0:
             joints.pull_uneven(w, n, chain, links)
         elif joint.rubs != 0:
@@ -81,8 +76,8 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
             joints.bend_links(w, n)
         if wanted.sizes != 0:
             clear_sizes(w, n)
-        for b in range(drive.bodies):
-            state.wrenches[drive.first_body + b] = Wrench()
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            state.wrenches[b] = Wrench()
         memory = kinds.Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
@@ -91,13 +86,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
         memory.wanted = wanted
         if drive.integrator == 0:
             memory.lag = Real(wp.float64(0.5) * drive.step)
-        for p in range(drive.sprockets + drive.guides):
-            totals, body = meet(ensemble, state, drive, chain, w, p, memory)
-            state.totals[drive.first_sprocket + drive.first_guide + p] = totals
-            if body != GROUND:
-                b = drive.first_body + body
-                state.wrenches[b] = with_reaction(state.wrenches[b], totals.push, totals.moment)
-            memory.first = memory.first + n
+        meet_all(ensemble, state, drive, chain, w, memory)
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
                 tensioner = ensemble.tensioners[t]
@@ -244,6 +233,7 @@ def stepping(Real: type, capacity: int, plain: bool) -> Stepping:
     part = passes(Real, capacity)
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     leapfrog_bodies, rk4_bodies = moving(Real, plain).leapfrog_bodies, moving(Real, plain).rk4_bodies
+    hurry = runs(Real, capacity).hurry
     acceleration, kick_drift, move = part.acceleration, part.kick_drift, part.move
     row = rows(capacity)
     X, Y, VX, VY, X_LOW, Y_LOW, X0_LOW, Y0_LOW = (
@@ -280,6 +270,9 @@ def stepping(Real: type, capacity: int, plain: bool) -> Stepping:
         """One step from evaluated forces; `kick` is h, or h / 2 from the initial state."""
         leapfrog_bodies(ensemble, state, drive, time, kick)
         kick_drift(w, drive.rollers, chain, Real(kick), Real(drive.step))
+        for b in range(drive.first_body, drive.first_body + drive.bodies):
+            if ensemble.mounts[b].active != 0:
+                hurry(w, state.bodies[b].velocity)
 
     @wp.func
     def rk4_rollers(w: wp.array[Real], n: int, chain: kinds.Chain, stage: int, weight: Real, reach: Real):

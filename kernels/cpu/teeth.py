@@ -7,9 +7,9 @@ import warp as wp
 
 from ..physics.contact import UNTOUCHED, after_teeth, in_gap, load_direction, tracked_seat, turned_by
 from ..physics.tooth import beyond_tip, endless_gap, nearest_seat, on_tip, seat_step
-from ..rows import accessors, whole_lanes
+from ..rows import accessors
 from ..structs import Pose, types
-from .contacts import Group, bit_of, contacts, is_near, lowest_bit, next_bits
+from .contacts import Group, bit_of, contacts, lowest_bit, next_bits
 from .rollers import passes, rows
 
 
@@ -18,7 +18,11 @@ class TeethPasses:
     """The passes for one sprocket, in the order in which they are made."""
 
     find_engaged: wp.Function
+    disengage: wp.Function
+    place_in_gaps: wp.Function
+    seat_rollers: wp.Function
     touch_teeth: wp.Function
+    keep: wp.Function
     first_touches: wp.Function
 
 
@@ -28,8 +32,8 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
     kinds = types(Real)
     compensated = Real == wp.float32
     place, contact = passes(Real, capacity).place, contacts(Real, capacity)
-    recall, place_arm, touch = contact.recall, contact.place_arm, contact.touch
-    load_row, store_row, whole = accessors(Real).load_row, accessors(Real).store_row, whole_lanes(Real)
+    place_arm, touch = contact.place_arm, contact.touch
+    load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_seat, store_seat = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     at = rows(capacity)
     X, Y, VX, VY, NEAR = at.x, at.y, at.vx, at.vy, at.near
@@ -39,17 +43,18 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
         at.direction_x_low,
         at.direction_y_low,
     )
-    DIRECTION_OF, unlike = at.direction_of, accessors(Real).unlike
+    DIRECTION_OF, HELD, unlike = at.direction_of, at.held, accessors(Real).unlike
+    KEPT = at.kept
     RADIAL, LATERAL, OUTWARD_X, OUTWARD_Y = at.radial, at.lateral, at.outward_x, at.outward_y
     BEFORE, OPEN, PENETRATION, NORMAL_X, NORMAL_Y = at.before, at.open, at.penetration, at.normal_x, at.normal_y
 
     @wp.func
-    def find_engaged(w: wp.array[Real], n: int, sprocket: kinds.Sprocket, body: Pose):
-        """Which rollers are between the teeth."""
+    def find_engaged(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose):
+        """Which rollers are between the teeth, of those from `first` on."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
-        i = int(0)
-        while i < whole(n):
+        i = first
+        while i < end:
             x = load_row(w, X + i) - center_x
             y = load_row(w, Y + i) - center_y
             square = x * x + y * y
@@ -57,6 +62,24 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             if square > sprocket.near_square and square < sprocket.far_square:
                 near = Real(1.0)
             store_row(w, NEAR + i, near)
+            i = i + 1
+
+    @wp.func
+    def disengage(w: wp.array[Real], first: int, rollers: wp.uint64):
+        """Forgets to where the seats of some rollers from `first` on point."""
+        bits = rollers
+        while bits != wp.uint64(0):
+            store_row(w, DIRECTION_OF + first + lowest_bit(bits), Real(-1.0))
+            bits = next_bits(bits)
+
+    @wp.func
+    def keep(w: wp.array[Real], first: int, end: int, number: int, memory: kinds.Memory):
+        """What the contacts with sprocket `number` of the drive keep from now on."""
+        i = first
+        while i < end:
+            if load_row(w, DIRECTION_OF + i) == Real(number):
+                store_row(w, HELD + i, load_row(w, KEPT + i))
+                store_row(memory.impact_speed, memory.first + i, load_row(w, KEPT + i))
             i = i + 1
 
     @wp.func
@@ -103,59 +126,80 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             store_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i, direction[0])
             store_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i, direction[1])
             store_row(w, DIRECTION_OF + i, Real(number))
+            store_row(w, HELD + i, load_row(memory.impact_speed, memory.first + i))
             bits = next_bits(bits)
 
     @wp.func
-    def stand(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
-        """How the rollers stand in the gaps of the seats that they have kept, as `contact.in_teeth` but for tips.
+    def place_in_gaps(
+        w: wp.array[Real], first: int, end: int, n: int, sprocket: kinds.Sprocket, body: Pose, number: int
+    ):
+        """Where the rollers are in the gaps of the seats that they have kept on sprocket `number` of the drive.
 
-        Returns who has come nearer to another seat, as bits, and 1 if any is at a tip.
+        Returns who of them has come nearer to another seat, as bits, and 1 if others are near than those who have one.
         """
+        center_x = Real(body.center[0])
+        center_y = Real(body.center[1])
+        tangent = wp.float64(sprocket.half_pitch_tangent)
+        moved = wp.uint64(0)
+        others = int(0)
+        i = first
+        while i < end:
+            x = load_row(w, X + i) - center_x
+            y = load_row(w, Y + i) - center_y
+            square = x * x + y * y
+            near = i < n and square > sprocket.near_square and square < sprocket.far_square
+            seated = load_row(w, DIRECTION_OF + i) == Real(number)
+            others = others | wp.where(near == seated, 0, 1)
+            p = place(w, i) - body.center
+            direction_x = load_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i)
+            direction_y = load_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i)
+            outward, radial, lateral = in_gap(p, wp.vec2d(direction_x, direction_y), body.cosine, body.sine)
+            moved = moved | wp.where(near and seat_step(radial, lateral, tangent) != 0, bit_of(i - first), wp.uint64(0))
+            store_row(w, RADIAL + i, Real(radial - sprocket.exact_radius))
+            store_row(w, LATERAL + i, Real(lateral))
+            store_row(w, OUTWARD_X + i, Real(outward[0]))
+            store_row(w, OUTWARD_Y + i, Real(outward[1]))
+            i = i + 1
+        return moved, others
+
+    @wp.func
+    def stand(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose, number: int):
+        """How the rollers stand in their gaps, as `contact.in_teeth` but for tips; 1 if any is at a tip."""
         center_x = Real(body.center[0])
         center_y = Real(body.center[1])
         center_vx = Real(body.velocity[0])
         center_vy = Real(body.velocity[1])
         omega = Real(body.speed)
-        tangent = wp.float64(sprocket.half_pitch_tangent)
-        moved = wp.uint64(0)
         tipped = int(0)
-        i = group.low
-        while i < group.high:
-            p = place(w, i) - body.center
-            direction_x = load_half(w, DIRECTION_X + i, DIRECTION_X_LOW + i)
-            direction_y = load_half(w, DIRECTION_Y + i, DIRECTION_Y_LOW + i)
-            outward, radial, lateral_here = in_gap(p, wp.vec2d(direction_x, direction_y), body.cosine, body.sine)
-            if seat_step(radial, lateral_here, tangent) != 0:
-                moved = moved | bit_of(i - group.first)
-            xi = Real(radial - sprocket.exact_radius)
-            lateral = Real(lateral_here)
-            outward_x = Real(outward[0])
-            outward_y = Real(outward[1])
-            store_row(w, RADIAL + i, xi)
-            store_row(w, LATERAL + i, lateral)
-            store_row(w, OUTWARD_X + i, outward_x)
-            store_row(w, OUTWARD_Y + i, outward_y)
+        i = first
+        while i < end:
+            xi = load_row(w, RADIAL + i)
+            lateral = load_row(w, LATERAL + i)
             penetration, along, across = endless_gap(xi, lateral, sprocket)
-            depth = wp.where(is_near(group, i), penetration, Real(0.0))
+            seated = load_row(w, DIRECTION_OF + i) == Real(number)
+            depth = wp.where(seated, penetration, Real(0.0))
             tipped = tipped | wp.where(beyond_tip(depth, xi, lateral, sprocket), 1, 0)
+            p = place(w, i) - body.center
             relative_x = -omega * Real(p[1]) - (load_row(w, VX + i) - center_vx)
             relative_y = omega * Real(p[0]) - (load_row(w, VY + i) - center_vy)
-            normal_x, normal_y = turned_by(outward_x, outward_y, along, across)
+            normal_x, normal_y = turned_by(load_row(w, OUTWARD_X + i), load_row(w, OUTWARD_Y + i), along, across)
+            before = wp.where(seated, load_row(w, HELD + i), Real(0.0))
             place_arm(w, i, load_row(w, X + i) - center_x, load_row(w, Y + i) - center_y)
             touch(w, i, depth, normal_x, normal_y, relative_x, relative_y)
-            store_row(w, OPEN + i, after_teeth(recall(w, i, group, memory)))
+            store_row(w, BEFORE + i, before)
+            store_row(w, OPEN + i, after_teeth(before))
             i = i + 1
-        return moved & group.near, tipped
+        return tipped
 
     @wp.func
-    def stand_in_gaps(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket, body: Pose, memory: kinds.Memory):
+    def stand_in_gaps(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose, number: int):
         """As `stand`, of straight flanks in a loop of its own."""
         if sprocket.flank_curvature > Real(0.0):
-            moved, tipped = stand(w, group, sprocket, body, memory)
-            return moved, tipped
+            tipped = stand(w, first, end, sprocket, body, number)
+            return tipped
         sprocket.flank_curvature = Real(0.0)  # so that the compiler knows
-        moved, tipped = stand(w, group, sprocket, body, memory)
-        return moved, tipped
+        tipped = stand(w, first, end, sprocket, body, number)
+        return tipped
 
     @wp.func
     def change_seats(
@@ -177,10 +221,10 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             bits = next_bits(bits)
 
     @wp.func
-    def touch_tips(w: wp.array[Real], group: Group, sprocket: kinds.Sprocket):
+    def touch_tips(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket):
         """Mends the depths and normals of rollers at tips, which are few."""
-        i = group.low
-        while i < group.high:
+        i = first
+        while i < end:
             xi = load_row(w, RADIAL + i)
             lateral = load_row(w, LATERAL + i)
             if beyond_tip(load_row(w, PENETRATION + i), xi, lateral, sprocket):
@@ -192,26 +236,33 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             i = i + 1
 
     @wp.func
-    def touch_teeth(
+    def seat_rollers(
         w: wp.array[Real],
         group: Group,
+        n: int,
         sprocket: kinds.Sprocket,
         body: Pose,
         number: int,
         seats: wp.array[wp.vec2d],
         memory: kinds.Memory,
     ):
-        """The seats of the rollers on sprocket `number` of the drive, and how they stand in their gaps."""
+        """The seats of the rollers of a group that are near, and where they are in their gaps."""
         find_seats(w, group, sprocket, body, memory)
         other = unlike(w, DIRECTION_OF + group.first, group.high - group.first, Real(number))
         find_directions(w, group.first, group.near & (other | group.fresh), number, sprocket, seats, memory)
-        moved, tipped = stand_in_gaps(w, group, sprocket, body, memory)
+        moved, others = place_in_gaps(w, group.low, group.high, n, sprocket, body, number)
         if moved != wp.uint64(0):
+            moved = moved << wp.uint64(group.low - group.first)
             change_seats(w, group, moved, sprocket, body, seats, memory)
             find_directions(w, group.first, moved, number, sprocket, seats, memory)
-            moved, tipped = stand_in_gaps(w, group, sprocket, body, memory)
+            place_in_gaps(w, group.low, group.high, n, sprocket, body, number)
+
+    @wp.func
+    def touch_teeth(w: wp.array[Real], first: int, end: int, sprocket: kinds.Sprocket, body: Pose, number: int):
+        """How the rollers that have seats stand in their gaps."""
+        tipped = stand_in_gaps(w, first, end, sprocket, body, number)
         if tipped != 0:
-            touch_tips(w, group, sprocket)
+            touch_tips(w, first, end, sprocket)
 
     @wp.func
     def first_touches(w: wp.array[Real], group: Group):
@@ -224,4 +275,4 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
             i = i + 1
         return count
 
-    return TeethPasses(find_engaged, touch_teeth, first_touches)
+    return TeethPasses(find_engaged, disengage, place_in_gaps, seat_rollers, touch_teeth, keep, first_touches)

@@ -118,7 +118,9 @@ def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None
     state.totals = wp.zeros(partners, dtype=sum_structs.Totals, device=device)
     state.body_stages = wp.zeros(len(packed.bodies), dtype=structs.BodyStages, device=device)
     state.wrenches = wp.zeros(len(packed.bodies), dtype=structs.Wrench, device=device)
-    state.rates = wp.zeros(len(packed.bodies) if large is None else 1, dtype=wp.vec3d, device=device)
+    on_cpu = len(packed.bodies) if large is None else 1
+    state.poses = wp.zeros(on_cpu, dtype=structs.Pose, device=device)
+    state.rates = wp.zeros(on_cpu, dtype=wp.vec3d, device=device)
     state.tensioners = wp.array(packed.oil, dtype=structs.TensionerState, device=device, copy=True)
     state.pushes = wp.zeros(len(packed.oil), dtype=structs.Push, device=device)
     state.meters = wp.zeros(len(packed.oil), dtype=sum_structs.TensionerFlows, device=device)
