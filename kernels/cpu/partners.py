@@ -153,7 +153,7 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
             face.leave_bar(first, count, near, memory)
         return seated
 
-    @wp.func
+    @wp.func(inline=False)
     def look_around(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, w: wp.array[Real]):
         """Finds anew which rollers can come near each partner soon; of a guide that moves, all can."""
         n = drive.rollers
