@@ -1,4 +1,7 @@
-"""What is taken from an evaluated step: sums of the window, the energy balance, and frames."""
+"""What is taken from an evaluated step: sums of the window, the energy balance, and frames.
+
+What few steps come to is kept out of the time loop's one piece (`inline=False`), which compiles sooner then.
+"""
 
 from dataclasses import dataclass
 from functools import cache
@@ -88,7 +91,7 @@ class Observing:
 
 
 @cache
-def observing(Real: type, capacity: int, frame: Any) -> Observing:
+def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
     """The functions that observe one variant, for rows of `capacity` values of type `Real`; `frame` as in `frames`."""
     kinds = types(Real)
     vec2 = kinds.vec2
@@ -98,14 +101,14 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     follow = following(Real).follow
     load_row = accessors(Real).load_row
     acceleration = passes(Real, capacity).acceleration
-    body_now, wrench_on = moving(Real).body_now, moving(Real).wrench_on
+    body_now, wrench_on = moving(Real, plain).body_now, moving(Real, plain).wrench_on
     row = rows(capacity)
     X, Y, VX, VY = row.x, row.y, row.vx, row.vy
     TENSION, RATE, SPROCKET_FORCE, GUIDE_FORCE = row.tension, row.rate, row.sprocket_force, row.guide_force
     write = frame_writers(Real, frame)
     write_roller, write_sprocket, width = write.write_roller, write.write_sprocket, write.width
 
-    @wp.func
+    @wp.func(inline=False)
     def mechanical_energy(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -122,12 +125,13 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             body = body_now(ensemble, state, drive, b, at.time, at.lag)
             arm = arm_of(drive, b)
-            if arm >= 0:
-                total += arm_energy(body, heading_of(body), ensemble.arms[arm])
-            else:
+            if arm < 0:
                 total += body_energy(body, ensemble.motions[b], ensemble.mounts[b])
-        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-            total += tensioner_energy(state.pushes[t].extension, state.tensioners[t], ensemble.tensioners[t])
+            elif wp.static(not plain):
+                total += arm_energy(body, heading_of(body), ensemble.arms[arm])
+        if wp.static(not plain):
+            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+                total += tensioner_energy(state.pushes[t].extension, state.tensioners[t], ensemble.tensioners[t])
         return total
 
     @wp.func
@@ -187,7 +191,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             sums.strand[s] = tally.merge_strand_links(w, n, state.strands[s], sums.strand[s])
         tally.clear(w, n)
 
-    @wp.func
+    @wp.func(inline=False)
     def look_at_chain(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -260,10 +264,11 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         measure_contacts(state, sums, drive, at)
         for s in range(drive.sprockets):
             add_body(ensemble, state, sums, drive, s, at)
-        for a in range(drive.arms):
-            add_arm_body(ensemble, state, sums, drive, a, at)
-        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-            add_push(ensemble, state, sums, drive, t, at)
+        if wp.static(not plain):
+            for a in range(drive.arms):
+                add_arm_body(ensemble, state, sums, drive, a, at)
+            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+                add_push(ensemble, state, sums, drive, t, at)
 
     @wp.func
     def seen(w: wp.array[Real], i: int):
@@ -275,7 +280,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         of.guide_force = load_row(w, GUIDE_FORCE + i)
         return of
 
-    @wp.func
+    @wp.func(inline=False)
     def sample(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -305,11 +310,12 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             b = drive.first_body + s
             body = body_now(ensemble, state, drive, b, at.time, at.lag)
             write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment)
-        for a in range(drive.arms):
-            b = drive.first_body + drive.bodies - drive.arms + a
-            arm = body_now(ensemble, state, drive, b, at.time, at.lag)
-            write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
-        for t in range(drive.tensioners):
-            write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
+        if wp.static(not plain):
+            for a in range(drive.arms):
+                b = drive.first_body + drive.bodies - drive.arms + a
+                arm = body_now(ensemble, state, drive, b, at.time, at.lag)
+                write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
+            for t in range(drive.tensioners):
+                write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])
 
     return Observing(clear=tally.clear, merge=merge, measure=measure, sample=sample, width=width)

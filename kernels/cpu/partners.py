@@ -45,7 +45,7 @@ class Partners:
 
 
 @cache
-def partners(Real: type, capacity: int) -> Partners:
+def partners(Real: type, capacity: int, plain: bool) -> Partners:
     """The function that meets the partners of one variant, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     Partner = partner_type(Real)
@@ -136,7 +136,7 @@ def partners(Real: type, capacity: int) -> Partners:
             teeth.find_engaged(w, first, end, partner.sprocket, partner.pose)
         elif partner.guide.pieces == 0:
             face.find_over_bar(w, first, end, partner.guide)
-        else:
+        elif wp.static(not plain):
             face.find_over_profile(w, first, end, partner.guide, partner.pose)
 
     @wp.func
@@ -153,7 +153,7 @@ def partners(Real: type, capacity: int) -> Partners:
             face.leave_bar(first, count, near, memory)
         return seated
 
-    @wp.func
+    @wp.func(inline=False)
     def look_around(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, w: wp.array[Real]):
         """Finds anew which rollers can come near each partner soon; of a guide that moves, all can."""
         n = drive.rollers
@@ -233,7 +233,7 @@ def partners(Real: type, capacity: int) -> Partners:
         group = near_group(w, first, end, n, partner, memory)
         if partner.guide.pieces == 0:
             face.touch_bar(w, group, partner.guide, partner.pose, memory)
-        else:
+        elif wp.static(not plain):
             face.touch_profile(w, group, partner.guide, partner.pose, ensemble.pieces, memory)
         return group
 

@@ -15,15 +15,15 @@ from .steps import evaluating, moving
 
 
 @cache
-def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
-    """The kernel that settles variants, for up to `capacity` - 1 rollers."""
+def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
+    """The kernel that settles variants, for up to `capacity` - 1 rollers; `plain` as in `serial.advance_kernel`."""
     kinds = types(Real)
     part = passes(Real, capacity)
-    evaluate = evaluating(Real, capacity).evaluate
+    evaluate = evaluating(Real, capacity, plain).evaluate
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     at, forget = rows(capacity), runs(Real, capacity).forget
     VX, VY, TENSION = at.vx, at.vy, at.tension
-    kick_drift, acceleration, rates_of = part.kick_drift, part.acceleration, moving(Real).rates_of
+    kick_drift, acceleration, rates_of = part.kick_drift, part.acceleration, moving(Real, plain).rates_of
 
     @wp.func
     def kinetic_energy(w: wp.array[Real], n: int, mass: Real):
@@ -87,7 +87,7 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
         stiffness = wp.float64(chain.stiffness)
         return relative_residual(wp.float64(worst), wp.float64(tension), wp.float64(chain.mass), gravity, stiffness)
 
-    @wp.kernel(enable_backward=False, module=own_module("relax", Real, capacity))
+    @wp.kernel(enable_backward=False, module=own_module("relax", Real, capacity, plain))
     def relax(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -110,13 +110,17 @@ def relax_kernel(Real: type, capacity: int) -> wp.Kernel:
             evaluate(ensemble, state, variant, joint, w, 0, Wanted())
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
-                beside = arms_acceleration(ensemble, state, drive, chain)
-                energy = kinetic_energy(w, n, chain.mass) + arms_energy(ensemble, state, drive)
+                beside = wp.float64(0.0)
+                energy = kinetic_energy(w, n, chain.mass)
+                if wp.static(not plain):
+                    beside = arms_acceleration(ensemble, state, drive, chain)
+                    energy = energy + arms_energy(ensemble, state, drive)
                 s, restart = judged(s, energy, residual(w, n, chain, beside))
                 if restart == 1:
                     stop(w, n)
             if s.settled == 0:
-                turn_arms(ensemble, state, drive, relaxation_kick(s, restart), s.step)
+                if wp.static(not plain):
+                    turn_arms(ensemble, state, drive, relaxation_kick(s, restart), s.step)
                 kick_drift(w, n, chain, Real(relaxation_kick(s, restart)), Real(s.step))
                 s.steps = s.steps + 1
         settling[variant] = s

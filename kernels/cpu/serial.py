@@ -24,18 +24,19 @@ SCRATCH_ROWS = len(ROWS)
 
 
 @cache
-def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
+def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Kernel:
     """The kernel that takes variants through the steps of a launch, for up to `capacity` - 1 rollers.
 
-    Frames lie as `frame` says (`frames.frame_writers`).
+    Frames lie as `frame` says (`frames.frame_writers`). That of `plain` drives leaves out what few have and what takes
+    long to compile: arms and tensioners, profiles of guides, rk4. What is left does the same, to the bit.
     """
     kinds = types(Real)
     part = passes(Real, capacity)
-    do = stepping(Real, capacity)
-    observe = observing(Real, capacity, frame)
-    evaluate = evaluating(Real, capacity).evaluate
-    soon, look_around = runs(Real, capacity), partners(Real, capacity).look_around
-    inside, find_rates, bodies_sound = part.inside, moving(Real).find_rates, moving(Real).bodies_sound
+    do = stepping(Real, capacity, plain)
+    observe = observing(Real, capacity, frame, plain)
+    evaluate = evaluating(Real, capacity, plain).evaluate
+    soon, look_around = runs(Real, capacity), partners(Real, capacity, plain).look_around
+    inside, find_rates, bodies_sound = part.inside, moving(Real, plain).find_rates, moving(Real, plain).bodies_sound
 
     @wp.func
     def march(
@@ -86,7 +87,8 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
                     do.leapfrog(ensemble, state, drive, chain, w, now.time, leapfrog_kick(step, drive.step))
                     stage = 4
                 else:
-                    do.rk4(ensemble, state, drive, chain, w, at_stage)
+                    if wp.static(not plain):
+                        do.rk4(ensemble, state, drive, chain, w, at_stage)
                     stage = stage + 1
             if progress.diverged == 0:
                 step = step + 1
@@ -95,7 +97,7 @@ def advance_kernel(Real: type, capacity: int, frame: Any) -> wp.Kernel:
         state.progress[variant] = progress
         part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
 
-    @wp.kernel(enable_backward=False, module=own_module("advance", Real, capacity, frame))
+    @wp.kernel(enable_backward=False, module=own_module("advance", Real, capacity, frame, plain))
     def advance(
         ensemble: kinds.Ensemble,
         state: kinds.State,

@@ -35,10 +35,13 @@ class Evaluating:
 
 
 @cache
-def evaluating(Real: type, capacity: int) -> Evaluating:
-    """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`."""
+def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
+    """The function that evaluates the forces of one variant, for rows of `capacity` values of type `Real`.
+
+    For `plain` see `serial.advance_kernel`, as everywhere here.
+    """
     kinds = types(Real)
-    link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity)
+    link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity, plain)
     see_bodies, meet_all = meet.see_bodies, meet.meet_all
     clear_sizes = contacts(Real, capacity).clear_sizes
     joints = joint_passes(Real, capacity)
@@ -84,9 +87,11 @@ def evaluating(Real: type, capacity: int) -> Evaluating:
         if drive.integrator == 0:
             memory.lag = Real(wp.float64(0.5) * drive.step)
         meet_all(ensemble, state, drive, chain, w, memory)
-        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-            tensioner = ensemble.tensioners[t]
-            state.pushes[t] = push_by(state.bodies[drive.first_body + tensioner.body], state.tensioners[t], tensioner)
+        if wp.static(not plain):
+            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+                tensioner = ensemble.tensioners[t]
+                plunger = state.bodies[drive.first_body + tensioner.body]
+                state.pushes[t] = push_by(plunger, state.tensioners[t], tensioner)
 
     return Evaluating(evaluate=evaluate)
 
@@ -105,7 +110,7 @@ class BodyFunctions:
 
 
 @cache
-def moving(Real: type) -> BodyFunctions:
+def moving(Real: type, plain: bool) -> BodyFunctions:
     """The functions that move the bodies of one variant of an ensemble, and observe them."""
     kinds = types(Real)
 
@@ -113,10 +118,11 @@ def moving(Real: type) -> BodyFunctions:
     def wrench_on(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int):
         """What contacts and tensioners do to body `b` of all."""
         wrench = state.wrenches[b]
-        for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
-            if drive.first_body + ensemble.tensioners[t].body == b:
-                push = state.pushes[t].wrench
-                wrench = with_reaction(wrench, push.force, push.moment)
+        if wp.static(not plain):
+            for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
+                if drive.first_body + ensemble.tensioners[t].body == b:
+                    push = state.pushes[t].wrench
+                    wrench = with_reaction(wrench, push.force, push.moment)
         return wrench
 
     @wp.func
@@ -124,9 +130,10 @@ def moving(Real: type) -> BodyFunctions:
         """Accelerations of body `b` of all, from what contacts and tensioners do to it."""
         body = state.bodies[b]
         wrench = wrench_on(ensemble, state, drive, b)
-        arm = arm_of(drive, b)
-        if arm >= 0:
-            return arm_rates(body, heading_of(body), wrench.moment, ensemble.arms[arm])
+        if wp.static(not plain):
+            arm = arm_of(drive, b)
+            if arm >= 0:
+                return arm_rates(body, heading_of(body), wrench.moment, ensemble.arms[arm])
         motion = ensemble.motions[b]
         load = load_moment(time, body.angle, body.speed, motion, ensemble.curves)
         return body_rates(time, body, heading_of(body), wrench, load, motion, ensemble.mounts[b], ensemble.curves)
@@ -159,7 +166,8 @@ def moving(Real: type) -> BodyFunctions:
             state.bodies[b] = leapfrog_body(
                 time, kick, drive.step, state.bodies[b], state.rates[b], ahead, motion, ensemble.mounts[b]
             )
-        flow(ensemble, state, drive)
+        if wp.static(not plain):
+            flow(ensemble, state, drive)
 
     @wp.func
     def rk4_bodies(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, at: Rk4Stage):
@@ -176,8 +184,9 @@ def moving(Real: type) -> BodyFunctions:
             )
             state.bodies[b] = body
             state.body_stages[b] = stages
-        if at.number == 3:
-            flow(ensemble, state, drive)
+        if wp.static(not plain):
+            if at.number == 3:
+                flow(ensemble, state, drive)
 
     @wp.func
     def body_now(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int, time: wp.float64, lag: wp.float64):
@@ -218,12 +227,12 @@ class Stepping:
 
 
 @cache
-def stepping(Real: type, capacity: int) -> Stepping:
+def stepping(Real: type, capacity: int, plain: bool) -> Stepping:
     """The functions that take one variant a step on, for rows of `capacity` values of type `Real`."""
     kinds = types(Real)
     part = passes(Real, capacity)
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
-    leapfrog_bodies, rk4_bodies = moving(Real).leapfrog_bodies, moving(Real).rk4_bodies
+    leapfrog_bodies, rk4_bodies = moving(Real, plain).leapfrog_bodies, moving(Real, plain).rk4_bodies
     hurry = runs(Real, capacity).hurry
     acceleration, kick_drift, move = part.acceleration, part.kick_drift, part.move
     row = rows(capacity)

@@ -235,7 +235,7 @@ def teeth_passes(Real: type, capacity: int) -> TeethPasses:
                 store_row(w, NORMAL_Y + i, normal_y)
             i = i + 1
 
-    @wp.func
+    @wp.func(inline=False)
     def seat_rollers(
         w: wp.array[Real],
         group: Group,

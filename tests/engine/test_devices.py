@@ -284,7 +284,7 @@ sys.path.insert(0, "tests")
 from drives import two_sprockets
 from warpchain import simulate
 simulate(two_sprockets(duration=0.0005, settle="false"))
-print([name for name in ("pandas", "warpchain.kernels.gpu", "matplotlib", "rerun") if name in sys.modules])
+print([name for name in ("pandas", "scipy", "warpchain.kernels.gpu", "matplotlib", "rerun") if name in sys.modules])
 """
 
 

@@ -56,6 +56,7 @@ def test_whatever_a_kernel_is_made_for_tells_it_apart():
         ("advance", wp.float32, 264, FRAME),
         ("advance", wp.float64, 1032, FRAME),
         ("advance", wp.float64, 264, asked),
+        ("advance", wp.float64, 264, FRAME, True),
         ("advance", kind, 4, FRAME),
         ("advance", kind, 8, FRAME),
         ("advance", replace(kind, measuring=True), 4, FRAME),
@@ -78,7 +79,7 @@ def test_another_version_of_warp_hashes_kernels_itself(monkeypatch):
 def test_this_version_of_warp_is_known():
     # else starts are slower by half a second: see whether `_Hasher` and `_Module` still fit, and add it to `KNOWN`
     assert wp.__version__.startswith(modules.KNOWN)
-    kernel = advance_kernel(wp.float64, 264, FRAME)
+    kernel = advance_kernel(wp.float64, 264, FRAME, plain=True)
     assert isinstance(kernel.module, modules._Module)
     kernel.module.get_module_hash(1)
     assert kernel.module.hashers and all(isinstance(of, modules._Hasher) for of in kernel.module.hashers.values())

@@ -28,7 +28,11 @@ BEYOND = 32
 def kernel_of(name: str, packed: Packed, precision: str) -> Any:
     """The kernel "advance" or "relax" for an ensemble at a precision, not loaded; for one thread at a time."""
     form = real_of(precision), _capacity(packed)
-    return relax.relax_kernel(*form) if name == "relax" else serial.advance_kernel(*form, packed.frame)
+    drives = packed.drives
+    plain = not any(drives[part].any() for part in ("arms", "tensioners", "pieces"))
+    if name == "relax":
+        return relax.relax_kernel(*form, plain)
+    return serial.advance_kernel(*form, packed.frame, plain and not drives["integrator"].any())
 
 
 class CpuEngine:

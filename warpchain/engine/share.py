@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.drive.stack import Stack, picked
+from warpchain.engine.batches import batch_durations
 from warpchain.engine.devices import Engine, engine_on, frame_bytes, launch_steps, loading
 from warpchain.engine.ends import causes_of, engaged, layouts_of, net_force
 from warpchain.engine.nudge import nudge
@@ -215,6 +216,7 @@ def _march(
     rollers, last = drives["rollers"].astype(float), drives["steps"].copy()
     total = float(((last + 1) * rollers).sum())
     buffers = [engine.frame_buffer(buffer_values) for _ in range(2)]
+    batched = bool(np.isfinite(batch_durations(drives)).any())
     taken: tuple[Any, Any, Any] | None = None
 
     def tick() -> None:
@@ -226,7 +228,8 @@ def _march(
     turn = 0
     while ((before["step"] <= last) & (before["diverged"] == 0)).any() and not stop.asked:
         futures = engine.advance(steps if keeper is None else keeper.most(before, steps), buffers[turn])
-        _load_ahead()
+        if batched:
+            _load_ahead()
         if taken is not None:
             recorder.take(taken[0].numpy(), *taken[1:])
         _await(futures, stop, tick)
@@ -241,5 +244,5 @@ def _march(
 
 @cache
 def _load_ahead() -> None:
-    """Imports what the metrics need, which takes 0.3 s, while the engine is at work without Python's lock."""
+    """Imports what metrics of batches need, which takes 0.3 s, while the engine is at work without Python's lock."""
     Thread(target=import_module, args=("scipy.special",)).start()

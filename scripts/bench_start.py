@@ -1,0 +1,75 @@
+"""What a short command takes on the CPU, in this tree and in others: with compiled kernels, and with none.
+
+    python scripts/bench_start.py [../before] [--empty 3] [--compiled 4]
+
+Runs `warpchain run industrial --duration 0.001` in all trees at once with empty kernel caches, so that what else the
+machine does slows all of them alike, then in turns with these caches. Prints the least CPU time, of all cores, and the
+least by the clock; the latter counts little with an empty cache where trees and others share few cores.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+HERE = Path(__file__).resolve().parents[1]
+COMMAND = ("run", "industrial", "--duration", "0.001", "--device", "cpu", "--quiet", "--overwrite")
+CALL = """
+import resource, subprocess, sys, time
+begin = time.monotonic()
+subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)
+took = time.monotonic() - begin
+of = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(of.ru_utime + of.ru_stime, took)
+"""
+"""Runs a command from a process of its own, whose children are that command alone."""
+
+
+def seconds(tree: Path, folder: Path) -> tuple[float, float]:
+    """CPU and clock seconds of the command in a tree, whose kernels are cached in `folder`."""
+    command = [sys.executable, "-m", "warpchain", *COMMAND, "-o", str(folder / "run.mcap")]
+    environment = os.environ | {"PYTHONPATH": str(tree), "WARP_CACHE_PATH": str(folder / "kernels")}
+    done = subprocess.run(
+        [sys.executable, "-c", CALL, *command], cwd=tree, env=environment, capture_output=True, text=True
+    )
+    if done.returncode:
+        raise SystemExit(f"{tree}: {(done.stderr.strip() or 'no output').splitlines()[-1]}")
+    cpu, clock = map(float, done.stdout.split())
+    return cpu, clock
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command's words."""
+    found = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    found.add_argument("trees", nargs="*", type=Path, help="other checkouts")
+    found.add_argument("--empty", type=int, default=3, help="times with an empty cache (default 3)")
+    found.add_argument("--compiled", type=int, default=4, help="times with compiled kernels (default 4)")
+    return found
+
+
+def main() -> None:
+    """Runs and prints."""
+    asked = parser().parse_args()
+    trees = [HERE, *(tree.resolve() for tree in asked.trees)]
+    empty: list[list[tuple[float, float]]] = []
+    compiled: list[list[tuple[float, float]]] = []
+    with ThreadPoolExecutor(len(trees)) as pool:
+        for _ in range(asked.empty):
+            with TemporaryDirectory() as place:
+                folders = [Path(place) / str(number) for number in range(len(trees))]
+                for folder in folders:
+                    folder.mkdir()
+                empty.append(list(pool.map(seconds, trees, folders)))
+                if len(empty) == asked.empty:
+                    compiled += [list(map(seconds, trees, folders)) for _ in range(asked.compiled)]
+    for title, rounds in (("empty cache", empty), ("compiled", compiled)):
+        for number, tree in enumerate(trees):
+            cpu, clock = (min(of[number][which] for of in rounds) for which in (0, 1))
+            print(f"{title:12}  {cpu:6.2f} s CPU  {clock:6.2f} s  {tree}")
+
+
+if __name__ == "__main__":
+    main()
