@@ -17,7 +17,6 @@ from ..structs import Drive, Wanted, types
 from ..sum_structs import Sums
 from ..sums import (
     STRAND_EVERY,
-    WATCH_EVERY,
     add_arm,
     add_contact,
     add_contact_force,
@@ -26,10 +25,12 @@ from ..sums import (
     add_hub_force,
     add_meter,
     add_mount,
+    add_powers,
     add_sprocket,
     add_tensioner,
     add_touches,
     following,
+    is_watched,
     watch_weight,
 )
 from .joints import joint_passes
@@ -69,7 +70,7 @@ def wanted_at(drive: Drive, step: int):
     wanted = Wanted()
     if step >= drive.window_start and step <= drive.window_end:
         wanted.measures = 1
-        wanted.forces = wp.where(step % WATCH_EVERY == 0, 1, 0)
+        wanted.forces = wp.where(is_watched(drive, step), 1, 0)
         wanted.energy = wp.where(step == drive.window_start or step == drive.window_end, 1, 0)
     if drive.sample_every > 0:
         wanted.sizes = wp.where(step % drive.sample_every == 0, 1, 0)
@@ -153,7 +154,9 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             whole = wrench_on(ensemble, state, drive, b)
             held, power = held_by(at.time, body, whole, load_part, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
-        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
+        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
+        if is_watched(drive, at.step):
+            sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, watch_weight(drive))
 
     @wp.func
     def add_arm_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, a: int, at: Instant):
@@ -248,7 +251,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
         n = drive.rollers
         if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
             look_at_chain(ensemble, state, sums, variant, drive, w, at.step)
-        if at.step % WATCH_EVERY == 0:
+        if is_watched(drive, at.step):
             watch(state, sums, drive, w)
         tally.add_rates(w, n, Real(at.weight / drive.step))
         if ensemble.joints[variant].rubs != 0:

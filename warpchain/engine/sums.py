@@ -13,6 +13,10 @@ from warpchain.kernels.sums import WATCH_EVERY
 from warpchain.kernels.tension_bins import BINS, STEP, ZERO
 
 
+WATCHED = ("speed", "speed_square", "moment", "force")
+"""Sums of sprockets that are of watched steps."""
+
+
 def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
     """(V, bins + 1) edges of the bins of tension for V scales (`kernels.tension_bins`) [N]."""
     return scale[:, None] * np.sinh(STEP * (np.arange(int(BINS) + 1) - int(ZERO)))
@@ -21,7 +25,7 @@ def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
 def watched_time(drives: NDArray[Any]) -> NDArray[np.float64]:
     """(V,) how long a window is, over the time that its watched steps stand for (`kernels.sums.watch_weight`)."""
     every, start, end = int(WATCH_EVERY), drives["window_start"].astype(int), drives["window_end"].astype(int)
-    watched = end // every - (start + every - 1) // every + 1
+    watched = end // every - start // every + 1  # the multiples of `every`, and the window's first step
     return np.asarray((end - start) / (every * np.maximum(watched, 1)))
 
 
@@ -47,9 +51,10 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
     watched = watched_time(drives)
     contact, turned = sums["contact"][partner], sums["sprocket"][sprocket]
     contact["impulse"] *= watched[:, None]
-    turned["force"] *= watched[:, None, None]
     batches = split_batches(sums, variants, sprocket)
-    batches["sprocket"]["force"] *= watched[:, None, None, None]
+    for name in WATCHED:
+        for seen in (turned[name], batches["sprocket"][name]):
+            seen *= watched.reshape(-1, *[1] * (seen.ndim - 1))
     counts = sums["tension_counts"].reshape(-1, int(BINS))[histograms]
     return {
         "chain": sums["chain"][variants],
