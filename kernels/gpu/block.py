@@ -16,7 +16,7 @@ from ..sum_structs import Sums, Tallies
 from ..sums import WATCH_EVERY, add_hub_force
 from .block_arms import block_arms
 from .block_bodies import block_bodies
-from .block_events import END, EXTRA
+from .block_events import END, EXTRA, START
 from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
@@ -76,7 +76,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.watched = 0
         if wp.static(measuring) and now.stage == 0:
             now.measured = now.window
-            if now.step % WATCH_EVERY == 0:
+            if now.step % WATCH_EVERY == 0 or now.flags & START != 0:
                 now.watched = now.window
         now.summed = now.driven
         if now.measured != 0 or now.flags != 0:
