@@ -56,6 +56,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     ahead = threads > 32
     early = ahead and not (moving or kind.profiles)
     # contacts without what frames want stand in the code a second time, where a thread's registers bear that
+    runs = measuring and not ahead and not rk4
     lean = not measuring and (ahead or per <= (6 if Real == wp.float32 else 4))
 
     @wp.func
@@ -188,6 +189,43 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             joints.add_friction(shared, mine, now)
 
     @wp.func
+    def is_quiet(now: Now):
+        """Whether of a step in the window only powers are wanted."""
+        return now.measured != 0 and now.watched == 0 and now.flags == 0
+
+    @wp.func
+    def quiet(now: Now):
+        """Such a step, so that the compiler leaves out what else there is."""
+        now.measured = 1
+        now.watched = 0
+        now.summed = SPROCKETS
+        return plain(now)
+
+    @wp.func
+    def step_of_a_warp(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+    ):
+        """A whole step or stage of a variant on one warp, with metrics."""
+        lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
+        held = partners.held_by(shared, mine.thread)
+        tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
+        held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+        sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+        forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
+        weigh(ensemble, shared, mine, now)
+        barrier()
+        sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+        advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+        advance_rollers(state, shared, mine, now)
+
+    @wp.func
     def instant(state: kinds.State, mine: Mine, since: int):
         """Where a launch begins, `since` steps after the frames' buffer."""
         now = Now()
@@ -303,6 +341,14 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(now)
+            if wp.static(runs):
+                if is_quiet(now):
+                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, quiet(now))
+                else:
+                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now)
+                now = next_stage(now)
+                barrier()
+                continue
             if wp.static(not ahead):
                 tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(not early):
