@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.engine.batches import batch_durations, split_batches
+from warpchain.engine.batches import batch_durations, split_batches, watched_in_batches
 from warpchain.engine.packed import Packed
 from warpchain.kernels.sums import WATCH_EVERY
 from warpchain.kernels.tension_bins import BINS, STEP, ZERO
@@ -52,9 +52,11 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
     contact, turned = sums["contact"][partner], sums["sprocket"][sprocket]
     contact["impulse"] *= watched[:, None]
     batches = split_batches(sums, variants, sprocket)
+    of_batches = watched_in_batches(drives)
     for name in WATCHED:
-        for seen in (turned[name], batches["sprocket"][name]):
-            seen *= watched.reshape(-1, *[1] * (seen.ndim - 1))
+        of_all, of_each = turned[name], batches["sprocket"][name]
+        of_all *= watched.reshape(-1, *[1] * (of_all.ndim - 1))
+        of_each *= of_batches.reshape(-1, *[1] * (of_each.ndim - 2), of_batches.shape[1])
     counts = sums["tension_counts"].reshape(-1, int(BINS))[histograms]
     return {
         "chain": sums["chain"][variants],
