@@ -46,9 +46,11 @@ def is_watched(drive: Drive, step: int):
 
 
 @wp.func
-def watch_weight(drive: Drive):
-    """The time that each watched step stands for [s], wherever the window ends (`warpchain.engine.sums` mends that)."""
-    return wp.float64(WATCH_EVERY) * drive.step
+def watch_weight(step: Any):
+    """The time that each watched step stands for, where steps are `step` [s] long, wherever the window ends
+    (`warpchain.engine.sums` mends that).
+    """
+    return type(step)(WATCH_EVERY) * step
 
 
 @wp.func

@@ -156,7 +156,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
         sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
         if is_watched(drive, at.step):
-            sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, watch_weight(drive))
+            sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, watch_weight(drive.step))
 
     @wp.func
     def add_arm_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, a: int, at: Instant):
@@ -218,7 +218,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
     def watch(state: kinds.State, sums: Sums, drive: Drive, w: wp.array[Real]):
         """Holds tensions against their extremes so far, and adds up forces on sprockets and guide-bars."""
         tally.widen(w, drive.rollers)
-        weight = watch_weight(drive)
+        weight = watch_weight(drive.step)
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
             sums.sprocket[i] = add_hub_force(sums.sprocket[i], state.wrenches[drive.first_body + s].force, weight)

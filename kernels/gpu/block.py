@@ -13,10 +13,10 @@ import warp as wp
 from ..modules import own_module
 from ..structs import types
 from ..sum_structs import Sums, Tallies
-from ..sums import WATCH_EVERY, add_hub_force
+from ..sums import WATCH_EVERY, add_hub_force, watch_weight
 from .block_arms import block_arms
 from .block_bodies import block_bodies
-from .block_events import END, EXTRA, START
+from .block_events import END, ENDS, EXTRA, START
 from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
@@ -71,17 +71,24 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         return mask
 
     @wp.func
-    def wanted(now: Now):
+    def wanted(mine: Mine, now: Now):
         """What is wanted of this evaluation: metrics at a step's start, and whose moments."""
         now.measured = 0
         now.watched = 0
-        if wp.static(measuring) and now.stage == 0:
-            now.measured = now.window
-            if now.step % WATCH_EVERY == 0 or now.flags & START != 0:
-                now.watched = now.window
-        now.summed = now.driven
-        if now.measured != 0 or now.flags != 0:
+        if wp.static(measuring):
             now.summed = SPROCKETS
+            now.weight = step_of(mine)
+            if now.flags & ENDS != 0:
+                now.weight = Real(0.5) * now.weight
+            now.watch_weight = watch_weight(step_of(mine))
+            if now.stage == 0:
+                now.measured = now.window
+                if now.step % WATCH_EVERY == 0 or now.flags & START != 0:
+                    now.watched = now.window
+        else:
+            now.summed = now.driven
+            if now.flags != 0:
+                now.summed = SPROCKETS
         return now
 
     @wp.func
@@ -194,11 +201,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         return now.measured != 0 and now.watched == 0 and now.flags == 0
 
     @wp.func
-    def quiet(now: Now):
+    def quiet(mine: Mine, now: Now):
         """Such a step, so that the compiler leaves out what else there is."""
         now.measured = 1
         now.watched = 0
-        now.summed = SPROCKETS
+        now.weight = step_of(mine)
         return plain(now)
 
     @wp.func
@@ -340,10 +347,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
-            now = wanted(now)
+            now = wanted(mine, now)
             if wp.static(runs):
                 if is_quiet(now):
-                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, quiet(now))
+                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, quiet(mine, now))
                 else:
                     step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now)
                 now = next_stage(now)

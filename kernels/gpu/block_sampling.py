@@ -11,7 +11,7 @@ from ..physics.body import in_box
 from ..rows import accessors
 from ..structs import BodyState, Drive, Wrench, types
 from ..sum_structs import Sums, Tallies
-from ..sums import STRAND_EVERY, add_energy, watch_weight
+from ..sums import STRAND_EVERY, add_energy
 from .block_bodies import block_bodies
 from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
 from .block_joints import block_joints
@@ -106,11 +106,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         now.event = next_event(drive, now.step)
         if wp.static(measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
             now.window = 1
-            now.weight = step_of(mine)
-            if now.flags & ENDS != 0:
-                now.weight = Real(0.5) * now.weight
-            if now.watch_weight == Real(0.0):
-                now.watch_weight = Real(watch_weight(drive))
             if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
                 look_at_chain(ensemble, state, sums, tallies, shared, mine, now)
         if now.flags & CHECK != 0:
