@@ -56,7 +56,7 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
     for name in WATCHED:
         of_all, of_each = turned[name], batches["sprocket"][name]
         of_all *= watched.reshape(-1, *[1] * (of_all.ndim - 1))
-        of_each *= of_batches.reshape(-1, *[1] * (of_each.ndim - 2), of_batches.shape[1])
+        of_each *= of_batches.reshape(len(drives), 1, -1, *[1] * (of_each.ndim - 3))
     counts = sums["tension_counts"].reshape(-1, int(BINS))[histograms]
     return {
         "chain": sums["chain"][variants],
