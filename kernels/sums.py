@@ -34,8 +34,8 @@ The chain moves a small part of a pitch in between. The window's first step has 
 WATCH_EVERY = wp.constant(4)
 """Steps between two at which forces and speeds are held against the largest so far, and added up for their means.
 
-The window's first step is watched too. Powers are added up every step. The fastest oscillation takes 31 automatic steps (`assembly.timestep`): of one peak at
-most 8 % of its part is missed, of the largest of many next to nothing.
+The window's first step is watched too. Powers are added up every step. The fastest oscillation takes 31 automatic steps
+(`assembly.timestep`): of one peak at most 8 % of its part is missed, of the largest of many next to nothing.
 """
 
 
