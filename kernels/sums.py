@@ -34,8 +34,9 @@ The chain moves a small part of a pitch in between. The window's first step has 
 WATCH_EVERY = wp.constant(4)
 """Steps between two at which forces and speeds are held against the largest so far, and added up for their means.
 
-The window's first step is watched too. Powers are added up every step. The fastest oscillation takes 31 automatic steps
-(`assembly.timestep`): of one peak at most 8 % of its part is missed, of the largest of many next to nothing.
+The window's first step is watched too. Moments and powers are added up every step. The fastest oscillation takes 31
+automatic steps (`assembly.timestep`): of one peak at most 8 % of its part is missed, of the largest of many next to
+nothing.
 """
 
 
@@ -154,23 +155,23 @@ def merge_contact(sums: ContactSums, other: ContactSums):
 
 @wp.func
 def add_powers(sums: SprocketSums, speed: wp.float64, moment: wp.float64, load: wp.float64, weight: wp.float64):
-    """What the chain's moment on a sprocket and its load's do in one step, which stands for `weight` [s]."""
+    """The chain's moment on a sprocket, and what it and the load's do in one step, which stands for `weight` [s]."""
     way = weight * speed
+    sums.moment = sums.moment + weight * moment
     sums.contact_work = sums.contact_work + way * moment
     sums.load_work = sums.load_work + way * load
     return sums
 
 
 @wp.func
-def add_sprocket(sums: SprocketSums, speed: wp.float64, moment: wp.float64, weight: wp.float64):
-    """One sprocket's speed and contact moment at a watched step, which stands for `weight` [s]."""
+def add_speed(sums: SprocketSums, speed: wp.float64, weight: wp.float64):
+    """One sprocket's speed at a watched step, which stands for `weight` [s]."""
     if speed < sums.speed_min:
         sums.speed_min = speed
     if speed > sums.speed_max:
         sums.speed_max = speed
     sums.speed = sums.speed + weight * speed
     sums.speed_square = sums.speed_square + weight * speed * speed
-    sums.moment = sums.moment + weight * moment
     return sums
 
 

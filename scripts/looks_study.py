@@ -2,8 +2,8 @@
 
     python scripts/looks_study.py
 
-Tensions of links are added up every 32nd step, forces, moments and speeds every fourth, at which they and the tensions
-are held against the largest so far too (`kernels.sums`). A window of each drive is recorded step by step. Of means: how far off they are, in standard errors of
+Tensions of links are added up every 32nd step, forces and speeds every fourth, at which they and the tensions are
+held against the largest so far too (`kernels.sums`). A window of each drive is recorded step by step. Of means: how far off they are, in standard errors of
 their own. Of largest values: the share that is missed; of the smallest tension and of speeds, of their range. Without
 friction on teeth, which the hub forces of frames leave out.
 """
@@ -52,11 +52,10 @@ def misses(drive: Drive, start: float, steps: int) -> dict[str, float]:
         "tension_max": 1.0 - row["tension_max"] / tension.max(),
         "tension_min": (row["tension_min"] - tension.min()) / spread,
     }
-    names = ("hub_force_mean", "hub_force_max", "moment_mean", "speed_mean", "speed_std", "speed_range")
+    names = ("hub_force_mean", "hub_force_max", "speed_mean", "speed_std", "speed_range")
     worst = {name: [0.0] for name in (*names, "displacement_mean", "displacement_rms")}
     for s, sprocket in enumerate(drive.sprockets):
-        moment, speed = (np.asarray(getattr(seen, f"sprocket_{name}"), dtype=float)[:, s] for name in ("moment", "speed"))
-        worst["moment_mean"].append(off_mean(row, f"{sprocket.name}.moment_mean", moment))
+        speed = np.asarray(seen.sprocket_speed, dtype=float)[:, s]
         if sprocket.prescribed is None:
             worst["speed_mean"].append(off_mean(row, f"{sprocket.name}.speed_mean", speed))
             worst["speed_std"].append(abs(row[f"{sprocket.name}.speed_std"] / speed.std() - 1.0))

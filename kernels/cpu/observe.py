@@ -26,7 +26,7 @@ from ..sums import (
     add_meter,
     add_mount,
     add_powers,
-    add_sprocket,
+    add_speed,
     add_tensioner,
     add_touches,
     following,
@@ -156,7 +156,7 @@ def observing(Real: type, capacity: int, frame: Any) -> Observing:
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
         sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
         if is_watched(drive, at.step):
-            sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, watch_weight(drive.step))
+            sums.sprocket[i] = add_speed(sums.sprocket[i], body.speed, watch_weight(drive.step))
 
     @wp.func
     def add_arm_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, a: int, at: Instant):

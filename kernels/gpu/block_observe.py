@@ -26,7 +26,7 @@ from ..sums import (
     add_energy,
     add_mount,
     add_powers,
-    add_sprocket,
+    add_speed,
     add_tension,
     displacement,
     following,
@@ -40,7 +40,7 @@ from .block_events import ENDS, START
 from .block_hub_sums import add_hub_sums
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .block_spin_sums import add_spin, add_spin_powers
+from .block_spin_sums import add_spin_powers, add_spin_speed
 from .exchange import WARP, add_to_link, add_to_roller, any_lane, extremes, lanes, seen_rows
 
 SIGN_BITS = """
@@ -320,7 +320,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
         shared.spin_sums[s] = add_spin_powers(shared.spin_sums[s], seen.speed, acting[0], load, now.weight)
         if now.watched != 0:
-            shared.spin_sums[s] = add_spin(shared.spin_sums[s], seen.speed, acting[0], now.watch_weight)
+            shared.spin_sums[s] = add_spin_speed(shared.spin_sums[s], seen.speed, now.watch_weight)
 
     @wp.func
     def observe_sprocket(
@@ -356,7 +356,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
         if now.watched != 0:
             weight = wp.float64(now.watch_weight)
-            shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, weight)
+            shared.sprocket_sums[s] = add_speed(shared.sprocket_sums[s], body.speed, weight)
 
     return ObserveFunctions(
         start_extremes=start_extremes,

@@ -53,20 +53,20 @@ def sprocket_sums_of(spin: SpinSums):
 def add_spin_powers(sums: SpinSums, speed: wp.float32, moment: wp.float32, load: wp.float32, weight: wp.float32):
     """As `sums.add_powers`."""
     way = weight * speed
+    sums.moment = added(sums.moment, weight * moment)
     sums.contact_work = added(sums.contact_work, way * moment)
     sums.load_work = added(sums.load_work, way * load)
     return sums
 
 
 @wp.func
-def add_spin(sums: SpinSums, speed: wp.float32, moment: wp.float32, weight: wp.float32):
-    """As `sums.add_sprocket`."""
+def add_spin_speed(sums: SpinSums, speed: wp.float32, weight: wp.float32):
+    """As `sums.add_speed`."""
     sums.speed_min = wp.min(sums.speed_min, speed)
     sums.speed_max = wp.max(sums.speed_max, speed)
     way = weight * speed
     sums.speed = added(sums.speed, way)
     sums.speed_square = added(sums.speed_square, way * speed)
-    sums.moment = added(sums.moment, weight * moment)
     return sums
 
 

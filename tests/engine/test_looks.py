@@ -13,7 +13,7 @@ def missed():
     return looks_study.misses(drive, 0.3, 8000)
 
 
-@pytest.mark.parametrize("name", ["tension_mean", "hub_force_mean", "moment_mean", "speed_mean", "displacement_mean"])
+@pytest.mark.parametrize("name", ["tension_mean", "hub_force_mean", "speed_mean", "displacement_mean"])
 def test_means_are_off_by_a_small_part_of_their_standard_error(missed, name):
     assert missed[name] < 0.1
 

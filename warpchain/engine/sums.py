@@ -13,7 +13,7 @@ from warpchain.kernels.sums import WATCH_EVERY
 from warpchain.kernels.tension_bins import BINS, STEP, ZERO
 
 
-WATCHED = ("speed", "speed_square", "moment", "force")
+WATCHED = ("speed", "speed_square", "force")
 """Sums of sprockets that are of watched steps."""
 
 
