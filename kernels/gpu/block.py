@@ -76,7 +76,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.measured = 0
         now.watched = 0
         if wp.static(measuring):
-            now.summed = SPROCKETS
             now.weight = step_of(mine)
             if now.flags & ENDS != 0:
                 now.weight = Real(0.5) * now.weight

@@ -192,8 +192,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return value
 
     @wp.func
-    def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
-        """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
+    def measure(
+        tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real, passing: bool
+    ):
+        """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W].
+
+        Rollers pass sprockets, where first touches count.
+        """
         add_to(tallies.dissipated, at, in_full(now.weight * damped))
         if wp.static(sliding):
             add_to(tallies.friction, at, in_full(now.weight * rubbed))
@@ -202,6 +207,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             raise_to(tallies.force_max, at, in_full(size))
         if before <= Real(0.0):
             count_at(tallies.impacts, at)
+            if passing and before == Real(UNTOUCHED):
+                count_at(tallies.contacts, at)
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
@@ -220,11 +227,19 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return False
 
     @wp.func
-    def add_wrench(shared: kinds.Shared, s: int, j: int, moment: Real, force: vec2, watched: int):
+    def is_summed(now: Now, s: int):
+        """Whether the moment on sprocket s is wanted: with metrics all are."""
+        if wp.static(kind.measuring):
+            return True
+        else:
+            return (now.summed >> s) & 1 != 0
+
+    @wp.func
+    def add_wrench(shared: kinds.Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, watched: int):
         """Adds the moment [N m] and the opposite of roller j's force [N] to its parts, or its thread's, of body s."""
         at = s * wp.static(width) + j
         if wp.static(not of_rollers):
-            at = s * wp.static(width) + j % wp.static(threads)
+            at = s * wp.static(width) + mine.thread
         store_row(shared.parts, at, load_row(shared.parts, at) + moment)
         if pushed(watched):
             x = at + wp.static(bodies * width)
@@ -301,11 +316,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if now.measured != 0:
                 a = acceleration(shared, j)
                 damped = dissipated(damper * normal, relative, a, lag(mine))
-                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
-                if before == Real(UNTOUCHED):
-                    count_at(tallies.contacts, at)
-            if (now.summed >> s) & 1 != 0:
-                add_wrench(shared, s, j, reaction(arm, force), force, now.watched)
+                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)), True)
+            if is_summed(now, s):
+                add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
         else:
             put(state, now, at, before, after_teeth(before))
 
@@ -420,12 +433,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if wp.static(profiles):
                 if bar.body < wp.static(bodies):
                     moment = reaction(arm_on(shared, j, bar.body), force)
-                    add_wrench(shared, bar.body, j, moment, force, now.watched)
+                    add_wrench(shared, mine, bar.body, j, moment, force, now.watched)
             keep(state, now, at, before, first)
             if now.measured != 0:
                 a = acceleration(shared, j)
                 damped = dissipated(damper * normal, relative, a, lag(mine))
-                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
+                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)), False)
         else:
             put(state, now, at, before, Real(UNTOUCHED))
 
