@@ -18,6 +18,7 @@ from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, now_struct
 from .block_observe import block_observing
 from .block_rows import block_rows
+from .block_spin_sums import with_recent
 from .block_statistics import block_statistics
 from .block_wheels import within
 from .exchange import any_thread
@@ -66,6 +67,8 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             statistics.note(ensemble, tallies, sums, shared, mine, now.step)
         if mine.sprocket >= 0:
             observe.update_strand(shared, mine.rollers, mine.sprocket)
+            if wp.static(kind.spinning):
+                shared.spin_sums[mine.sprocket] = with_recent(shared.spin_sums[mine.sprocket])
         barrier()
         observe.find_strands(shared, mine)
         observe.flush(tallies, shared, mine)
