@@ -195,15 +195,14 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             joints.add_friction(shared, mine, now)
 
     @wp.func
-    def is_quiet(now: Now):
-        """Whether of a step in the window only powers are wanted."""
-        return now.measured != 0 and now.watched == 0 and now.flags == 0
+    def is_common(now: Now):
+        """Whether a step is in the window and not at its ends, without a frame, and the run goes on."""
+        return now.measured != 0 and now.going != 0 and now.flags & EXTRA == 0
 
     @wp.func
-    def quiet(mine: Mine, now: Now):
-        """Such a step, so that the compiler leaves out what else there is."""
+    def common(mine: Mine, now: Now):
+        """Such a step, so that the compiler leaves out what others want: it would stand between what all do."""
         now.measured = 1
-        now.watched = 0
         now.weight = step_of(mine)
         return plain(now)
 
@@ -348,8 +347,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(mine, now)
             if wp.static(runs):
-                if is_quiet(now):
-                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, quiet(mine, now))
+                if is_common(now):
+                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, common(mine, now))
                 else:
                     step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now)
                 now = next_stage(now)

@@ -535,16 +535,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         while first < wp.static(bodies):
             s = first + crew() * (i % lanes() // group())
             value = of_three()
-            if pushed(watched):
+            k = wp.where(pushed(watched), 2, 0)
+            while k >= 0:  # a loop, for the sake of short code
+                of = Real(0.0)
                 if s < wp.static(bodies):
-                    for k in range(3):
-                        value[k] = part(shared, wp.static(bodies) * k + s, i)
-                for k in range(3):
-                    value[k] = group_sum(value[k])
-            else:
-                if s < wp.static(bodies):
-                    value[0] = part(shared, s, i)
-                value[0] = group_sum(value[0])
+                    of = part(shared, wp.static(bodies) * k + s, i)
+                value = of_three(group_sum(of), value[0], value[1])
+                k = k - 1
             if i % group() == turn:
                 acting = value
             turn = turn + 1
