@@ -35,7 +35,7 @@ from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_wheels import box_of, gears, load_line, load_wheel, seen_wheel, store_wheel, velocity_of
-from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to, widened
+from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to, unforeseen, widened
 
 
 @dataclass(frozen=True)
@@ -535,8 +535,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         while first < wp.static(bodies):
             s = first + crew() * (i % lanes() // group())
             value = of_three()
-            k = wp.where(pushed(watched), 2, 0)
-            while k >= 0:  # a loop, for the sake of short code
+            k = int(0)
+            if pushed(watched):
+                k = unforeseen(2)
+            while k >= 0:
                 of = Real(0.0)
                 if s < wp.static(bodies):
                     of = part(shared, wp.static(bodies) * k + s, i)

@@ -41,7 +41,7 @@ from .block_hub_sums import add_hub_sums
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_spin_sums import add_spin_powers, add_spin_speed
-from .exchange import WARP, add_to_link, add_to_roller, any_lane, extremes, lanes, seen_rows
+from .exchange import WARP, add_to_link, add_to_roller, any_lane, extremes, lanes, seen_rows, unforeseen
 
 SIGN_BITS = """
 #if defined(__CUDA_ARCH__)
@@ -164,7 +164,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     def widen(shared: kinds.Shared, i: int, tension: of_each):
         """Holds the tensions of the links of thread i's warp against its extremes; all its threads together."""
         of = int(0)
-        while of < wp.static(sprockets + 1):
+        while of < unforeseen(sprockets + 1):
             lowest = Real(3.0e38)
             highest = -Real(3.0e38)
             for k in range(wp.static(per)):

@@ -210,6 +210,17 @@ def add_to_roller(tallies: wp.array[RollerTally], at: int, more: RollerTally):
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("" : "+r"(value));
+#endif
+    return value;
+""")
+def unforeseen(value: int) -> int:
+    """`value`, of which the compiler knows nothing: it leaves a loop that goes so far a loop, which is shorter code."""
+    ...
+
+
 @wp.func_native(ANY_LANE)
 def any_lane(flag: int) -> int:
     """Whether `flag` is not zero in any thread of the warp."""
