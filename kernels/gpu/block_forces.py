@@ -522,6 +522,16 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
+    def last_row(watched: int):
+        """The last of the rows of parts that are wanted: of moments, of forces in x and in y."""
+        if wp.static(moving):
+            return 2
+        elif wp.static(kind.pushes):
+            return wp.where(watched != 0, unforeseen(2), 0)
+        else:
+            return 0
+
+    @wp.func
     def acting_on(shared: kinds.Shared, i: int, watched: int):
         """The chain's moment [N m] on the body that thread i moves and, if that is wanted, its force (x, y) [N].
 
@@ -535,9 +545,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         while first < wp.static(bodies):
             s = first + crew() * (i % lanes() // group())
             value = of_three()
-            k = int(0)
-            if pushed(watched):
-                k = unforeseen(2)
+            k = last_row(watched)
             while k >= 0:
                 of = Real(0.0)
                 if s < wp.static(bodies):
