@@ -5,6 +5,7 @@ A contact's memory (seat, v0) and its sums stay where the state and the tallies 
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -165,6 +166,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return rub_evenly(size, normal, relative, what)
 
     @wp.func
+    def as_known(law: Any):
+        """A contact law with what is known of it when the kernel is made."""
+        if wp.static(kind.linear):
+            law.exponent = Real(1.0)
+        return law
+
+    @wp.func
     def keep(state: kinds.State, now: Now, at: int, before: Real, first: Real):
         """Keeps what a closed contact whose memory is at `at` goes on with.
 
@@ -301,7 +309,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         before = load_row(state.impact_speed, at)
         penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, s)
         if penetration > Real(0.0):
-            law = teeth_of(shared, s).law
+            law = as_known(teeth_of(shared, s).law)
             force, size, first, damper, energy = respond(penetration, normal, relative, before, law)
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first + j
@@ -420,7 +428,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 count_at(tallies.missed, at)
             put(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
-            force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
+            force, size, first, damper, energy = respond(penetration, normal, relative, before, as_known(bar.law))
             if now.flags & EXTRA != 0:
                 extra = mine.first + j
                 state.extra[extra].energy = state.extra[extra].energy + energy

@@ -137,6 +137,7 @@ class Bucket:
     order: wp.array  # of the variants, on the device
     stribeck: bool = True
     pushing: bool = True
+    linear: bool = False
 
     @property
     def count(self) -> int:
@@ -173,16 +174,17 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         curved=bucket.curved,
         stribeck=bucket.stribeck,
         pushing=bucket.pushing,
+        linear=bucket.linear,
         crewed=shape.crewed,
         shared_bytes=shape.shared_bytes,
     )
 
 
 def curved(packed: Packed) -> NDArray[np.bool_]:
-    """Which variants have tables of motion or load, (variants,); all at float64, where no kernel asks."""
+    """Which variants have tables of motion or load, (variants,)."""
     motions = packed.motions
     counts = motions["drive_table"]["cells"] + motions["load_table"]["cells"]
-    return (np.add.reduceat(counts, packed.drives["first_body"]) > 0) | (packed.precision == "float64")
+    return np.asarray(np.add.reduceat(counts, packed.drives["first_body"]) > 0)
 
 
 def pushing(packed: Packed) -> NDArray[np.bool_]:
@@ -235,7 +237,7 @@ class GpuKernels:
         partners = [slots, drives["sprockets"], drives["guides"]]
         rubs = [self.packed.slides, self.packed.joints["rubs"]]
         kinds = [*rubs, self.packed.links["uneven"], drives["arms"], drives["tensioners"], drives["pieces"] > 0]
-        kinds = [*kinds, curved(self.packed), pushing(self.packed), self.packed.stribeck]
+        kinds = [*kinds, curved(self.packed), pushing(self.packed), self.packed.stribeck, self.packed.linear]
         keys = np.column_stack([*partners, moving, drives["integrator"], *kinds])
         processors = self._processors
         most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
@@ -249,9 +251,9 @@ class GpuKernels:
             shape = block_shape(slots, len(order) // processors, most_shared, precision)
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             flags = bool(moves), bool(rk4), bool(slides), bool(bends), bool(uneven)
-            profiles, curves, pushes, law = map(bool, others)
+            profiles, curves, pushes, law, linear = map(bool, others)
             bodies = arms, tensioners, profiles, curves
-            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, law, pushes))
+            buckets.append(Bucket(shape, sprockets, guides, *flags, *bodies, order, array, law, pushes, linear))
         return buckets
 
     def _blocks(self, name: str, bucket: Bucket) -> int:
