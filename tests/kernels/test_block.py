@@ -127,6 +127,7 @@ def kind_of(packed, shape):
         profiles=bool(packed.drives["pieces"].any()),
         curved=bool(curved(packed).any()),
         pushing=bool(pushing(packed).any()),
+        linear=bool(packed.linear.all()),
     )
 
 

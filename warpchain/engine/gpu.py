@@ -174,7 +174,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         curved=bucket.curved,
         stribeck=bucket.stribeck,
         pushing=bucket.pushing,
-        linear=bucket.linear,
+        linear=steps and bucket.linear,
         crewed=shape.crewed,
         shared_bytes=shape.shared_bytes,
     )
