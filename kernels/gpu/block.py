@@ -27,6 +27,7 @@ from .block_rows import block_rows
 from .block_sampling import block_sampling
 from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
+from .exchange import WARP
 
 
 @cache
@@ -53,11 +54,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     stage_roller = block_rk4(kind)
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
     # what rollers may touch unless that depends on where the bodies are
-    ahead = threads > 32
+    ahead = threads > WARP
     early = ahead and not (moving or kind.profiles)
-    # contacts without what frames want stand in the code a second time, where a thread's registers bear that
-    runs = measuring and not ahead and not rk4
-    lean = not measuring and (ahead or per <= (6 if Real == wp.float32 else 4))
+    # what steps do that have no frame stands in the code a second time, without what frames want: on one warp all of
+    # it, where a thread's registers bear that, on several the contacts
+    twice = not rk4 and per <= 6
+    lean = not measuring
 
     @wp.func
     def driven(shared: kinds.Shared):
@@ -196,14 +198,19 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def is_common(now: Now):
-        """Whether a step is in the window and not at its ends, without a frame, and the run goes on."""
-        return now.measured != 0 and now.going != 0 and now.flags & EXTRA == 0
+        """Whether a step is neither the first nor the last, without a frame, and not at the window's ends."""
+        whole = now.going != 0 and now.step != 0 and now.flags & EXTRA == 0
+        if wp.static(measuring):
+            return whole and now.measured != 0
+        else:
+            return whole
 
     @wp.func
     def common(mine: Mine, now: Now):
         """Such a step, so that the compiler leaves out what others want: it would stand between what all do."""
-        now.measured = 1
+        now.measured = wp.static(int(measuring))
         now.weight = step_of(mine)
+        now.summed = now.driven
         return plain(now)
 
     @wp.func
@@ -217,7 +224,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         mine: Mine,
         now: Now,
     ):
-        """A whole step or stage of a variant on one warp, with metrics."""
+        """A whole step or stage of a variant on one warp."""
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
         held = partners.held_by(shared, mine.thread)
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
@@ -346,41 +353,32 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(mine, now)
-            if wp.static(runs):
-                if is_common(now):
+            if wp.static(not ahead):
+                if wp.static(twice) and is_common(now):
                     step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, common(mine, now))
                 else:
                     step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now)
                 now = next_stage(now)
                 barrier()
                 continue
-            if wp.static(not ahead):
-                tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(not early):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             if wp.static(lean) and now.flags == 0:
                 forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
                 weigh(ensemble, shared, mine, now)
-                if wp.static(ahead):
-                    advance_rollers(state, shared, mine, plain(now))
+                advance_rollers(state, shared, mine, plain(now))
             else:
                 sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
                 forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
                 weigh(ensemble, shared, mine, now)
-                if wp.static(ahead):
-                    if wp.static(kind.bending) or now.flags != 0:
-                        barrier()  # others may still be at rollers beside theirs
-                        sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-                    advance_rollers(state, shared, mine, now)
-            barrier()
-            if wp.static(not ahead):
-                sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
-            if wp.static(not ahead):
+                if wp.static(kind.bending) or now.flags != 0:
+                    barrier()  # others may still be at rollers beside theirs
+                    sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
                 advance_rollers(state, shared, mine, now)
+            barrier()
+            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
             now = next_stage(now)
-            if wp.static(ahead):
-                tension, rate = pull(shared, lengths, mine.rollers, i)
+            tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             barrier()

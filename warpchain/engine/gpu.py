@@ -144,6 +144,12 @@ class Bucket:
         """How many variants."""
         return len(self.variants)
 
+    @property
+    def simple(self) -> bool:
+        """Whether the kernels are as short as can be."""
+        more = self.moving, self.rk4, self.sliding, self.bending, self.uneven, self.arms, self.profiles, self.curved
+        return self.linear and not any(more)
+
 
 def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
     """The shape of a bucket's blocks; settling's does not depend on the number of variants."""
@@ -259,7 +265,8 @@ class GpuKernels:
     def _blocks(self, name: str, bucket: Bucket) -> int:
         """Blocks of a bucket's kernel that a multiprocessor is to hold."""
         each = 2**31 if name == "relax" else -(-bucket.count // self._processors)
-        return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each)
+        simple = name != "relax" and bucket.simple
+        return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each, simple)
 
     def _made(self, name: str, bucket: Bucket) -> Any:
         """A bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
