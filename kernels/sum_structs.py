@@ -38,7 +38,7 @@ class ContactSums:
 
 @wp.struct
 class SprocketSums:
-    """Sums over the window of a sprocket's motion: moment and work of every step (trapezoidal), the rest of watched steps."""
+    """Sums over the window of a sprocket: moment and work of every step (trapezoidal), the rest of watched steps."""
 
     speed_min: wp.float64  # [rad/s]
     speed_max: wp.float64

@@ -12,7 +12,6 @@ from warpchain.engine.packed import Packed
 from warpchain.kernels.sums import WATCH_EVERY
 from warpchain.kernels.tension_bins import BINS, STEP, ZERO
 
-
 WATCHED = ("speed", "speed_square", "force")
 """Sums of sprockets that are of watched steps."""
 
