@@ -56,8 +56,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # what rollers may touch unless that depends on where the bodies are
     ahead = threads > WARP
     early = ahead and not (moving or kind.profiles)
-    # what steps do that have no frame stands in the code a second time, without what frames want: on one warp all of
-    # it, where a thread's registers bear that, on several the contacts
+    # what steps without a frame do stands in the code a second time, where a thread's registers bear that, so that
+    # nothing stands between its parts that only frames want: on several warps the contacts, on one all of it
     twice = not rk4 and per <= 6
     lean = not measuring
 
@@ -353,34 +353,33 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
             now = wanted(mine, now)
-            if wp.static(not ahead):
+            if wp.static(ahead):
+                if wp.static(not early):
+                    held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+                if wp.static(lean) and now.flags == 0:
+                    forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
+                    weigh(ensemble, shared, mine, now)
+                    advance_rollers(state, shared, mine, plain(now))
+                else:
+                    sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+                    forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
+                    weigh(ensemble, shared, mine, now)
+                    if wp.static(kind.bending) or now.flags != 0:
+                        barrier()  # others may still be at rollers beside theirs
+                        sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                    advance_rollers(state, shared, mine, now)
+                barrier()
+                advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+                now = next_stage(now)
+                tension, rate = pull(shared, lengths, mine.rollers, i)
+                if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+                    held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+            else:
                 if wp.static(twice) and is_common(now):
                     step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, common(mine, now))
                 else:
                     step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now)
                 now = next_stage(now)
-                barrier()
-                continue
-            if wp.static(not early):
-                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-            if wp.static(lean) and now.flags == 0:
-                forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
-                weigh(ensemble, shared, mine, now)
-                advance_rollers(state, shared, mine, plain(now))
-            else:
-                sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-                forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
-                weigh(ensemble, shared, mine, now)
-                if wp.static(kind.bending) or now.flags != 0:
-                    barrier()  # others may still be at rollers beside theirs
-                    sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-                advance_rollers(state, shared, mine, now)
-            barrier()
-            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
-            now = next_stage(now)
-            tension, rate = pull(shared, lengths, mine.rollers, i)
-            if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
-                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)
 
