@@ -56,9 +56,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # what rollers may touch unless that depends on where the bodies are
     ahead = threads > WARP
     early = ahead and not (moving or kind.profiles)
-    # what steps without a frame do stands in the code a second time, where a thread's registers bear that, so that
-    # nothing stands between its parts that only frames want: on several warps the contacts, on one all of it
-    twice = not rk4 and per <= 6
+    # what steps without a frame do stands in the code a second time, so that nothing stands between its parts that only
+    # frames want: on several warps the contacts, on one all of it
+    twice = not rk4
     lean = not measuring
 
     @wp.func
