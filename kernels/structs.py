@@ -379,6 +379,7 @@ class SpinSums:
     moment: Pair  # [N m s]
     contact_work: Pair  # [J]
     load_work: Pair  # [J]
+    recent: wp.vec3f  # of these three what is not in them yet (`block_spin_sums.with_recent`)
     force_x: Pair  # [N s]
     force_y: Pair
     force_max: wp.float32  # [N]

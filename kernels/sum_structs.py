@@ -38,7 +38,7 @@ class ContactSums:
 
 @wp.struct
 class SprocketSums:
-    """Sums over the window of a sprocket's motion (time integrals, trapezoidal)."""
+    """Sums over the window of a sprocket: moment and work of every step (trapezoidal), the rest of watched steps."""
 
     speed_min: wp.float64  # [rad/s]
     speed_max: wp.float64
@@ -47,7 +47,7 @@ class SprocketSums:
     moment: wp.float64  # [N m s]
     contact_work: wp.float64  # done by the chain on the sprocket [J]
     load_work: wp.float64  # done by the load moment [J]
-    force: wp.vec2d  # of the chain on it, at watched steps [N s]
+    force: wp.vec2d  # of the chain on it [N s]
     force_max: wp.float64  # its largest magnitude [N]
 
 

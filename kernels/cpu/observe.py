@@ -20,7 +20,6 @@ from ..structs import Drive, Wanted, types
 from ..sum_structs import Sums
 from ..sums import (
     STRAND_EVERY,
-    WATCH_EVERY,
     add_arm,
     add_contact,
     add_contact_force,
@@ -29,10 +28,12 @@ from ..sums import (
     add_hub_force,
     add_meter,
     add_mount,
-    add_sprocket,
+    add_powers,
+    add_speed,
     add_tensioner,
     add_touches,
     following,
+    is_watched,
     watch_weight,
 )
 from .joints import joint_passes
@@ -72,7 +73,7 @@ def wanted_at(drive: Drive, step: int):
     wanted = Wanted()
     if step >= drive.window_start and step <= drive.window_end:
         wanted.measures = 1
-        wanted.forces = wp.where(step % WATCH_EVERY == 0, 1, 0)
+        wanted.forces = wp.where(is_watched(drive, step), 1, 0)
         wanted.energy = wp.where(step == drive.window_start or step == drive.window_end, 1, 0)
     if drive.sample_every > 0:
         wanted.sizes = wp.where(step % drive.sample_every == 0, 1, 0)
@@ -157,7 +158,9 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
             whole = wrench_on(ensemble, state, drive, b)
             held, power = held_by(at.time, body, whole, load_part, motion, mount, ensemble.curves)
             sums.mount[i] = add_mount(sums.mount[i], body, mount, held, power, at.weight)
-        sums.sprocket[i] = add_sprocket(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
+        sums.sprocket[i] = add_powers(sums.sprocket[i], body.speed, wrench.moment, load_part, at.weight)
+        if is_watched(drive, at.step):
+            sums.sprocket[i] = add_speed(sums.sprocket[i], body.speed, watch_weight(drive.step))
 
     @wp.func
     def add_arm_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, drive: Drive, a: int, at: Instant):
@@ -219,7 +222,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
     def watch(state: kinds.State, sums: Sums, drive: Drive, w: wp.array[Real]):
         """Holds tensions against their extremes so far, and adds up forces on sprockets and guide-bars."""
         tally.widen(w, drive.rollers)
-        weight = watch_weight(drive)
+        weight = watch_weight(drive.step)
         for s in range(drive.sprockets):
             i = drive.first_sprocket + s
             sums.sprocket[i] = add_hub_force(sums.sprocket[i], state.wrenches[drive.first_body + s].force, weight)
@@ -252,7 +255,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         n = drive.rollers
         if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
             look_at_chain(ensemble, state, sums, variant, drive, w, at.step)
-        if at.step % WATCH_EVERY == 0:
+        if is_watched(drive, at.step):
             watch(state, sums, drive, w)
         tally.add_rates(w, n, Real(at.weight / drive.step))
         if ensemble.joints[variant].rubs != 0:

@@ -13,10 +13,10 @@ import warp as wp
 from ..modules import own_module
 from ..structs import types
 from ..sum_structs import Sums, Tallies
-from ..sums import WATCH_EVERY, add_hub_force
+from ..sums import WATCH_EVERY, add_hub_force, watch_weight
 from .block_arms import block_arms
 from .block_bodies import Seen, block_bodies
-from .block_events import END, EXTRA
+from .block_events import END, ENDS, EXTRA, START
 from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
@@ -28,6 +28,7 @@ from .block_rows import block_rows
 from .block_sampling import block_sampling
 from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
+from .exchange import WARP
 
 
 @cache
@@ -54,10 +55,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     stage_roller = block_rk4(kind)
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
     # what rollers may touch unless that depends on where the bodies are
-    ahead = threads > 32
+    ahead = threads > WARP
     early = ahead and not (moving or kind.profiles)
-    # contacts without what frames want stand in the code a second time, where a thread's registers bear that
-    lean = not measuring and (ahead or per <= (6 if Real == wp.float32 else 4))
+    # what steps without a frame do stands in the code a second time, so that nothing stands between its parts that only
+    # frames want: on several warps the contacts, on one all of it
+    twice = not rk4
+    lean = not measuring
 
     @wp.func
     def driven(shared: kinds.Shared):
@@ -71,17 +74,23 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         return mask
 
     @wp.func
-    def wanted(now: Now):
+    def wanted(mine: Mine, now: Now):
         """What is wanted of this evaluation: metrics at a step's start, and whose moments."""
         now.measured = 0
         now.watched = 0
-        if wp.static(measuring) and now.stage == 0:
-            now.measured = now.window
-            if now.step % WATCH_EVERY == 0:
-                now.watched = now.window
-        now.summed = now.driven
-        if now.measured != 0 or now.flags != 0:
-            now.summed = SPROCKETS
+        if wp.static(measuring):
+            now.weight = step_of(mine)
+            if now.flags & ENDS != 0:
+                now.weight = Real(0.5) * now.weight
+            now.watch_weight = watch_weight(step_of(mine))
+            if now.stage == 0:
+                now.measured = now.window
+                if now.step % WATCH_EVERY == 0 or now.flags & START != 0:
+                    now.watched = now.window
+        else:
+            now.summed = now.driven
+            if now.flags != 0:
+                now.summed = SPROCKETS
         return now
 
     @wp.func
@@ -241,6 +250,47 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             joints.add_friction(shared, mine, now)
 
     @wp.func
+    def is_common(now: Now):
+        """Whether a step is neither the first nor the last, without a frame, and not at the window's ends."""
+        whole = now.going != 0 and now.step != 0 and now.flags & EXTRA == 0
+        if wp.static(measuring):
+            return whole and now.measured != 0
+        else:
+            return whole
+
+    @wp.func
+    def common(mine: Mine, now: Now):
+        """Such a step, so that the compiler leaves out what others want: it would stand between what all do."""
+        now.measured = wp.static(int(measuring))
+        now.weight = step_of(mine)
+        now.summed = now.driven
+        return plain(now)
+
+    @wp.func
+    def step_of_a_warp(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+    ):
+        """A whole step or stage of a variant on one warp."""
+        lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
+        held = partners.held_by(shared, mine.thread)
+        tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
+        held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+        sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+        forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
+        weigh(ensemble, shared, mine, now)
+        barrier()
+        sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+        advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+        advance_rollers(state, shared, mine, now)
+
+    @wp.func
     def instant(state: kinds.State, mine: Mine, since: int):
         """Where a launch begins, `since` steps after the frames' buffer."""
         now = Now()
@@ -365,36 +415,34 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
-            now = wanted(now)
-            if wp.static(not ahead):
-                tension, rate = pull(shared, lengths, mine.rollers, i)
-            if wp.static(not early):
-                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-            if wp.static(lean) and now.flags == 0:
-                forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
-                weigh(ensemble, shared, mine, now)
-                if wp.static(ahead):
+            now = wanted(mine, now)
+            if wp.static(ahead):
+                if wp.static(not early):
+                    held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+                if wp.static(lean) and now.flags == 0:
+                    forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
+                    weigh(ensemble, shared, mine, now)
                     advance_rollers(state, shared, mine, plain(now))
-            else:
-                sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-                forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
-                weigh(ensemble, shared, mine, now)
-                if wp.static(ahead):
+                else:
+                    sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+                    forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
+                    weigh(ensemble, shared, mine, now)
                     if wp.static(kind.bending) or now.flags != 0:
                         barrier()  # others may still be at rollers beside theirs
                         sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
                     advance_rollers(state, shared, mine, now)
-            barrier()
-            if wp.static(not ahead):
-                sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
-            if wp.static(not ahead):
-                advance_rollers(state, shared, mine, now)
-            now = next_stage(now)
-            if wp.static(ahead):
+                barrier()
+                advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+                now = next_stage(now)
                 tension, rate = pull(shared, lengths, mine.rollers, i)
-            if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
-                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+                if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+                    held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+            else:
+                if wp.static(twice) and is_common(now):
+                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, common(mine, now))
+                else:
+                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now)
+                now = next_stage(now)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)
 

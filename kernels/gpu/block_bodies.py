@@ -240,6 +240,15 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             state.strands[at] = shared.strands[s]
 
     @wp.func
+    def motion_of(shared: kinds.Shared, s: int):
+        """The motion of sprocket s, with what is known of it when the kernel is made."""
+        motion = shared.motions[s]
+        if wp.static(not kind.curved):
+            motion.drive_table.cells = 0
+            motion.load_table.cells = 0
+        return motion
+
+    @wp.func
     def is_led(shared: kinds.Shared, s: int):
         """Whether the angle of sprocket s is prescribed."""
         if wp.static(kind.paired):
@@ -254,7 +263,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         if wp.static(kind.paired):
             shared.led[at] = led_to(ensemble, shared, mine, s, step)
         else:
-            angle, speed = prescribed_at(wp.float64(step) * mine.h, shared.motions[s], ensemble.curves)
+            angle, speed = prescribed_at(wp.float64(step) * mine.h, motion_of(shared, s), ensemble.curves)
             shared.course[2 * at] = angle
             shared.course[2 * at + 1] = speed
 
@@ -304,7 +313,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             s = mine.sprocket
             time = wp.float64(step) * mine.h
             pose = shared.poses[s]
-            shared.poses[s].load = load_moment(time, pose.angle, pose.speed, shared.motions[s], ensemble.curves)
+            shared.poses[s].load = load_moment(time, pose.angle, pose.speed, motion_of(shared, s), ensemble.curves)
 
     @wp.func
     def settle_at(shared: kinds.Shared, s: int, pose: Pose):
@@ -460,7 +469,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         s = mine.sprocket
         h = mine.h
         pose = shared.poses[s]
-        motion = shared.motions[s]
+        motion = motion_of(shared, s)
         mount = Mount()
         if wp.static(moving):
             mount = shared.mounts[s]
@@ -500,7 +509,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         if now.going != 0:
             b = ensemble.drives[mine.variant].first_body + s
             at = rk4_stage(now.stage, wp.float64(now.step) * h, h)
-            motion = shared.motions[s]
+            motion = motion_of(shared, s)
             mount = Mount()
             if wp.static(moving):
                 mount = shared.mounts[s]

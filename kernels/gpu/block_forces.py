@@ -5,6 +5,7 @@ A contact's memory (seat, v0) and its sums stay where the state and the tallies 
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -35,7 +36,7 @@ from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_wheels import box_of, gears, load_line, load_wheel, seen_wheel, store_wheel, velocity_of
-from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to, widened
+from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to, unforeseen, widened
 
 
 @dataclass(frozen=True)
@@ -165,6 +166,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return rub_evenly(size, normal, relative, what)
 
     @wp.func
+    def as_known(law: Any):
+        """A contact law with what is known of it when the kernel is made."""
+        if wp.static(kind.linear):
+            law.exponent = Real(1.0)
+        return law
+
+    @wp.func
     def keep(state: kinds.State, now: Now, at: int, before: Real, first: Real):
         """Keeps what a closed contact whose memory is at `at` goes on with.
 
@@ -192,8 +200,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return value
 
     @wp.func
-    def measure(tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real):
-        """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W]."""
+    def measure(
+        tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real, passing: bool
+    ):
+        """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W].
+
+        Rollers pass sprockets, where first touches count.
+        """
         add_to(tallies.dissipated, at, in_full(now.weight * damped))
         if wp.static(sliding):
             add_to(tallies.friction, at, in_full(now.weight * rubbed))
@@ -202,6 +215,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             raise_to(tallies.force_max, at, in_full(size))
         if before <= Real(0.0):
             count_at(tallies.impacts, at)
+            if passing and before == Real(UNTOUCHED):
+                count_at(tallies.contacts, at)
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
@@ -220,11 +235,19 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return False
 
     @wp.func
-    def add_wrench(shared: kinds.Shared, s: int, j: int, moment: Real, force: vec2, watched: int):
+    def is_summed(now: Now, s: int):
+        """Whether the moment on sprocket s is wanted: with metrics all are."""
+        if wp.static(kind.measuring):
+            return True
+        else:
+            return (now.summed >> s) & 1 != 0
+
+    @wp.func
+    def add_wrench(shared: kinds.Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, watched: int):
         """Adds the moment [N m] and the opposite of roller j's force [N] to its parts, or its thread's, of body s."""
         at = s * wp.static(width) + j
         if wp.static(not of_rollers):
-            at = s * wp.static(width) + j % wp.static(threads)
+            at = s * wp.static(width) + mine.thread
         store_row(shared.parts, at, load_row(shared.parts, at) + moment)
         if pushed(watched):
             x = at + wp.static(bodies * width)
@@ -286,7 +309,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         before = load_row(state.impact_speed, at)
         penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, s)
         if penetration > Real(0.0):
-            law = teeth_of(shared, s).law
+            law = as_known(teeth_of(shared, s).law)
             force, size, first, damper, energy = respond(penetration, normal, relative, before, law)
             if now.flags & EXTRA != 0:  # at once, so that the energy is worked out only here
                 extra = mine.first + j
@@ -301,11 +324,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if now.measured != 0:
                 a = acceleration(shared, j)
                 damped = dissipated(damper * normal, relative, a, lag(mine))
-                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
-                if before == Real(UNTOUCHED):
-                    count_at(tallies.contacts, at)
-            if (now.summed >> s) & 1 != 0:
-                add_wrench(shared, s, j, reaction(arm, force), force, now.watched)
+                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)), True)
+            if is_summed(now, s):
+                add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
         else:
             put(state, now, at, before, after_teeth(before))
 
@@ -407,7 +428,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 count_at(tallies.missed, at)
             put(state, now, at, before, Real(MISSED))
         elif penetration > Real(0.0):
-            force, size, first, damper, energy = respond(penetration, normal, relative, before, bar.law)
+            force, size, first, damper, energy = respond(penetration, normal, relative, before, as_known(bar.law))
             if now.flags & EXTRA != 0:
                 extra = mine.first + j
                 state.extra[extra].energy = state.extra[extra].energy + energy
@@ -420,12 +441,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if wp.static(profiles):
                 if bar.body < wp.static(bodies):
                     moment = reaction(arm_on(shared, j, bar.body), force)
-                    add_wrench(shared, bar.body, j, moment, force, now.watched)
+                    add_wrench(shared, mine, bar.body, j, moment, force, now.watched)
             keep(state, now, at, before, first)
             if now.measured != 0:
                 a = acceleration(shared, j)
                 damped = dissipated(damper * normal, relative, a, lag(mine))
-                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)))
+                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)), False)
         else:
             put(state, now, at, before, Real(UNTOUCHED))
 
@@ -509,6 +530,16 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
+    def last_row(watched: int):
+        """The last of the rows of parts that are wanted: of moments, of forces in x and in y."""
+        if wp.static(moving):
+            return 2
+        elif wp.static(kind.pushes):
+            return wp.where(watched != 0, unforeseen(2), 0)
+        else:
+            return 0
+
+    @wp.func
     def acting_on(shared: kinds.Shared, i: int, watched: int):
         """The chain's moment [N m] on the body that thread i moves and, if that is wanted, its force (x, y) [N].
 
@@ -522,16 +553,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         while first < wp.static(bodies):
             s = first + crew() * (i % lanes() // group())
             value = of_three()
-            if pushed(watched):
+            k = last_row(watched)
+            while k >= 0:
+                of = Real(0.0)
                 if s < wp.static(bodies):
-                    for k in range(3):
-                        value[k] = part(shared, wp.static(bodies) * k + s, i)
-                for k in range(3):
-                    value[k] = group_sum(value[k])
-            else:
-                if s < wp.static(bodies):
-                    value[0] = part(shared, s, i)
-                value[0] = group_sum(value[0])
+                    of = part(shared, wp.static(bodies) * k + s, i)
+                value = of_three(group_sum(of), value[0], value[1])
+                k = k - 1
             if i % group() == turn:
                 acting = value
             turn = turn + 1

@@ -26,11 +26,12 @@ class BlockKind:
         rk4: the classical Runge-Kutta scheme instead of leapfrog.
         sliding: rollers rub on teeth or guide-bars.
         bending: the joints rub.
+        linear: all contacts' forces are linear in the penetration but for damping.
         stribeck: a coefficient of friction may depend on the speed.
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
         profiles: guides have profiles, or are carried by arms.
-        curved: motions or loads may be tabulated, which matters at float32 only.
+        curved: motions or loads may be tabulated.
         crewed: the last warp has no rollers, but moves the bodies.
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
@@ -53,6 +54,7 @@ class BlockKind:
     shared_bytes: int = DECLARED
     curved: bool = True
     stribeck: bool = True
+    linear: bool = False
 
     @property
     def paired(self) -> bool:

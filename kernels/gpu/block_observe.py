@@ -25,7 +25,8 @@ from ..sums import (
     add_displacement,
     add_energy,
     add_mount,
-    add_sprocket,
+    add_powers,
+    add_speed,
     add_tension,
     displacement,
     following,
@@ -39,8 +40,8 @@ from .block_events import ENDS, START
 from .block_hub_sums import add_hub_sums
 from .block_kind import BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .block_spin_sums import add_spin
-from .exchange import WARP, add_to_link, add_to_roller, any_lane, extremes, lanes, seen_rows
+from .block_spin_sums import add_spin_powers, add_spin_speed
+from .exchange import WARP, add_to_link, add_to_roller, any_lane, extremes, lanes, seen_rows, unforeseen
 
 SIGN_BITS = """
 #if defined(__CUDA_ARCH__)
@@ -112,7 +113,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             set_extremes(shared, extremes_at(i, none), chain.tension_min, chain.tension_max)
             set_extremes(shared, extremes_at(i, none + 1), wp.float64(-3.0e38), wp.float64(3.0e38))
         j = int(i)
-        while j < wp.static(kind.slots + kind.bending * threads):
+        while j < wp.static((1 + kind.bending) * threads):
             store_row(shared.seen, RATES + j, Real(0.0))
             j = j + wp.static(threads)
 
@@ -163,7 +164,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     def widen(shared: kinds.Shared, i: int, tension: of_each):
         """Holds the tensions of the links of thread i's warp against its extremes; all its threads together."""
         of = int(0)
-        while of < wp.static(sprockets + 1):
+        while of < unforeseen(sprockets + 1):
             lowest = Real(3.0e38)
             highest = -Real(3.0e38)
             for k in range(wp.static(per)):
@@ -194,13 +195,6 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             widen(shared, i, tension)
 
     @wp.func
-    def add_rates(shared: kinds.Shared, i: int, rate: of_each, weight: Real):
-        """One step's squared rates of the thread's links, over the time `weight` that it stands for [s]."""
-        for k in range(wp.static(per)):
-            at = RATES + k * wp.static(threads) + i
-            store_row(shared.seen, at, load_row(shared.seen, at) + (weight * rate[k]) * rate[k])
-
-    @wp.func
     def chain_of(shared: kinds.Shared, j: int):
         """The chain, with the stiffness and damping of its link j."""
         if wp.static(kind.uneven):
@@ -209,19 +203,27 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             return shared.chain[0]
 
     @wp.func
+    def add_rates(shared: kinds.Shared, n: int, i: int, rate: of_each, weight: Real):
+        """What the dampers of the thread's links take in one step, which stands for `weight` [s]."""
+        power = Real(0.0)
+        for k in range(wp.static(per)):
+            j = k * wp.static(threads) + i
+            if j < n:
+                power = power + chain_of(shared, j).damping * rate[k] * rate[k]
+        store_row(shared.seen, RATES + i, load_row(shared.seen, RATES + i) + weight * power)
+
+    @wp.func
     def flush(tallies: Tallies, shared: kinds.Shared, mine: Mine):
-        """Adds what the thread's links and joints have taken to their tallies."""
-        j = int(mine.thread)
-        while j < mine.rollers:
+        """Adds what the thread's links and joints have taken to the tally of its first roller."""
+        i = mine.thread
+        if i < mine.rollers:
             taken = RollerTally()
-            taken.dissipated = wp.float64(chain_of(shared, j).damping * load_row(shared.seen, RATES + j))
-            store_row(shared.seen, RATES + j, Real(0.0))
+            taken.dissipated = wp.float64(load_row(shared.seen, RATES + i))
+            store_row(shared.seen, RATES + i, Real(0.0))
             if wp.static(kind.bending):
-                if j < wp.static(threads):  # with its first roller goes what a thread has of all
-                    taken.friction = wp.float64(load_row(shared.seen, FRICTION + j))
-                    store_row(shared.seen, FRICTION + j, Real(0.0))
-            add_to_roller(tallies.roller, mine.first + j, taken)
-            j = j + wp.static(threads)
+                taken.friction = wp.float64(load_row(shared.seen, FRICTION + i))
+                store_row(shared.seen, FRICTION + i, Real(0.0))
+            add_to_roller(tallies.roller, mine.first + i, taken)
 
     @wp.func
     def add_link(tallies: Tallies, drive: Drive, shared: kinds.Shared, j: int, tension: Real):
@@ -316,7 +318,9 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             at = ensemble.drives[mine.variant].first_body + s
             energy = wp.float64(0.5 * seen.speed * seen.speed / spin.inverse_inertia)
             tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-        shared.spin_sums[s] = add_spin(shared.spin_sums[s], seen.speed, acting[0], load, now.weight)
+        shared.spin_sums[s] = add_spin_powers(shared.spin_sums[s], seen.speed, acting[0], load, now.weight)
+        if now.watched != 0:
+            shared.spin_sums[s] = add_spin_speed(shared.spin_sums[s], seen.speed, now.watch_weight)
 
     @wp.func
     def observe_sprocket(
@@ -349,7 +353,10 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             at = ensemble.drives[mine.variant].first_body + s
             energy = body_energy(body, motion, mount)
             tallies.body[at] = add_energy(tallies.body[at], now.flags & START != 0, energy)
-        shared.sprocket_sums[s] = add_sprocket(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
+        shared.sprocket_sums[s] = add_powers(shared.sprocket_sums[s], body.speed, wrench.moment, load, weight)
+        if now.watched != 0:
+            weight = wp.float64(now.watch_weight)
+            shared.sprocket_sums[s] = add_speed(shared.sprocket_sums[s], body.speed, weight)
 
     return ObserveFunctions(
         start_extremes=start_extremes,

@@ -8,6 +8,7 @@ import warp as wp
 from ..structs import types
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, now_struct
+from .exchange import WARP
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ def block_partners(kind: BlockKind) -> PartnerFunctions:
     Real, threads, per, rk4 = kind.Real, kind.threads, kind.per, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     whole_numbers = wp.types.vector(per, wp.int32)
+    # on one warp threads have enough in registers: who was near what is read where it is shared
+    shares = kind.measuring or threads == WARP
     forces = block_forces(kind)
     near, leave, SPROCKETS = forces.near, forces.leave, forces.SPROCKETS
 
@@ -59,7 +62,7 @@ def block_partners(kind: BlockKind) -> PartnerFunctions:
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + mine.thread
             before = held[k]
-            if wp.static(kind.measuring):
+            if wp.static(shares):
                 before = shared.held[j]
             partners = partners_of(shared, j, n, before, now.stage)
             if wp.static(per == 1):
@@ -69,7 +72,7 @@ def block_partners(kind: BlockKind) -> PartnerFunctions:
                 by_teeth = by_teeth | wp.where(partners & SPROCKETS != 0, (1 << k), 0)
                 by_bar = by_bar | wp.where(partners & ~SPROCKETS != 0, (1 << k), 0)
             changed = changed | (partners ^ before)
-            if wp.static(not kind.measuring):
+            if wp.static(not shares):
                 next_held[k] = partners
         if changed != 0:
             j = int(mine.thread)
@@ -78,7 +81,7 @@ def block_partners(kind: BlockKind) -> PartnerFunctions:
                 leave(state, mine.memory + j, n, shared.held[j] & ~partners)
                 shared.held[j] = partners
                 j = j + wp.static(threads)
-            if wp.static(not kind.measuring):
+            if wp.static(not shares):
                 for k in range(wp.static(per)):
                     held[k] = next_held[k]
         return held, by_teeth, by_bar

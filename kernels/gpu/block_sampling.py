@@ -11,13 +11,14 @@ from ..physics.body import in_box
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums, Tallies
-from ..sums import STRAND_EVERY, add_energy, watch_weight
+from ..sums import STRAND_EVERY, add_energy
 from .block_bodies import block_bodies
 from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, now_struct
 from .block_observe import block_observing
 from .block_rows import block_rows
+from .block_spin_sums import with_recent
 from .block_statistics import block_statistics
 from .block_wheels import within
 from .exchange import any_thread
@@ -66,6 +67,8 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             statistics.note(ensemble, tallies, sums, shared, mine, now.step)
         if mine.sprocket >= 0:
             observe.update_strand(shared, mine.rollers, mine.sprocket)
+            if wp.static(kind.spinning):
+                shared.spin_sums[mine.sprocket] = with_recent(shared.spin_sums[mine.sprocket])
         barrier()
         observe.find_strands(shared, mine)
         observe.flush(tallies, shared, mine)
@@ -106,11 +109,6 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         now.event = next_event(drive, now.step)
         if wp.static(measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
             now.window = 1
-            now.weight = step_of(mine)
-            if now.flags & ENDS != 0:
-                now.weight = Real(0.5) * now.weight
-            if now.watch_weight == Real(0.0):
-                now.watch_weight = Real(watch_weight(drive))
             if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
                 look_at_chain(ensemble, state, sums, tallies, shared, mine, now)
         if now.flags & CHECK != 0:
@@ -139,7 +137,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
-            observe.add_rates(shared, mine.thread, rate, now.weight)
+            observe.add_rates(shared, n, mine.thread, rate, now.weight)
             if now.watched != 0:
                 observe.watch(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:

@@ -28,8 +28,19 @@ def spin_sums_of(sums: SprocketSums):
 
 
 @wp.func
-def sprocket_sums_of(spin: SpinSums):
+def with_recent(sums: SpinSums):
+    """The sums with what a few steps have added, of which plain float32 is enough."""
+    sums.moment = added(sums.moment, sums.recent[0])
+    sums.contact_work = added(sums.contact_work, sums.recent[1])
+    sums.load_work = added(sums.load_work, sums.recent[2])
+    sums.recent = wp.vec3f()
+    return sums
+
+
+@wp.func
+def sprocket_sums_of(found: SpinSums):
     """Sums in pairs as float64."""
+    spin = with_recent(found)
     sums = SprocketSums()
     sums.speed_min = wp.float64(spin.speed_min)
     sums.speed_max = wp.float64(spin.speed_max)
@@ -44,16 +55,21 @@ def sprocket_sums_of(spin: SpinSums):
 
 
 @wp.func
-def add_spin(sums: SpinSums, speed: wp.float32, moment: wp.float32, load: wp.float32, weight: wp.float32):
-    """As `sums.add_sprocket`."""
+def add_spin_powers(sums: SpinSums, speed: wp.float32, moment: wp.float32, load: wp.float32, weight: wp.float32):
+    """As `sums.add_powers`."""
+    way = weight * speed
+    sums.recent = sums.recent + wp.vec3f(weight * moment, way * moment, way * load)
+    return sums
+
+
+@wp.func
+def add_spin_speed(sums: SpinSums, speed: wp.float32, weight: wp.float32):
+    """As `sums.add_speed`."""
     sums.speed_min = wp.min(sums.speed_min, speed)
     sums.speed_max = wp.max(sums.speed_max, speed)
     way = weight * speed
     sums.speed = added(sums.speed, way)
     sums.speed_square = added(sums.speed_square, way * speed)
-    sums.moment = added(sums.moment, weight * moment)
-    sums.contact_work = added(sums.contact_work, way * moment)
-    sums.load_work = added(sums.load_work, way * load)
     return sums
 
 

@@ -227,6 +227,17 @@ def add_to_roller(tallies: wp.array[RollerTally], at: int, more: RollerTally):
     ...
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    asm volatile("" : "+r"(value));
+#endif
+    return value;
+""")
+def unforeseen(value: int) -> int:
+    """`value`, of which the compiler knows nothing: it leaves a loop that goes so far a loop, which is shorter code."""
+    ...
+
+
 @wp.func_native(ANY_LANE)
 def any_lane(flag: int) -> int:
     """Whether `flag` is not zero in any thread of the warp."""
@@ -263,9 +274,9 @@ def extremes(kind: BlockKind) -> int:
 
 
 def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
-    """Where, after the extremes, each link's squared rates and each thread's friction begin, and where they end."""
+    """Where, after the extremes, what each thread's links and joints dissipate begins, and where that ends."""
     first = kind.threads // WARP * extremes(kind)
-    return first, first + kind.slots, first + kind.slots + kind.bending * kind.threads
+    return first, first + kind.threads, first + (1 + kind.bending) * kind.threads
 
 
 ORDERED = 512

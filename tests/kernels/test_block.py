@@ -126,6 +126,7 @@ def kind_of(packed, shape):
         tensioners=int(packed.drives["tensioners"][0]),
         profiles=bool(packed.drives["pieces"].any()),
         curved=bool(curved(packed).any()),
+        linear=bool(packed.linear.all()),
     )
 
 

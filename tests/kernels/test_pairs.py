@@ -10,6 +10,7 @@ from ptx import compiled, float64_arithmetic, loop_without_float64, time_loop
 from warpchain.engine.arrays import split, split_pieces, split_seats, split_tables
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.gpu.block_spin_sums import add_spin_powers, spin_sums_of, sprocket_sums_of, with_recent
 from warpchain.kernels.logarithm import log_of_sum, logarithm
 from warpchain.kernels.pairs import apart, counted, cross, pair_of, plus, times, trimmed, whole
 from warpchain.kernels.physics.body import pose_of
@@ -22,6 +23,7 @@ from warpchain.kernels.physics.seat import away, in_teeth_gap, line_of, on_line,
 from warpchain.kernels.physics.spin import led_along, ramped_course, spin_load, spin_of, spun, wheel_at, wheel_of
 from warpchain.kernels.physics.table import table_at
 from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Piece, Spin, SplitTable, Tabulated, Wheel, types
+from warpchain.kernels.sum_structs import SprocketSums
 from warpchain.kernels.trigonometry import sine_cosine
 from warpchain.results.channels import FRAME
 
@@ -403,6 +405,29 @@ def test_a_wheel_that_turns_freely_keeps_its_phase(steps):
     turns = min(angle, a * h * h * steps * 1.0)
     assert np.abs(off[:2]).max() <= 2e-12 + 2 * EPS * (angle if steps > 32 else turns)
     assert np.abs(off[2:]).max() <= 2.0**-36 * 0.4
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def power_sums(speed: wp.array[wp.float32], moment: wp.array[wp.float32], out: wp.array2d[wp.float64]):
+    spin = spin_sums_of(SprocketSums())
+    for k in range(speed.shape[0]):
+        if k % 32 == 0:
+            spin = with_recent(spin)
+        spin = add_spin_powers(spin, speed[k], moment[k], -moment[k], 1.0)
+    sums = sprocket_sums_of(spin)
+    out[0, 0] = sums.moment
+    out[0, 1] = sums.contact_work
+    out[0, 2] = sums.load_work
+
+
+def test_moments_and_works_of_many_steps():
+    generator = np.random.default_rng(5)
+    speed, moment = generator.normal(12.0, 0.01, 100_005), generator.normal(5e3, 2e3, 100_005)
+    speed, moment = (values.astype(np.float32).astype(float) for values in (speed, moment))
+    found = launched(power_sums, 1, given(speed, wp.float32), given(moment, wp.float32), width=3)[0]
+    exact = np.array([moment.sum(), (speed * moment).sum(), -(speed * moment).sum()])
+    # each of 32 additions in a row, and a product, is rounded by EPS of up to 32 addends, one as often up as down
+    assert np.abs(found / exact - 1.0).max() < 32 * EPS / np.sqrt(100_005 / 32)
 
 
 LOOPS = {

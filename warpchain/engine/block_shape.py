@@ -43,11 +43,11 @@ class BlockShape:
         """Rollers that there is room for."""
         return self.slots - 32 * self.crewed
 
-    def resident(self, precision: str, measuring: bool, wanted: int) -> int:
+    def resident(self, precision: str, measuring: bool, wanted: int, simple: bool = False) -> int:
         """How many blocks the compiler is to make room for on a multiprocessor, `wanted` at most.
 
-        This bounds the registers of a thread; taking metrics wants more of them, and of shared memory. What is best was
-        measured on an H200 (docs/performance.md).
+        This bounds the registers of a thread; taking metrics wants more of them, and of shared memory, and kernels of
+        drives that are `simple` (`buckets.Bucket`) fewer. What is best was measured on an H200 (docs/performance.md).
         """
         if self.threads == 32:
             most = {
@@ -56,6 +56,8 @@ class BlockShape:
                 ("float32", False): (20, 16, 12),
                 ("float32", True): (20, 16, 8),
             }[precision, measuring][(self.per > 4) + (self.per > 6)]
+            if simple and precision == "float64" and self.per <= 4:
+                most = 14
         elif self.slots > LONGEST_ON_A_WARP and self.per > 1:
             most = 2 if self.per > 8 else 3 if precision == "float64" else 4
             most = most * 128 // self.threads

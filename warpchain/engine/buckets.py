@@ -80,6 +80,13 @@ class Bucket:
         """The shape of their blocks when they take steps."""
         return BlockShape(self.kind.threads, self.kind.per, self.kind.crewed, self.kind.shared_bytes)
 
+    @property
+    def simple(self) -> bool:
+        """Whether their kernels are as short as can be."""
+        kind = self.kind
+        more = kind.moving, kind.rk4, kind.sliding, kind.bending, kind.uneven, kind.arms, kind.profiles, kind.curved
+        return kind.linear and not any(more)
+
 
 def of_shape(shape: BlockShape) -> dict[str, Any]:
     """What of a kernel's kind is its blocks' shape."""
@@ -96,16 +103,16 @@ def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     if name == "relax":
-        still = {"moving": False, "rk4": False, "sliding": False, "bending": False}
+        still = {"moving": False, "rk4": False, "sliding": False, "bending": False, "linear": False}
         return replace(bucket.kind, **of_shape(kernel_shape(name, bucket)), **still)
     return replace(bucket.kind, measuring=name == "measure")
 
 
 def curved(packed: Packed) -> NDArray[np.bool_]:
-    """Which variants have tables of motion or load, (variants,); all at float64, where no kernel asks."""
+    """Which variants have tables of motion or load, (variants,)."""
     motions = packed.motions
     counts = motions["drive_table"]["cells"] + motions["load_table"]["cells"]
-    return (np.add.reduceat(counts, packed.drives["first_body"]) > 0) | (packed.precision == "float64")
+    return np.asarray(np.add.reduceat(counts, packed.drives["first_body"]) > 0)
 
 
 def rows_apart(buckets: Sequence[Bucket]) -> tuple[int, int, int]:
@@ -160,6 +167,7 @@ class GpuKernels:
             "profiles": drives["pieces"] > 0,
             "curved": curved(packed),
             "stribeck": packed.stribeck,
+            "linear": packed.linear,
         }
         keys = np.column_stack(list(columns.values()))
         buckets = []
@@ -183,7 +191,8 @@ class GpuKernels:
     def _blocks(self, name: str, bucket: Bucket) -> int:
         """Blocks of a bucket's kernel that a multiprocessor is to hold."""
         each = 2**31 if name == "relax" else -(-bucket.count // self._processors)
-        return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each)
+        simple = name != "relax" and bucket.simple
+        return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each, simple)
 
     def _made(self, name: str, bucket: Bucket) -> Any:
         """A bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""

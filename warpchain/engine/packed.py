@@ -207,6 +207,15 @@ class Packed:
         return found
 
     @property
+    def linear(self) -> NDArray[np.bool_]:
+        """(variants,) whether the exponents of all contacts are 1."""
+        found = np.ones(self.variants, dtype=bool)
+        for partners, counts in ((self.sprockets, "sprockets"), (self.guides, "guides")):
+            owner = np.repeat(np.arange(self.variants), self.drives[counts])
+            found[owner[partners["law"]["exponent"][: len(owner)] != 1.0]] = False
+        return found
+
+    @property
     def stribeck(self) -> NDArray[np.bool_]:
         """(variants,) whether a coefficient of friction depends on the speed."""
         found = self.joints["law"]["mu_static"] != self.joints["law"]["mu_dynamic"]

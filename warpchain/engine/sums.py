@@ -7,10 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.engine.batches import batch_durations, split_batches
+from warpchain.engine.batches import batch_durations, split_batches, watched_in_batches
 from warpchain.engine.packed import Packed
 from warpchain.kernels.sums import WATCH_EVERY
 from warpchain.kernels.tension_bins import BINS, STEP, ZERO
+
+WATCHED = ("speed", "speed_square", "force")
+"""Sums of sprockets that are of watched steps."""
 
 
 def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -21,7 +24,7 @@ def tension_edges(scale: NDArray[np.float64]) -> NDArray[np.float64]:
 def watched_time(drives: NDArray[Any]) -> NDArray[np.float64]:
     """(V,) how long a window is, over the time that its watched steps stand for (`kernels.sums.watch_weight`)."""
     every, start, end = int(WATCH_EVERY), drives["window_start"].astype(int), drives["window_end"].astype(int)
-    watched = end // every - (start + every - 1) // every + 1
+    watched = end // every - start // every + 1  # the multiples of `every`, and the window's first step
     return np.asarray((end - start) / (every * np.maximum(watched, 1)))
 
 
@@ -47,9 +50,12 @@ def split_sums(sums: dict[str, Any], packed: Packed, variants: NDArray[np.intege
     watched = watched_time(drives)
     contact, turned = sums["contact"][partner], sums["sprocket"][sprocket]
     contact["impulse"] *= watched[:, None]
-    turned["force"] *= watched[:, None, None]
     batches = split_batches(sums, variants, sprocket)
-    batches["sprocket"]["force"] *= watched[:, None, None, None]
+    of_batches = watched_in_batches(drives)
+    for name in WATCHED:
+        of_all, of_each = turned[name], batches["sprocket"][name]
+        of_all *= watched.reshape(-1, *[1] * (of_all.ndim - 1))
+        of_each *= of_batches.reshape(len(drives), 1, -1, *[1] * (of_each.ndim - 3))
     counts = sums["tension_counts"].reshape(-1, int(BINS))[histograms]
     return {
         "chain": sums["chain"][variants],
