@@ -67,7 +67,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             statistics.note(ensemble, tallies, sums, shared, mine, now.step)
         if mine.sprocket >= 0:
             observe.update_strand(shared, mine.rollers, mine.sprocket)
-            if wp.static(kind.spinning):
+            if wp.static(kind.paired):
                 shared.spin_sums[mine.sprocket] = with_recent(shared.spin_sums[mine.sprocket])
         barrier()
         observe.find_strands(shared, mine)
