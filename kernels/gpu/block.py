@@ -27,6 +27,7 @@ from .block_rows import block_rows
 from .block_sampling import block_sampling
 from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
+from .exchange import WARP
 
 
 @cache
@@ -164,6 +165,19 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 v = velocity(shared.rows, j) + h * acceleration(shared, j)
                 set_velocity(shared, j, v)
                 move(shared, j, h * v[0], h * v[1])
+
+    @wp.func
+    def go_on(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
+        """The thread's rollers a step on once its contacts are done; a warp that moves the bodies does not wait for it."""
+        if wp.static(kind.handing):
+            if mine.thread < wp.static(threads - WARP):
+                row.sharing.hand_over()
+                advance_rollers(state, shared, mine, now)
+                row.sharing.among_rollers()
+            else:
+                row.sharing.taken_over()
+        elif wp.static(ahead):
+            advance_rollers(state, shared, mine, now)
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
@@ -310,8 +324,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if wp.static(lean) and now.flags == 0:
                 forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
                 weigh(ensemble, shared, mine, now)
-                if wp.static(ahead):
-                    advance_rollers(state, shared, mine, plain(now))
+                go_on(state, shared, mine, plain(now))
             else:
                 sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
                 forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
@@ -320,8 +333,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     if wp.static(kind.bending) or now.flags != 0:
                         barrier()  # others may still be at rollers beside theirs
                         sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-                    advance_rollers(state, shared, mine, now)
-            barrier()
+                go_on(state, shared, mine, now)
+            if wp.static(not kind.handing):
+                barrier()
             if wp.static(not ahead):
                 sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
             advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)

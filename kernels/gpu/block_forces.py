@@ -491,7 +491,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def crew():
         """Warps that move bodies: all, the last of which have the fewest rollers, or only the last, which has none."""
-        if wp.static(kind.crewed and bodies <= 4):
+        if wp.static(kind.handing):
             if lanes() > 1:
                 return int(1)
         return wp.static(threads) // lanes()

@@ -87,6 +87,11 @@ class BlockKind:
         return self.moving or self.measuring
 
     @property
+    def handing(self) -> bool:
+        """Whether the last warp alone moves the bodies, and goes on as soon as the contacts' moments stand there."""
+        return self.crewed and self.bodies <= 4
+
+    @property
     def slots(self) -> int:
         """Most rollers of a drive."""
         return self.threads * self.per
