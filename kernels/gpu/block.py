@@ -27,7 +27,7 @@ from .block_rows import block_rows
 from .block_sampling import block_sampling
 from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
-from .exchange import WARP
+from .exchange import WARP, lowest_bit
 
 
 @cache
@@ -55,7 +55,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
     # what rollers may touch unless that depends on where the bodies are
     ahead = threads > 32
-    early = ahead and not (moving or kind.profiles)
+    early = kind.early
     # contacts without what frames want stand in the code a second time, where a thread's registers bear that
     lean = not measuring and (ahead or per <= (6 if Real == wp.float32 else 4))
 
@@ -168,7 +168,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def go_on(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
-        """The thread's rollers a step on once its contacts are done; a warp that moves the bodies does not wait for it."""
+        """The thread's rollers a step on, their contacts done; a warp that moves bodies does not wait for that."""
         if wp.static(kind.handing):
             if mine.thread < wp.static(threads - WARP):
                 row.sharing.hand_over()
@@ -200,6 +200,15 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
         if wp.static(kind.bending and measuring) and now.measured != 0:
             joints.add_friction(shared, mine, now)
+
+    @wp.func
+    def first_grip(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, by_teeth: int):
+        """What the thread's roller keeps of the first sprocket that it is near, if that is looked up ahead."""
+        grip = forces.no_grip()
+        if wp.static(kind.gripping):
+            if by_teeth != 0:
+                grip = forces.grip_of(ensemble, state, shared, mine, mine.thread, lowest_bit(by_teeth))
+        return grip
 
     @wp.func
     def instant(state: kinds.State, mine: Mine, since: int):
@@ -311,8 +320,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         by_bar = int(0)
         if wp.static(ahead):
             tension, rate = pull(shared, lengths, mine.rollers, i)
+        grip = forces.no_grip()
         if wp.static(early):
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+            grip = first_grip(ensemble, state, shared, mine, by_teeth)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
@@ -322,12 +333,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if wp.static(not early):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             if wp.static(lean) and now.flags == 0:
-                forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
+                forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar, grip)
                 weigh(ensemble, shared, mine, now)
                 go_on(state, shared, mine, plain(now))
             else:
                 sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-                forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
+                forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar, grip)
                 weigh(ensemble, shared, mine, now)
                 if wp.static(ahead):
                     if wp.static(kind.bending) or now.flags != 0:
@@ -346,6 +357,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+                grip = first_grip(ensemble, state, shared, mine, by_teeth)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)
 

@@ -14,20 +14,22 @@ from ..physics.contact import (
     after_teeth,
     dissipated,
     in_teeth,
+    load_direction,
     misses,
     on_guide,
     reaction,
     respond,
     rub,
     rub_evenly,
+    seat_from,
     surface_velocity,
-    tracked_seat,
     turned,
 )
 from ..physics.face import in_body, near_face, on_face, tracked_face
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
-from ..physics.seat import away, in_teeth_gap, near_line, on_line, tracked_gap
+from ..physics.seat import away, gap_from, in_teeth_gap, load_split, near_line, on_line
 from ..physics.spin import wheel_of
+from ..physics.tooth import nearest_seat
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
@@ -44,6 +46,9 @@ class ForceFunctions:
 
     SPROCKETS: int
     near: wp.Function
+    Grip: type
+    no_grip: wp.Function
+    grip_of: wp.Function
     leave: wp.Function
     contacts: wp.Function
     body_of: wp.Function
@@ -58,6 +63,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
     moving, sliding, rk4, bodies, profiles = kind.moving, kind.sliding, kind.rk4, kind.bodies, kind.profiles
     kinds, Now = types(Real), now_struct(Real)
+    gripping = kind.gripping
+    Direction = wp.vec4f if kind.paired else wp.vec2d
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row = block_rows(kind)
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
@@ -240,19 +247,63 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         else:
             return shared.teeth[s]
 
+    @wp.struct
+    class Grip:
+        """What a roller keeps of a sprocket that it is near."""
+
+        seat: wp.int32  # negative where it has none yet
+        before: Real  # v0 [m/s], or whether it touched
+        direction: Direction  # of the seat at angle zero
+
     @wp.func
-    def in_gap_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, at: int, j: int, s: int):
+    def no_grip():
+        """What stands for a roller near no sprocket."""
+        return Grip()
+
+    @wp.func
+    def seat_at(ensemble: kinds.Ensemble, number: int):
+        """Direction of a seat at angle zero, by its number among all."""
+        if wp.static(kind.paired):
+            return load_split(ensemble.split_seats, number)
+        else:
+            return load_direction(ensemble.seats, number)
+
+    @wp.func
+    def grip_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, s: int):
+        """What roller j keeps of sprocket s."""
+        at = mine.memory + j + s * mine.rollers
+        grip = Grip()
+        grip.seat = load_whole(state.seat, at)
+        grip.before = load_row(state.impact_speed, at)
+        if grip.seat >= 0:
+            grip.direction = seat_at(ensemble, shared.teeth[s].first_seat + grip.seat)
+        return grip
+
+    @wp.func
+    def in_gap_of(
+        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, at: int, j: int, s: int, grip: Grip
+    ):
         """Penetration [m], normal and relative velocity [m/s] of roller j in the teeth of sprocket s; its arm [m].
 
         Its seat is kept at `at`.
         """
         teeth = teeth_of(shared, s)
-        kept = load_whole(state.seat, at)
+        kept = int(grip.seat)
+        if wp.static(not gripping):
+            kept = load_whole(state.seat, at)
+        number = int(kept)
+        direction = grip.direction
         v = velocity(shared.rows, j)
         if wp.static(kind.paired):
             wheel = seen_wheel(shared.wheels, s)
             near_it = away_from(shared.rows, j, wheel.center, wheel.center_low)
-            gap = tracked_gap(near_it, kept, wheel, teeth, ensemble.split_seats)
+            if number < 0:
+                number = nearest_seat(near_it.high, wheel.cosine.high, wheel.sine.high, teeth.teeth)
+                if wp.static(gripping):
+                    direction = seat_at(ensemble, teeth.first_seat + number)
+            if wp.static(not gripping):
+                direction = seat_at(ensemble, teeth.first_seat + number)
+            gap = gap_from(near_it, number, direction, wheel, teeth, ensemble.split_seats)
             if gap.number != kept:
                 store_whole(state.seat, at, gap.number)
             if wp.static(moving):
@@ -262,7 +313,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         else:
             pose = shared.poses[s]
             p = place(shared.rows, j, pose.center)
-            seat = tracked_seat(p, kept, pose.cosine, pose.sine, teeth, ensemble.seats)
+            if number < 0:
+                number = nearest_seat(p, pose.cosine, pose.sine, teeth.teeth)
+                if wp.static(gripping):
+                    direction = seat_at(ensemble, teeth.first_seat + number)
+            if wp.static(not gripping):
+                direction = seat_at(ensemble, teeth.first_seat + number)
+            seat = seat_from(p, number, direction, pose.cosine, pose.sine, teeth, ensemble.seats)
             if seat.number != kept:
                 store_whole(state.seat, at, seat.number)
             if wp.static(moving):
@@ -280,11 +337,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         now: Now,
         j: int,
         s: int,
+        grip: Grip,
     ):
         """Adds the force of the teeth of sprocket s to roller j's, and its reaction to the sprocket if it is summed."""
         at = mine.memory + j + s * mine.rollers
-        before = load_row(state.impact_speed, at)
-        penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, s)
+        before = Real(grip.before)
+        if wp.static(not gripping):
+            before = load_row(state.impact_speed, at)
+        penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, s, grip)
         if penetration > Real(0.0):
             law = teeth_of(shared, s).law
             force, size, first, damper, energy = respond(penetration, normal, relative, before, law)
@@ -439,10 +499,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         now: Now,
         by_teeth: int,
         by_bar: int,
+        grip: Grip,
     ):
         """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, as from `meet`.
 
-        Each thread goes on to its next such roller at once, so that few wait.
+        Each thread goes on to its next such roller at once, so that few wait. `grip` is what the thread's roller keeps
+        of its first sprocket, where that is looked up ahead.
         """
         rest = int(0)
         while by_teeth != 0:
@@ -458,7 +520,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 rest = rest & (rest - 1)
                 if rest == 0:
                     by_teeth = by_teeth & (by_teeth - 1)
-            at_sprocket(ensemble, state, tallies, shared, mine, now, j, s)
+            at_sprocket(ensemble, state, tallies, shared, mine, now, j, s, grip)
+            if wp.static(gripping):
+                if by_teeth != 0:
+                    grip = grip_of(ensemble, state, shared, mine, j, lowest_bit(by_teeth))
         while by_bar != 0:
             j = int(mine.thread)
             if wp.static(per == 1):
@@ -595,6 +660,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     return ForceFunctions(
         SPROCKETS=SPROCKETS,
         near=near,
+        Grip=Grip,
+        no_grip=no_grip,
+        grip_of=grip_of,
         leave=leave,
         contacts=contacts,
         body_of=body_of,

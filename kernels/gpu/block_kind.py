@@ -87,6 +87,16 @@ class BlockKind:
         return self.moving or self.measuring
 
     @property
+    def early(self) -> bool:
+        """Whether rollers look for what they may touch while bodies move: on several warps, and fixed partners."""
+        return self.threads > 32 and not (self.moving or self.profiles)
+
+    @property
+    def gripping(self) -> bool:
+        """Whether they look up then, too, what they keep of a sprocket."""
+        return self.early and self.handing
+
+    @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on as soon as the contacts' moments stand there."""
         return self.crewed and self.bodies <= 4
