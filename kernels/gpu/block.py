@@ -56,8 +56,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # what rollers may touch unless that depends on where the bodies are
     ahead = threads > 32
     early = kind.early
-    # contacts without what frames want stand in the code a second time, where a thread's registers bear that
-    lean = not measuring and (ahead or per <= (6 if Real == wp.float32 else 4))
+    lean = kind.lean
 
     @wp.func
     def driven(shared: kinds.Shared):

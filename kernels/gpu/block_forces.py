@@ -13,6 +13,7 @@ from ..physics.contact import (
     UNTOUCHED,
     after_teeth,
     dissipated,
+    in_gap,
     in_teeth,
     load_direction,
     misses,
@@ -26,10 +27,12 @@ from ..physics.contact import (
     turned,
 )
 from ..physics.face import in_body, near_face, on_face, tracked_face
+from ..physics.impact import is_usual, usual_force
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
+from ..physics.seat import in_gap as split_gap
 from ..physics.seat import away, gap_from, in_teeth_gap, load_split, near_line, on_line
 from ..physics.spin import wheel_of
-from ..physics.tooth import nearest_seat
+from ..physics.tooth import nearest_seat, usual_gap
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
@@ -370,6 +373,82 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             put(state, now, at, before, after_teeth(before))
 
     @wp.func
+    def in_usual_gap(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, teeth: kinds.Sprocket, j: int, s: int, direction: Direction
+    ):
+        """As `in_gap_of`, and whether the roller is in the gap of its seat as `usual_gap` has it (1, else 0)."""
+        v = velocity(shared.rows, j)
+        if wp.static(kind.paired):
+            wheel = seen_wheel(shared.wheels, s)
+            near_it = away_from(shared.rows, j, wheel.center, wheel.center_low)
+            gap = split_gap(near_it, wheel, direction)
+            xi = gap.xi
+            lateral = gap.lateral
+            e = gap.outward
+            arm = near_it.high
+            speed = wheel.speed.high
+            if wp.static(moving):
+                v = v - velocity_of(shared.wheels, s)
+            off = wp.abs(lateral) > teeth.half_pitch_tangent * (teeth.pitch_radius + xi)
+        else:
+            pose = shared.poses[s]
+            p = place(shared.rows, j, pose.center)
+            e, radial, lateral = in_gap(p, direction, pose.cosine, pose.sine)
+            xi = radial - teeth.exact_radius
+            arm = p
+            speed = pose.speed
+            if wp.static(moving):
+                v = v - pose.velocity
+            off = wp.abs(lateral) > teeth.half_pitch_tangent * radial
+        penetration, along, across, usual = usual_gap(xi, lateral, teeth)
+        surface = vec2(-speed * arm[1], speed * arm[0])
+        return penetration, turned(e, along, across), surface - v, arm, wp.where(off, 0, usual)
+
+    @wp.func
+    def at_once(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        j: int,
+        s: int,
+        grip: Grip,
+    ):
+        """As `at_sprocket` in a step at which nothing is measured, if all is as usual: without branches up to there.
+
+        Returns whether it was (1, else 0), and nothing is done.
+        """
+        at = mine.memory + j + s * mine.rollers
+        seat = int(grip.seat)
+        before = Real(grip.before)
+        if wp.static(not gripping):
+            seat = load_whole(state.seat, at)
+            before = load_row(state.impact_speed, at)
+        teeth = teeth_of(shared, s)
+        if seat < 0 or not is_usual(teeth.law):
+            return int(0)
+        direction = grip.direction
+        if wp.static(not gripping):
+            direction = seat_at(ensemble, teeth.first_seat + seat)
+        penetration, normal, relative, arm, usual = in_usual_gap(ensemble, shared, teeth, j, s, direction)
+        size, first = usual_force(penetration, wp.dot(relative, normal), before, teeth.law)
+        force = size * normal
+        if wp.static(sliding):
+            force = force + drag_of(size, normal, relative, shared.sliding[s])
+        moment = reaction(arm, force)
+        if usual == 0:
+            return int(0)
+        if penetration > Real(0.0):
+            if (now.summed >> s) & 1 != 0:
+                add_wrench(shared, s, j, moment, force, now.watched)
+            set_force(shared, j, force_on(shared, j) + force)
+            keep(state, now, at, before, first)
+        else:
+            put(state, now, at, before, after_teeth(before))
+        return int(1)
+
+    @wp.func
     def at_face(
         ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, at: int, kept: int, j: int, bar: kinds.Guide
     ):
@@ -520,7 +599,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 rest = rest & (rest - 1)
                 if rest == 0:
                     by_teeth = by_teeth & (by_teeth - 1)
-            at_sprocket(ensemble, state, tallies, shared, mine, now, j, s, grip)
+            done = int(0)
+            if wp.static(kind.lean):
+                if now.flags == 0:
+                    done = at_once(ensemble, state, shared, mine, now, j, s, grip)
+            if done == 0:
+                at_sprocket(ensemble, state, tallies, shared, mine, now, j, s, grip)
             if wp.static(gripping):
                 if by_teeth != 0:
                     grip = grip_of(ensemble, state, shared, mine, j, lowest_bit(by_teeth))

@@ -92,6 +92,11 @@ class BlockKind:
         return self.threads > 32 and not (self.moving or self.profiles)
 
     @property
+    def lean(self) -> bool:
+        """Whether contacts without what frames want stand in the code a second time: a thread's registers bear that."""
+        return not self.measuring and (self.threads > 32 or self.per <= (6 if self.paired else 4))
+
+    @property
     def gripping(self) -> bool:
         """Whether they look up then, too, what they keep of a sprocket."""
         return self.early and self.handing

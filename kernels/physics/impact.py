@@ -64,5 +64,25 @@ def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
             force = wp.static(FORCES[form])(elastic, speed, impact_speed, law.damping)
+    return bounded_force(force, elastic, speed, law)
+
+
+@wp.func
+def bounded_force(force: Any, elastic: Any, speed: Any, law: Any):
+    """Force [N] whose damping takes away no more than the approach speed in a step, and never adhesive."""
     most = law.most_damping * wp.abs(speed)
     return wp.max(wp.clamp(force, elastic - most, elastic + most), type(elastic)(0.0))
+
+
+@wp.func
+def is_usual(law: Any):
+    """Whether a contact's law is hysteretic and linear."""
+    return law.form == 0 and law.exponent == type(law.exponent)(1.0)
+
+
+@wp.func
+def usual_force(penetration: Any, speed: Any, impact_speed: Any, law: Any):
+    """Force [N] and v0 [m/s] of such a law, without branches (`contact_force`, `contact.pressed`)."""
+    first = wp.where(impact_speed <= type(speed)(0.0), wp.max(speed, law.speed_floor), impact_speed)
+    elastic = law.stiffness * penetration
+    return bounded_force(hysteretic(elastic, speed, first, law.damping), elastic, speed, law), first

@@ -94,6 +94,27 @@ def endless_gap(xi: Any, lateral: Any, gap: Any):
 
 
 @wp.func
+def usual_gap(xi: Any, lateral: Any, gap: Any):
+    """As `tooth_gap` without branches, of straight flanks and no tip; and whether the roller is there (1, else 0)."""
+    zero = type(xi)(0.0)
+    eta = wp.abs(lateral)
+    side = wp.where(lateral >= zero, type(xi)(1.0), type(xi)(-1.0))
+    in_arc = eta * gap.cos_half_seat <= -xi * gap.sin_half_seat
+    square = wp.max(xi * xi + lateral * lateral, type(xi)(1.0e-24))
+    inverse = inverse_root(square)
+    penetration = wp.where(
+        in_arc, root(square) - gap.clearance, eta * gap.sin_half_seat - xi * gap.cos_half_seat - gap.clearance
+    )
+    along = wp.where(in_arc, -xi * inverse, gap.cos_half_seat)
+    across = wp.where(in_arc, -lateral * inverse, -side * gap.sin_half_seat)
+    radial = gap.pitch_radius + xi
+    limit = wp.max(gap.tip_reach - penetration, zero)
+    usual = wp.where(radial * radial + lateral * lateral > limit * limit, int(penetration <= zero), 1)
+    usual = wp.where(in_arc, usual, usual * int(gap.flank_curvature <= zero))
+    return penetration, along, across, usual
+
+
+@wp.func
 def beyond_tip(penetration: Any, xi: Any, lateral: Any, gap: Any):
     """Whether a roller, `penetration` deep in a gap without tips, is less deep in the tip."""
     if penetration > type(xi)(0.0):
