@@ -29,8 +29,8 @@ from ..physics.contact import (
 from ..physics.face import in_body, near_face, on_face, tracked_face
 from ..physics.impact import is_usual, usual_force
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
-from ..physics.seat import in_gap as split_gap
 from ..physics.seat import away, gap_from, in_teeth_gap, load_split, near_line, on_line
+from ..physics.seat import in_gap as split_gap
 from ..physics.spin import wheel_of
 from ..physics.tooth import nearest_seat, usual_gap
 from ..rows import accessors
