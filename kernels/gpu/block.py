@@ -310,6 +310,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         begin(ensemble, state, sums, tallies, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)
+        now.usual = forces.usual_laws(shared)
         if wp.static(measuring):
             observe.find_strands(shared, mine)
         held = partners.held_by(shared, i)
@@ -332,7 +333,10 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             if wp.static(not early):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             if wp.static(lean) and now.flags == 0:
-                forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar, grip)
+                if wp.static(kind.roomy and per > 1):
+                    forces.contacts_by_two(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
+                else:
+                    forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar, grip)
                 weigh(ensemble, shared, mine, now)
                 go_on(state, shared, mine, plain(now))
             else:

@@ -54,6 +54,8 @@ class ForceFunctions:
     grip_of: wp.Function
     leave: wp.Function
     contacts: wp.Function
+    contacts_by_two: wp.Function
+    usual_laws: wp.Function
     body_of: wp.Function
     acting_on: wp.Function
     wrench_of: wp.Function
@@ -66,7 +68,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
     moving, sliding, rk4, bodies, profiles = kind.moving, kind.sliding, kind.rk4, kind.bodies, kind.profiles
     kinds, Now = types(Real), now_struct(Real)
-    gripping = kind.gripping
+    gripping, quick = kind.gripping, not kind.measuring
     Direction = wp.vec4f if kind.paired else wp.vec2d
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row = block_rows(kind)
@@ -373,6 +375,15 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             put(state, now, at, before, after_teeth(before))
 
     @wp.func
+    def usual_laws(shared: kinds.Shared):
+        """The sprockets whose contacts are linear and hysteretic, as bits."""
+        mask = int(0)
+        for s in range(wp.static(sprockets)):
+            if is_usual(shared.teeth[s].law):
+                mask = mask | (1 << s)
+        return mask
+
+    @wp.func
     def in_usual_gap(
         ensemble: kinds.Ensemble, shared: kinds.Shared, teeth: kinds.Sprocket, j: int, s: int, direction: Direction
     ):
@@ -404,49 +415,54 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         surface = vec2(-speed * arm[1], speed * arm[0])
         return penetration, turned(e, along, across), surface - v, arm, wp.where(off, 0, usual)
 
-    @wp.func
-    def at_once(
-        ensemble: kinds.Ensemble,
-        state: kinds.State,
-        shared: kinds.Shared,
-        mine: Mine,
-        now: Now,
-        j: int,
-        s: int,
-        grip: Grip,
-    ):
-        """As `at_sprocket` in a step at which nothing is measured, if all is as usual: without branches up to there.
+    @wp.struct
+    class Answer:
+        """What a roller in its tooth gap is answered."""
 
-        Returns whether it was (1, else 0), and nothing is done.
-        """
-        at = mine.memory + j + s * mine.rollers
+        usual: wp.int32  # 1 where all is as usual, else nothing holds
+        closed: wp.int32  # whether they touch
+        at: wp.int32  # where its memory is
+        before: Real  # v0, as it was kept [m/s]
+        first: Real  # v0 [m/s]
+        moment: Real  # on the sprocket [N m]
+        force: vec2  # on the roller [N]
+
+    @wp.func
+    def answer_of(
+        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, s: int, grip: Grip
+    ):
+        """What sprocket s answers roller j if all is as usual, without a branch."""
+        answer = Answer()
+        answer.at = mine.memory + j + s * mine.rollers
         seat = int(grip.seat)
-        before = Real(grip.before)
-        if wp.static(not gripping):
-            seat = load_whole(state.seat, at)
-            before = load_row(state.impact_speed, at)
-        teeth = teeth_of(shared, s)
-        if seat < 0 or not is_usual(teeth.law):
-            return int(0)
+        answer.before = grip.before
         direction = grip.direction
+        teeth = teeth_of(shared, s)
         if wp.static(not gripping):
-            direction = seat_at(ensemble, teeth.first_seat + seat)
+            seat = load_whole(state.seat, answer.at)
+            answer.before = load_row(state.impact_speed, answer.at)
+            direction = seat_at(ensemble, teeth.first_seat + wp.max(seat, 0))
         penetration, normal, relative, arm, usual = in_usual_gap(ensemble, shared, teeth, j, s, direction)
-        size, first = usual_force(penetration, wp.dot(relative, normal), before, teeth.law)
-        force = size * normal
+        size, first = usual_force(penetration, wp.dot(relative, normal), answer.before, teeth.law)
+        answer.first = first
+        answer.force = size * normal
         if wp.static(sliding):
-            force = force + drag_of(size, normal, relative, shared.sliding[s])
-        moment = reaction(arm, force)
-        if usual == 0:
-            return int(0)
-        if penetration > Real(0.0):
+            answer.force = answer.force + drag_of(size, normal, relative, shared.sliding[s])
+        answer.moment = reaction(arm, answer.force)
+        answer.closed = int(penetration > Real(0.0))
+        answer.usual = wp.where(seat < 0, 0, usual)
+        return answer
+
+    @wp.func
+    def answered(state: kinds.State, shared: kinds.Shared, now: Now, j: int, s: int, answer: Answer):
+        """Does what sprocket s answers roller j."""
+        if answer.closed != 0:
             if (now.summed >> s) & 1 != 0:
-                add_wrench(shared, s, j, moment, force, now.watched)
-            set_force(shared, j, force_on(shared, j) + force)
-            keep(state, now, at, before, first)
+                add_wrench(shared, s, j, answer.moment, answer.force, now.watched)
+            set_force(shared, j, force_on(shared, j) + answer.force)
+            keep(state, now, answer.at, answer.before, answer.first)
         else:
-            put(state, now, at, before, after_teeth(before))
-        return int(1)
+            put(state, now, answer.at, answer.before, after_teeth(answer.before))
 
     @wp.func
     def at_face(
@@ -569,6 +585,50 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             put(state, now, at, before, Real(UNTOUCHED))
 
     @wp.func
+    def at_bars(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        by_bar: int,
+    ):
+        """Adds the guides' forces to those of the thread's rollers in `by_bar`."""
+        rest = int(0)
+        while by_bar != 0:
+            j = int(mine.thread)
+            if wp.static(per == 1):
+                p = lowest_bit(by_bar)
+                by_bar = by_bar & (by_bar - 1)
+            else:
+                j = lowest_bit(by_bar) * wp.static(threads) + mine.thread
+                if rest == 0:
+                    rest = load_whole(shared.held, j) & ~SPROCKETS
+                p = lowest_bit(rest)
+                rest = rest & (rest - 1)
+                if rest == 0:
+                    by_bar = by_bar & (by_bar - 1)
+            at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
+
+    @wp.func
+    def next_in_teeth(shared: kinds.Shared, mine: Mine, by_teeth: int, rest: int):
+        """The thread's next roller in teeth and its sprocket; then what is left."""
+        j = int(mine.thread)
+        if wp.static(per == 1):
+            s = lowest_bit(by_teeth)
+            by_teeth = by_teeth & (by_teeth - 1)
+        else:
+            j = lowest_bit(by_teeth) * wp.static(threads) + mine.thread
+            if rest == 0:
+                rest = load_whole(shared.held, j) & SPROCKETS
+            s = lowest_bit(rest)
+            rest = rest & (rest - 1)
+            if rest == 0:
+                by_teeth = by_teeth & (by_teeth - 1)
+        return j, s, by_teeth, rest
+
+    @wp.func
     def contacts(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -587,41 +647,62 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """
         rest = int(0)
         while by_teeth != 0:
-            j = int(mine.thread)
-            if wp.static(per == 1):
-                s = lowest_bit(by_teeth)
-                by_teeth = by_teeth & (by_teeth - 1)
+            j, s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+            one = Answer()
+            if wp.static(quick):
+                if now.flags == 0 and (now.usual >> s) & 1 != 0:
+                    one = answer_of(ensemble, state, shared, mine, j, s, grip)
+            if one.usual != 0:
+                answered(state, shared, now, j, s, one)
             else:
-                j = lowest_bit(by_teeth) * wp.static(threads) + mine.thread
-                if rest == 0:
-                    rest = load_whole(shared.held, j) & SPROCKETS
-                s = lowest_bit(rest)
-                rest = rest & (rest - 1)
-                if rest == 0:
-                    by_teeth = by_teeth & (by_teeth - 1)
-            done = int(0)
-            if wp.static(kind.lean):
-                if now.flags == 0:
-                    done = at_once(ensemble, state, shared, mine, now, j, s, grip)
-            if done == 0:
                 at_sprocket(ensemble, state, tallies, shared, mine, now, j, s, grip)
             if wp.static(gripping):
                 if by_teeth != 0:
                     grip = grip_of(ensemble, state, shared, mine, j, lowest_bit(by_teeth))
-        while by_bar != 0:
-            j = int(mine.thread)
-            if wp.static(per == 1):
-                p = lowest_bit(by_bar)
-                by_bar = by_bar & (by_bar - 1)
+        at_bars(ensemble, state, tallies, shared, mine, now, by_bar)
+
+    @wp.func
+    def contacts_by_two(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        by_teeth: int,
+        by_bar: int,
+    ):
+        """As `contacts`, two of a thread's rollers in teeth at once, so that their latencies hide behind each other."""
+        rest = int(0)
+        while by_teeth != 0:
+            j, s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+            two = int(0)
+            other_j = int(j)
+            other_s = int(s)
+            if by_teeth != 0:
+                two = int(1)
+                other_j, other_s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+            grip = Grip()
+            one = answer_of(ensemble, state, shared, mine, j, s, grip)
+            other = answer_of(ensemble, state, shared, mine, other_j, other_s, grip)
+            one.usual = one.usual & (now.usual >> s)
+            other.usual = other.usual & (now.usual >> other_s)
+            if one.usual & other.usual & 1 != 0:
+                answered(state, shared, now, j, s, one)
+                if two != 0:
+                    answered(state, shared, now, other_j, other_s, other)
             else:
-                j = lowest_bit(by_bar) * wp.static(threads) + mine.thread
-                if rest == 0:
-                    rest = load_whole(shared.held, j) & ~SPROCKETS
-                p = lowest_bit(rest)
-                rest = rest & (rest - 1)
-                if rest == 0:
-                    by_bar = by_bar & (by_bar - 1)
-            at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
+                q = int(0)
+                while q <= two:  # a loop, which stands once in the code
+                    if one.usual & 1 != 0:
+                        answered(state, shared, now, j, s, one)
+                    else:
+                        at_sprocket(ensemble, state, tallies, shared, mine, now, j, s, grip)
+                    one = other
+                    j = other_j
+                    s = other_s
+                    q = q + 1
+        at_bars(ensemble, state, tallies, shared, mine, now, by_bar)
 
     @wp.func
     def part(shared: kinds.Shared, row: int, i: int):
@@ -749,6 +830,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         grip_of=grip_of,
         leave=leave,
         contacts=contacts,
+        contacts_by_two=contacts_by_two,
+        usual_laws=usual_laws,
         body_of=body_of,
         acting_on=acting_on,
         wrench_of=wrench_of,

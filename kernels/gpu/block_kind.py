@@ -33,6 +33,7 @@ class BlockKind:
         curved: motions or loads may be tabulated, which matters at float32 only.
         pushing: tensioners may push sprockets, not arms alone, which matters at float32 only.
         crewed: the last warp has no rollers, but moves the bodies.
+        roomy: few blocks are on a multiprocessor, so that a thread has registers for two contacts at once.
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
 
@@ -51,6 +52,7 @@ class BlockKind:
     tensioners: int = 0
     profiles: bool = False
     crewed: bool = False
+    roomy: bool = False
     shared_bytes: int = DECLARED
     curved: bool = True
     stribeck: bool = True
@@ -94,7 +96,8 @@ class BlockKind:
     @property
     def lean(self) -> bool:
         """Whether contacts without what frames want stand in the code a second time: a thread's registers bear that."""
-        return not self.measuring and (self.threads > 32 or self.per <= (6 if self.paired else 4))
+        most = 6 if self.paired or self.roomy else 4
+        return not self.measuring and (self.threads > 32 or self.per <= most)
 
     @property
     def gripping(self) -> bool:
@@ -165,6 +168,7 @@ def now_struct(Real: type) -> type:
         watched: wp.int32  # 1 where forces are watched (`sums.WATCH_EVERY`)
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
+        usual: wp.int32  # sprockets whose contacts' law is linear and hysteretic, as bits
         driven: wp.int32  # sprockets that their moment moves, as bits
         summed: wp.int32  # sprockets whose moment is wanted now, as bits
         since: wp.int32  # the frames' buffer was begun so many steps before this launch

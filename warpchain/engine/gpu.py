@@ -174,6 +174,7 @@ def kernel_kind(name: str, real: Any, bucket: Bucket) -> BlockKind:
         stribeck=bucket.stribeck,
         pushing=bucket.pushing,
         crewed=shape.crewed,
+        roomy=name == "advance" and shape.roomy,
         shared_bytes=shape.shared_bytes,
     )
 
