@@ -27,7 +27,7 @@ from .block_rows import block_rows
 from .block_sampling import block_sampling
 from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
-from .exchange import WARP, lowest_bit
+from .exchange import WARP
 
 
 @cache
@@ -201,15 +201,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             joints.add_friction(shared, mine, now)
 
     @wp.func
-    def first_grip(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, by_teeth: int):
-        """What the thread's roller keeps of the first sprocket that it is near, if that is looked up ahead."""
-        grip = forces.no_grip()
-        if wp.static(kind.gripping):
-            if by_teeth != 0:
-                grip = forces.grip_of(ensemble, state, shared, mine, mine.thread, lowest_bit(by_teeth))
-        return grip
-
-    @wp.func
     def instant(state: kinds.State, mine: Mine, since: int):
         """Where a launch begins, `since` steps after the frames' buffer."""
         now = Now()
@@ -316,14 +307,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         held = partners.held_by(shared, i)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine, now.step)
-        by_teeth = int(0)
-        by_bar = int(0)
         if wp.static(ahead):
             tension, rate = pull(shared, lengths, mine.rollers, i)
-        grip = forces.no_grip()
+        touch = forces.Touch()
         if wp.static(early):
             held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-            grip = first_grip(ensemble, state, shared, mine, by_teeth)
+            touch = forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
         while now.step < end and now.diverged == 0:
             if now.step == now.event and now.stage == 0:
                 now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
@@ -332,16 +321,17 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(not early):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+                touch = forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
             if wp.static(lean) and now.flags == 0:
                 if wp.static(kind.roomy and per > 1):
-                    forces.contacts_by_two(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
+                    forces.contacts_by_two(ensemble, state, tallies, shared, mine, plain(now), touch)
                 else:
-                    forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar, grip)
+                    forces.contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
                 weigh(ensemble, shared, mine, now)
                 go_on(state, shared, mine, plain(now))
             else:
                 sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-                forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar, grip)
+                forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
                 weigh(ensemble, shared, mine, now)
                 if wp.static(ahead):
                     if wp.static(kind.bending) or now.flags != 0:
@@ -360,7 +350,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 tension, rate = pull(shared, lengths, mine.rollers, i)
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-                grip = first_grip(ensemble, state, shared, mine, by_teeth)
+                touch = forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)
 

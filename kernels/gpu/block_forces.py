@@ -49,9 +49,8 @@ class ForceFunctions:
 
     SPROCKETS: int
     near: wp.Function
-    Grip: type
-    no_grip: wp.Function
-    grip_of: wp.Function
+    Touch: type
+    touch_of: wp.Function
     leave: wp.Function
     contacts: wp.Function
     contacts_by_two: wp.Function
@@ -254,16 +253,20 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
     @wp.struct
     class Grip:
-        """What a roller keeps of a sprocket that it is near."""
+        """A sprocket that a roller is near, and what it keeps of that."""
 
+        sprocket: wp.int32
         seat: wp.int32  # negative where it has none yet
         before: Real  # v0 [m/s], or whether it touched
         direction: Direction  # of the seat at angle zero
 
-    @wp.func
-    def no_grip():
-        """What stands for a roller near no sprocket."""
-        return Grip()
+    @wp.struct
+    class Touch:
+        """What a thread's rollers may touch, as from `meet`, and what they keep of it where that is looked up ahead."""
+
+        by_teeth: wp.int32
+        by_bar: wp.int32
+        grip: Grip  # of the roller's first sprocket
 
     @wp.func
     def seat_at(ensemble: kinds.Ensemble, number: int):
@@ -275,14 +278,29 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
     @wp.func
     def grip_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, s: int):
-        """What roller j keeps of sprocket s."""
-        at = mine.memory + j + s * mine.rollers
+        """Sprocket s as roller j is near it."""
         grip = Grip()
-        grip.seat = load_whole(state.seat, at)
-        grip.before = load_row(state.impact_speed, at)
-        if grip.seat >= 0:
-            grip.direction = seat_at(ensemble, shared.teeth[s].first_seat + grip.seat)
+        grip.sprocket = s
+        if wp.static(gripping):
+            at = mine.memory + j + s * mine.rollers
+            grip.seat = load_whole(state.seat, at)
+            grip.before = load_row(state.impact_speed, at)
+            if grip.seat >= 0:
+                grip.direction = seat_at(ensemble, shared.teeth[s].first_seat + grip.seat)
         return grip
+
+    @wp.func
+    def touch_of(
+        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, by_teeth: int, by_bar: int
+    ):
+        """What the thread's rollers may touch."""
+        touch = Touch()
+        touch.by_teeth = by_teeth
+        touch.by_bar = by_bar
+        if wp.static(gripping):
+            if by_teeth != 0:
+                touch.grip = grip_of(ensemble, state, shared, mine, mine.thread, lowest_bit(by_teeth))
+        return touch
 
     @wp.func
     def in_gap_of(
@@ -341,10 +359,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         mine: Mine,
         now: Now,
         j: int,
-        s: int,
         grip: Grip,
     ):
-        """Adds the force of the teeth of sprocket s to roller j's, and its reaction to the sprocket if it is summed."""
+        """Adds the force of the teeth of a sprocket to roller j's, and its reaction to the sprocket if it is summed."""
+        s = grip.sprocket
         at = mine.memory + j + s * mine.rollers
         before = Real(grip.before)
         if wp.static(not gripping):
@@ -428,10 +446,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         force: vec2  # on the roller [N]
 
     @wp.func
-    def answer_of(
-        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, s: int, grip: Grip
-    ):
-        """What sprocket s answers roller j if all is as usual, without a branch."""
+    def answer_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, grip: Grip):
+        """What a sprocket answers roller j if all is as usual, without a branch."""
+        s = grip.sprocket
         answer = Answer()
         answer.at = mine.memory + j + s * mine.rollers
         seat = int(grip.seat)
@@ -636,30 +653,31 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
-        by_teeth: int,
-        by_bar: int,
-        grip: Grip,
+        touch: Touch,
     ):
-        """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, as from `meet`.
+        """Adds the contacts' forces to those of the thread's rollers.
 
-        Each thread goes on to its next such roller at once, so that few wait. `grip` is what the thread's roller keeps
-        of its first sprocket, where that is looked up ahead.
+        Each thread goes on to its next roller in teeth at once, so that few wait.
         """
+        by_teeth = int(touch.by_teeth)
+        grip = touch.grip
         rest = int(0)
         while by_teeth != 0:
             j, s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+            if wp.static(not gripping):
+                grip = grip_of(ensemble, state, shared, mine, j, s)
             one = Answer()
             if wp.static(quick):
                 if now.flags == 0 and (now.usual >> s) & 1 != 0:
-                    one = answer_of(ensemble, state, shared, mine, j, s, grip)
+                    one = answer_of(ensemble, state, shared, mine, j, grip)
             if one.usual != 0:
                 answered(state, shared, now, j, s, one)
             else:
-                at_sprocket(ensemble, state, tallies, shared, mine, now, j, s, grip)
+                at_sprocket(ensemble, state, tallies, shared, mine, now, j, grip)
             if wp.static(gripping):
                 if by_teeth != 0:
                     grip = grip_of(ensemble, state, shared, mine, j, lowest_bit(by_teeth))
-        at_bars(ensemble, state, tallies, shared, mine, now, by_bar)
+        at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
 
     @wp.func
     def contacts_by_two(
@@ -669,10 +687,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
-        by_teeth: int,
-        by_bar: int,
+        touch: Touch,
     ):
         """As `contacts`, two of a thread's rollers in teeth at once, so that their latencies hide behind each other."""
+        by_teeth = int(touch.by_teeth)
         rest = int(0)
         while by_teeth != 0:
             j, s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
@@ -682,9 +700,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if by_teeth != 0:
                 two = int(1)
                 other_j, other_s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
-            grip = Grip()
-            one = answer_of(ensemble, state, shared, mine, j, s, grip)
-            other = answer_of(ensemble, state, shared, mine, other_j, other_s, grip)
+            one = answer_of(ensemble, state, shared, mine, j, grip_of(ensemble, state, shared, mine, j, s))
+            grip = grip_of(ensemble, state, shared, mine, other_j, other_s)
+            other = answer_of(ensemble, state, shared, mine, other_j, grip)
             one.usual = one.usual & (now.usual >> s)
             other.usual = other.usual & (now.usual >> other_s)
             if one.usual & other.usual & 1 != 0:
@@ -697,12 +715,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                     if one.usual & 1 != 0:
                         answered(state, shared, now, j, s, one)
                     else:
-                        at_sprocket(ensemble, state, tallies, shared, mine, now, j, s, grip)
+                        at_sprocket(
+                            ensemble, state, tallies, shared, mine, now, j, grip_of(ensemble, state, shared, mine, j, s)
+                        )
                     one = other
                     j = other_j
                     s = other_s
                     q = q + 1
-        at_bars(ensemble, state, tallies, shared, mine, now, by_bar)
+        at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
 
     @wp.func
     def part(shared: kinds.Shared, row: int, i: int):
@@ -825,9 +845,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     return ForceFunctions(
         SPROCKETS=SPROCKETS,
         near=near,
-        Grip=Grip,
-        no_grip=no_grip,
-        grip_of=grip_of,
+        Touch=Touch,
+        touch_of=touch_of,
         leave=leave,
         contacts=contacts,
         contacts_by_two=contacts_by_two,
