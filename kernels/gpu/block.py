@@ -323,10 +323,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
                 touch = forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
             if wp.static(lean) and now.flags == 0:
-                if wp.static(kind.roomy and per > 1):
-                    forces.contacts_by_two(ensemble, state, tallies, shared, mine, plain(now), touch)
-                else:
-                    forces.contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
+                forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
                 weigh(ensemble, shared, mine, now)
                 go_on(state, shared, mine, plain(now))
             else:

@@ -53,7 +53,7 @@ class ForceFunctions:
     touch_of: wp.Function
     leave: wp.Function
     contacts: wp.Function
-    contacts_by_two: wp.Function
+    plain_contacts: wp.Function
     usual_laws: wp.Function
     body_of: wp.Function
     acting_on: wp.Function
@@ -849,7 +849,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         touch_of=touch_of,
         leave=leave,
         contacts=contacts,
-        contacts_by_two=contacts_by_two,
+        plain_contacts=contacts_by_two if kind.roomy and per > 1 else contacts,
         usual_laws=usual_laws,
         body_of=body_of,
         acting_on=acting_on,
