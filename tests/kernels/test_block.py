@@ -123,6 +123,7 @@ def kind_of(packed, shape, measuring=True):
         sliding=bool(packed.slides.any()),
         uneven=bool(packed.links["uneven"].any()),
         crewed=shape.crewed,
+        roomy=not measuring and shape.roomy,
         arms=int(packed.drives["arms"][0]),
         tensioners=int(packed.drives["tensioners"][0]),
         profiles=bool(packed.drives["pieces"].any()),
@@ -309,12 +310,13 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
 
 
 @pytest.mark.parametrize(
-    ("drives", "many", "precision"),
-    [*product([equal_sprockets], [False, True], ["float64", "float32"]), (marine, False, "float64")],
+    ("drives", "each", "precision"),  # alone, so few that there is room for two contacts at once, many
+    [*product([equal_sprockets], [1, 8, 100], ["float64", "float32"]), (marine, 1, "float64"), (marine, 8, "float32")],
 )
-def test_bare_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
+def test_bare_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, each, precision):
     variants = drives()
-    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), 100 if many else 1)
+    shape = block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), each)
+    assert shape.crewed == (each == 1) and shape.roomy == (each == 8)
     packed = pack(variants, [Schedule(drive.run.step, 2000, FOREVER, FOREVER, 0) for drive in variants])
     packed = packed.at_precision(precision)
     serial = CpuEngine(packed, 1)
