@@ -113,6 +113,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
+        aim: wp.vec2d,
     ):
         """The thread's body a step on, or a stage, while the other threads move their rollers; what is seen of it.
 
@@ -133,7 +134,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 wrench = wrench_of(acting)
                 if wp.static(kind.tensioners > 0):
                     wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
-                body = bodies.advance(ensemble, state, shared, mine, now, wrench)
+                body = bodies.advance(ensemble, state, shared, mine, now, wrench, aim)
                 if wp.static(measuring) and now.measured != 0:
                     observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
                     if wp.static(kind.tensioners > 0):
@@ -181,9 +182,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
-        """Works out the load on the thread's sprocket."""
+        """Works out the load on the thread's sprocket, and where it points next."""
+        aim = wp.vec2d()
         if mine.sprocket >= 0 and now.stage == 0:
-            bodies.weigh(ensemble, shared, mine, now.step)
+            aim = bodies.weigh(ensemble, shared, mine, now.step)
+        return aim
 
     @wp.func
     def sample_rollers(
@@ -318,6 +321,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         bodies.plan(ensemble, shared, mine, now.step)
         by_teeth = int(0)
         by_bar = int(0)
+        aim = wp.vec2d()
         if wp.static(ahead):
             tension, rate = pull(shared, lengths, mine.rollers, i)
         grip = forces.no_grip()
@@ -334,12 +338,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
             if wp.static(lean) and now.flags == 0:
                 forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar, grip)
-                weigh(ensemble, shared, mine, now)
+                aim = weigh(ensemble, shared, mine, now)
                 go_on(state, shared, mine, plain(now))
             else:
                 sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
                 forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar, grip)
-                weigh(ensemble, shared, mine, now)
+                aim = weigh(ensemble, shared, mine, now)
                 if wp.static(ahead):
                     if wp.static(kind.bending) or now.flags != 0:
                         barrier()  # others may still be at rollers beside theirs
@@ -349,7 +353,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 barrier()
             if wp.static(not ahead):
                 sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now, aim)
             if wp.static(not ahead):
                 advance_rollers(state, shared, mine, now)
             now = next_stage(now)
