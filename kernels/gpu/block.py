@@ -57,6 +57,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     ahead = threads > 32
     early = kind.early
     lean = kind.lean
+    # rollers and bodies go ways of their own between events
+    splitting = lean and kind.handing and early and not rk4
 
     @wp.func
     def driven(shared: kinds.Shared):
@@ -112,6 +114,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
+        aim: wp.vec2d,
     ):
         """The thread's body a step on, or a stage, while the other threads move their rollers; what is seen of it.
 
@@ -132,7 +135,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 wrench = wrench_of(acting)
                 if wp.static(kind.tensioners > 0):
                     wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
-                body = bodies.advance(ensemble, state, shared, mine, now, wrench)
+                body = bodies.advance(ensemble, state, shared, mine, now, wrench, aim)
                 if wp.static(measuring) and now.measured != 0:
                     observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
                     if wp.static(kind.tensioners > 0):
@@ -180,9 +183,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
-        """Works out the load on the thread's sprocket."""
+        """Works out the load on the thread's sprocket, and where it points next."""
+        aim = wp.vec2d()
         if mine.sprocket >= 0 and now.stage == 0:
-            bodies.weigh(ensemble, shared, mine, now.step)
+            aim = bodies.weigh(ensemble, shared, mine, now.step)
+        return aim
 
     @wp.func
     def sample_rollers(
@@ -199,6 +204,19 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             sampling.sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
         if wp.static(kind.bending and measuring) and now.measured != 0:
             joints.add_friction(shared, mine, now)
+
+    @wp.func
+    def look(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        held: wp.types.vector(per, wp.int32),
+    ):
+        """The partners of each of the thread's rollers, and what they may touch."""
+        held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+        return held, forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
 
     @wp.func
     def instant(state: kinds.State, mine: Mine, since: int):
@@ -310,44 +328,51 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         if wp.static(ahead):
             tension, rate = pull(shared, lengths, mine.rollers, i)
         touch = forces.Touch()
-        if wp.static(early):
-            held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-            touch = forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
+        if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+            held, touch = look(ensemble, state, shared, mine, now, held)
+        aim = wp.vec2d()
         while now.step < end and now.diverged == 0:
-            if now.step == now.event and now.stage == 0:
-                now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
-            now = wanted(now)
-            if wp.static(not ahead):
-                tension, rate = pull(shared, lengths, mine.rollers, i)
-            if wp.static(not early):
-                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-                touch = forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
-            if wp.static(lean) and now.flags == 0:
-                forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
-                weigh(ensemble, shared, mine, now)
-                go_on(state, shared, mine, plain(now))
+            if wp.static(splitting) and now.step != now.event:
+                now.summed = now.driven
+                if i < wp.static(threads - WARP):
+                    forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
+                    go_on(state, shared, mine, plain(now))
+                else:
+                    aim = weigh(ensemble, shared, mine, now)
+                    row.sharing.taken_over()
+                    advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, plain(now), aim)
             else:
-                sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-                forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
-                weigh(ensemble, shared, mine, now)
-                if wp.static(ahead):
-                    if wp.static(kind.bending) or now.flags != 0:
+                if now.step == now.event and now.stage == 0:
+                    now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
+                now = wanted(now)
+                if wp.static(not ahead):
+                    tension, rate = pull(shared, lengths, mine.rollers, i)
+                if wp.static(not early):
+                    held, touch = look(ensemble, state, shared, mine, now, held)
+                if wp.static(lean) and now.flags == 0:
+                    forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
+                    aim = weigh(ensemble, shared, mine, now)
+                    go_on(state, shared, mine, plain(now))
+                else:
+                    sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+                    forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
+                    aim = weigh(ensemble, shared, mine, now)
+                    if wp.static(ahead and kind.bending) or (wp.static(ahead) and now.flags != 0):
                         barrier()  # others may still be at rollers beside theirs
                         sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-                go_on(state, shared, mine, now)
-            if wp.static(not kind.handing):
-                barrier()
-            if wp.static(not ahead):
-                sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-            advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+                    go_on(state, shared, mine, now)
+                if wp.static(not kind.handing):
+                    barrier()
+                if wp.static(not ahead):
+                    sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now, aim)
             if wp.static(not ahead):
                 advance_rollers(state, shared, mine, now)
             now = next_stage(now)
+            if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+                held, touch = look(ensemble, state, shared, mine, now, held)
             if wp.static(ahead):
                 tension, rate = pull(shared, lengths, mine.rollers, i)
-            if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
-                held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-                touch = forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)
 

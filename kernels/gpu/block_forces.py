@@ -285,8 +285,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             at = mine.memory + j + s * mine.rollers
             grip.seat = load_whole(state.seat, at)
             grip.before = load_row(state.impact_speed, at)
-            if grip.seat >= 0:
-                grip.direction = seat_at(ensemble, shared.teeth[s].first_seat + grip.seat)
+            grip.direction = seat_at(ensemble, shared.teeth[s].first_seat + wp.max(grip.seat, 0))
         return grip
 
     @wp.func
@@ -297,9 +296,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         touch = Touch()
         touch.by_teeth = by_teeth
         touch.by_bar = by_bar
-        if wp.static(gripping):
-            if by_teeth != 0:
-                touch.grip = grip_of(ensemble, state, shared, mine, mine.thread, lowest_bit(by_teeth))
+        if wp.static(gripping):  # without a branch, so that nothing waits for it
+            s = lowest_bit(wp.where(by_teeth != 0, by_teeth, 1))
+            touch.grip = grip_of(ensemble, state, shared, mine, mine.thread, s)
         return touch
 
     @wp.func
@@ -664,7 +663,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         rest = int(0)
         while by_teeth != 0:
             j, s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
-            if wp.static(not gripping):
+            if wp.static(gripping):
+                s = grip.sprocket
+            else:
                 grip = grip_of(ensemble, state, shared, mine, j, s)
             one = Answer()
             if wp.static(quick):
@@ -677,7 +678,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if wp.static(gripping):
                 if by_teeth != 0:
                     grip = grip_of(ensemble, state, shared, mine, j, lowest_bit(by_teeth))
-        at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
+        if wp.static(guides > 0):
+            at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
 
     @wp.func
     def contacts_by_two(
@@ -722,7 +724,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                     j = other_j
                     s = other_s
                     q = q + 1
-        at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
+        if wp.static(guides > 0):
+            at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
 
     @wp.func
     def part(shared: kinds.Shared, row: int, i: int):

@@ -22,7 +22,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import reciprocal
+from ..root import larger, reciprocal, smaller
 
 
 @wp.func
@@ -37,7 +37,7 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
 def hysteretic(elastic: Any, speed: Any, impact_speed: Any, damping: Any):
     """Force [N] after eq. (15), (18), (19); `damping` is the hysteresis factor d [-], `impact_speed` v0 [m/s]."""
     one = type(elastic)(1.0)
-    return elastic * (one + damping * wp.min(speed * reciprocal(impact_speed), one))
+    return elastic * (one + damping * smaller(speed * reciprocal(impact_speed), one))
 
 
 @wp.func
@@ -71,7 +71,7 @@ def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
 def bounded_force(force: Any, elastic: Any, speed: Any, law: Any):
     """Force [N] whose damping takes away no more than the approach speed in a step, and never adhesive."""
     most = law.most_damping * wp.abs(speed)
-    return wp.max(wp.clamp(force, elastic - most, elastic + most), type(elastic)(0.0))
+    return larger(smaller(larger(force, elastic - most), elastic + most), type(elastic)(0.0))
 
 
 @wp.func
@@ -83,6 +83,6 @@ def is_usual(law: Any):
 @wp.func
 def usual_force(penetration: Any, speed: Any, impact_speed: Any, law: Any):
     """Force [N] and v0 [m/s] of such a law, without branches (`contact_force`, `contact.pressed`)."""
-    first = wp.where(impact_speed <= type(speed)(0.0), wp.max(speed, law.speed_floor), impact_speed)
+    first = wp.where(impact_speed <= type(speed)(0.0), larger(speed, law.speed_floor), impact_speed)
     elastic = law.stiffness * penetration
     return bounded_force(hysteretic(elastic, speed, first, law.damping), elastic, speed, law), first

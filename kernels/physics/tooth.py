@@ -24,7 +24,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import inverse_root, reciprocal, root
+from ..root import inverse_root, larger, reciprocal, root
 
 
 @wp.func
@@ -100,7 +100,7 @@ def usual_gap(xi: Any, lateral: Any, gap: Any):
     eta = wp.abs(lateral)
     side = wp.where(lateral >= zero, type(xi)(1.0), type(xi)(-1.0))
     in_arc = eta * gap.cos_half_seat <= -xi * gap.sin_half_seat
-    square = wp.max(xi * xi + lateral * lateral, type(xi)(1.0e-24))
+    square = larger(xi * xi + lateral * lateral, type(xi)(1.0e-24))
     inverse = inverse_root(square)
     penetration = wp.where(
         in_arc, root(square) - gap.clearance, eta * gap.sin_half_seat - xi * gap.cos_half_seat - gap.clearance
@@ -108,7 +108,7 @@ def usual_gap(xi: Any, lateral: Any, gap: Any):
     along = wp.where(in_arc, -xi * inverse, gap.cos_half_seat)
     across = wp.where(in_arc, -lateral * inverse, -side * gap.sin_half_seat)
     radial = gap.pitch_radius + xi
-    limit = wp.max(gap.tip_reach - penetration, zero)
+    limit = larger(gap.tip_reach - penetration, zero)
     usual = wp.where(radial * radial + lateral * lateral > limit * limit, int(penetration <= zero), 1)
     usual = wp.where(in_arc, usual, usual * int(gap.flank_curvature <= zero))
     return penetration, along, across, usual
