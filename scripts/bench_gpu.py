@@ -348,11 +348,11 @@ TINY = """
 [study]
 drive = "marine"
 [design]
-kind = "grid"
+kind = "factorial"
 [[factors]]
 name = "torque"
 path = "sprockets.camshaft.load.torque"
-values = [7e3, 8e3]
+levels = [7e3, 8e3]
 [run]
 duration = 0.001
 device = "{device}"
@@ -502,9 +502,9 @@ NAMES = [name for name, part in PARTS.items() if part.cases]
 
 
 def visible() -> list[str]:
-    """The GPUs that this process sees, as CUDA names them."""
+    """The GPUs that this process sees, as CUDA names them; one that is none where there are none."""
     named = os.environ.get("CUDA_VISIBLE_DEVICES")
-    return named.split(",") if named else [str(gpu) for gpu in range(wp.get_cuda_device_count())]
+    return named.split(",") if named else [str(gpu) for gpu in range(wp.get_cuda_device_count())] or [""]
 
 
 def done(task: Task) -> Found:
@@ -627,7 +627,8 @@ def main() -> int:
     asked = parser().parse_args()
     wp.config.log_level = wp.LOG_ERROR
     names = asked.parts or NAMES
-    print(f"{len(visible())} GPUs, the first: {wp.get_device(DEVICE).name}", flush=True)
+    name = wp.get_device(DEVICE).name if wp.is_cuda_available() else "none"
+    print(f"{wp.get_cuda_device_count()} GPUs, the first: {name}", flush=True)
     if shutil.which("nvcc") is None:
         print("no nvcc here: the CUDA reference is left out")
     with tempfile.TemporaryDirectory() as name:
