@@ -114,7 +114,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
-        aim: wp.vec2d,
     ):
         """The thread's body a step on, or a stage, while the other threads move their rollers; what is seen of it.
 
@@ -135,7 +134,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 wrench = wrench_of(acting)
                 if wp.static(kind.tensioners > 0):
                     wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
-                body = bodies.advance(ensemble, state, shared, mine, now, wrench, aim)
+                body = bodies.advance(ensemble, state, shared, mine, now, wrench)
                 if wp.static(measuring) and now.measured != 0:
                     observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
                     if wp.static(kind.tensioners > 0):
@@ -183,11 +182,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
-        """Works out the load on the thread's sprocket, and where it points next."""
-        aim = wp.vec2d()
+        """Works out the load on the thread's sprocket."""
         if mine.sprocket >= 0 and now.stage == 0:
-            aim = bodies.weigh(ensemble, shared, mine, now.step)
-        return aim
+            bodies.weigh(ensemble, shared, mine, now.step)
 
     @wp.func
     def sample_rollers(
@@ -288,12 +285,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             progress.diverged = now.diverged
             state.progress[mine.variant] = progress
 
-    @wp.kernel(
-        enable_backward=False,
-        module=own_module("advance_block", kind, blocks, frame),
-        grid_stride=False,
-        launch_bounds=(threads, blocks),
-    )
+    module = own_module("advance_block", kind, blocks, frame)
+
+    @wp.kernel(enable_backward=False, module=module, grid_stride=False, launch_bounds=(threads, blocks))
     def advance_block(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -310,8 +304,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """
         number = wp.tid() // wp.static(threads)
         i = wp.tid() % wp.static(threads)
-        variant = order[number]
-        mine = mine_of(ensemble.drives[variant], variant, i, forces.body_of(i))
+        mine = mine_of(ensemble.drives[order[number]], order[number], i, forces.body_of(i))
         shared = shared_arrays(state, number)
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
         row.fetch(state, shared, mine)
@@ -330,7 +323,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         touch = forces.Touch()
         if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
             held, touch = look(ensemble, state, shared, mine, now, held)
-        aim = wp.vec2d()
         while now.step < end and now.diverged == 0:
             if wp.static(splitting) and now.step != now.event:
                 now.summed = now.driven
@@ -338,9 +330,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
                     go_on(state, shared, mine, plain(now))
                 else:
-                    aim = weigh(ensemble, shared, mine, now)
+                    weigh(ensemble, shared, mine, now)
                     row.sharing.taken_over()
-                    advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, plain(now), aim)
+                    advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, plain(now))
             else:
                 if now.step == now.event and now.stage == 0:
                     now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
@@ -351,12 +343,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     held, touch = look(ensemble, state, shared, mine, now, held)
                 if wp.static(lean) and now.flags == 0:
                     forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
-                    aim = weigh(ensemble, shared, mine, now)
+                    weigh(ensemble, shared, mine, now)
                     go_on(state, shared, mine, plain(now))
                 else:
                     sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
                     forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
-                    aim = weigh(ensemble, shared, mine, now)
+                    weigh(ensemble, shared, mine, now)
                     if wp.static(ahead and kind.bending) or (wp.static(ahead) and now.flags != 0):
                         barrier()  # others may still be at rollers beside theirs
                         sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
@@ -365,7 +357,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     barrier()
                 if wp.static(not ahead):
                     sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-                advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now, aim)
+                advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
             if wp.static(not ahead):
                 advance_rollers(state, shared, mine, now)
             now = next_stage(now)

@@ -84,17 +84,6 @@ def rotated(direction: wp.vec2d, angle: wp.float64):
 
 
 @wp.func
-def nudged(direction: wp.vec2d, angle: wp.float64):
-    """A unit vector turned by a tiny angle: the series to third order."""
-    square = angle * angle
-    less = wp.float64(-0.5) * square
-    sine = angle - wp.static(wp.float64(1.0 / 6.0)) * (angle * square)
-    x = direction[0] + (direction[0] * less - direction[1] * sine)
-    y = direction[1] + (direction[1] * less + direction[0] * sine)
-    return wp.vec2d(x, y)
-
-
-@wp.func
 def state_of(pose: Pose):
     """The coordinates and rates of a body whose pose is shared."""
     body = BodyState()
@@ -299,30 +288,13 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         return spin_load(float(step) * mine.step.high, torque, wheel, spin, ensemble.split_harmonics)
 
     @wp.func
-    def aimed(shared: kinds.Shared, mine: Mine, step: int):
-        """Cosine and sine of the thread's sprocket a step on, at the speed that it has, or where it is led."""
-        s = mine.sprocket
-        pose = shared.poses[s]
-        turn = mine.h * pose.speed
-        if shared.motions[s].prescribed == 1:
-            turn = shared.course[2 * course_of(s, step + 1)] - pose.angle
-        return rotated(wp.vec2d(pose.cosine, pose.sine), turn)
-
-    @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
-        """Works out the load on the thread's body, while other threads are at their contacts; `spin` does so itself.
-
-        Returns where it points a step on as it turns now, if the thread has nothing else to do (`aimed`).
-        """
-        aim = wp.vec2d()
+        """Works out the load on the thread's body, while other threads are at their contacts; `spin` does so itself."""
         if wp.static(not kind.spinning):
             s = mine.sprocket
             time = wp.float64(step) * mine.h
             pose = shared.poses[s]
             shared.poses[s].load = load_moment(time, pose.angle, pose.speed, shared.motions[s], ensemble.curves)
-            if wp.static(kind.handing and not rk4):
-                aim = aimed(shared, mine, step)
-        return aim
 
     @wp.func
     def settle_at(shared: kinds.Shared, s: int, pose: Pose):
@@ -414,7 +386,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         return seen
 
     @wp.func
-    def leapfrog(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, wrench: Wrench, aim: wp.vec2d):
+    def leapfrog(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now, wrench: Wrench):
         """Takes the thread's body one step on if the run goes on; returns it with its rates at the step's instant."""
         s = mine.sprocket
         h = mine.h
@@ -432,11 +404,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             at = course_of(s, now.step + 1)  # which stands for nothing where the angle is free
             ahead = shared.course[2 * at]
             pose.exact_speed = shared.course[2 * at + 1]
-            kick = leapfrog_kick(now.step, h)
-            if wp.static(not kind.handing):
-                aim = aimed(shared, mine, now.step)
-            heading = nudged(aim, wp.where(motion.prescribed == 1, wp.float64(0.0), (h * kick) * rates[2]))
-            body = leapfrog_body(time, kick, h, body, rates, ahead, motion, mount)
+            body = leapfrog_body(time, leapfrog_kick(now.step, h), h, body, rates, ahead, motion, mount)
+            heading = rotated(heading, body.angle - pose.angle)
             pose.cosine = heading[0]
             pose.sine = heading[1]
             pose.angle = body.angle
@@ -482,13 +451,12 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         mine: Mine,
         now: Now,
         wrench: Wrench,
-        aim: wp.vec2d,
     ):
         """Takes the thread's body on by a step, or a stage of rk4; returns it with its rates at the step's instant."""
         if wp.static(rk4):
             return runge_kutta(ensemble, state, shared, mine, now, wrench)
         else:
-            return leapfrog(ensemble, shared, mine, now, wrench, aim)
+            return leapfrog(ensemble, shared, mine, now, wrench)
 
     return BodyFunctions(
         is_led=is_led,
