@@ -67,7 +67,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
     moving, sliding, rk4, bodies, profiles = kind.moving, kind.sliding, kind.rk4, kind.bodies, kind.profiles
     kinds, Now = types(Real), now_struct(Real)
-    gripping, quick = kind.gripping, not kind.measuring
+    gripping, quick = kind.gripping, kind.quick
     Direction = wp.vec4f if kind.paired else wp.vec2d
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row = block_rows(kind)
@@ -744,7 +744,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def crew():
         """Warps that move bodies: all, the last of which have the fewest rollers, or only the last, which has none."""
-        if wp.static(kind.handing):
+        if wp.static(kind.crewed and bodies <= 4):
             if lanes() > 1:
                 return int(1)
         return wp.static(threads) // lanes()

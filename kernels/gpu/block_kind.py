@@ -100,6 +100,14 @@ class BlockKind:
         return not self.measuring and (self.threads > 32 or self.per <= most)
 
     @property
+    def quick(self) -> bool:
+        """Whether usual contacts are worked out without branches, in kernels of one length of chain all or none.
+
+        Of more than 192 links not all kernels gave the same bits with it (docs/performance.md).
+        """
+        return not self.measuring and self.slots - 32 * self.crewed <= 192
+
+    @property
     def gripping(self) -> bool:
         """Whether they look up then, too, what they keep of a sprocket."""
         return self.early and self.handing
@@ -107,7 +115,7 @@ class BlockKind:
     @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on as soon as the contacts' moments stand there."""
-        return self.crewed and self.bodies <= 4
+        return self.crewed and self.bodies <= 4 and self.slots <= 224
 
     @property
     def slots(self) -> int:

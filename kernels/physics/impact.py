@@ -37,7 +37,7 @@ def elastic_force(penetration: Any, stiffness: Any, exponent: Any):
 def hysteretic(elastic: Any, speed: Any, impact_speed: Any, damping: Any):
     """Force [N] after eq. (15), (18), (19); `damping` is the hysteresis factor d [-], `impact_speed` v0 [m/s]."""
     one = type(elastic)(1.0)
-    return elastic * (one + damping * smaller(speed * reciprocal(impact_speed), one))
+    return elastic * (one + damping * wp.min(speed * reciprocal(impact_speed), one))
 
 
 @wp.func
@@ -64,14 +64,8 @@ def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
     for form in range(1, wp.static(len(FORCES))):
         if law.form == form:
             force = wp.static(FORCES[form])(elastic, speed, impact_speed, law.damping)
-    return bounded_force(force, elastic, speed, law)
-
-
-@wp.func
-def bounded_force(force: Any, elastic: Any, speed: Any, law: Any):
-    """Force [N] whose damping takes away no more than the approach speed in a step, and never adhesive."""
     most = law.most_damping * wp.abs(speed)
-    return larger(smaller(larger(force, elastic - most), elastic + most), type(elastic)(0.0))
+    return wp.max(wp.clamp(force, elastic - most, elastic + most), type(elastic)(0.0))
 
 
 @wp.func
@@ -82,7 +76,10 @@ def is_usual(law: Any):
 
 @wp.func
 def usual_force(penetration: Any, speed: Any, impact_speed: Any, law: Any):
-    """Force [N] and v0 [m/s] of such a law, without branches (`contact_force`, `contact.pressed`)."""
+    """Force [N] and v0 [m/s] of such a law, without branches (`hysteretic`, `contact_force`)."""
     first = wp.where(impact_speed <= type(speed)(0.0), larger(speed, law.speed_floor), impact_speed)
     elastic = law.stiffness * penetration
-    return bounded_force(hysteretic(elastic, speed, first, law.damping), elastic, speed, law), first
+    one = type(speed)(1.0)
+    most = law.most_damping * wp.abs(speed)
+    force = elastic * (one + law.damping * smaller(speed * reciprocal(first), one))
+    return larger(smaller(larger(force, elastic - most), elastic + most), type(speed)(0.0)), first
