@@ -141,3 +141,39 @@ def products(a: wp.float64, b: wp.float64, c: wp.float64, d: wp.float64) -> wp.f
 def products(a: wp.float32, b: wp.float32, c: wp.float32, d: wp.float32) -> wp.float32:
     """a b + c d, as at float64."""
     ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return b < a ? b : a;
+#else
+    return wp::min(a, b);
+#endif
+""")
+def smaller(a: wp.float64, b: wp.float64) -> wp.float64:
+    """The smaller of two; on CUDA without the instructions that keep it a number where one of them is none."""
+    ...
+
+
+@wp.func_native("return wp::min(a, b);")
+def smaller(a: wp.float32, b: wp.float32) -> wp.float32:
+    """The smaller of two."""
+    ...
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return a < b ? b : a;
+#else
+    return wp::max(a, b);
+#endif
+""")
+def larger(a: wp.float64, b: wp.float64) -> wp.float64:
+    """The larger of two, as `smaller`."""
+    ...
+
+
+@wp.func_native("return wp::max(a, b);")
+def larger(a: wp.float32, b: wp.float32) -> wp.float32:
+    """The larger of two."""
+    ...

@@ -8,22 +8,24 @@ each beside chain_reference.cu in the same run. `joints`: with joint friction be
 `rollers`: by length of chain. `gpus`: on one GPU and on all. `headline`: 10,000 variants of the marine drive, two
 simulated seconds each, metrics for all, equal but for a load and different in five values, these also without friction.
 `kinds`: 8,000 two-sprocket drives of 224 kinds beside 8,000 of one. `study`: the study command beside a run of the same
-drives. `start`: a command whose kernels are compiled already. Without names: all of them; at the end stands what the
-performance page aims at, beside what was found.
+drives. `packing`: what the processor does before. `start`: a command whose kernels are compiled already or not, and
+`study status`. `float64`: operations on float64 in the time loops at float32. `choice`: which device `device=None`
+takes. `cpu`: the CPU beside C (`bench_cpu.py` has more). Without names: all of them; at the end stands what the
+performance page aims at, item by item, beside what was found, or why it was not.
 
 First all kernels are compiled, side by side on all cores; then the cases are measured one after another, on as many
-GPUs as there are, one case a GPU at a time. Each is run several times and the best counts. `--quick` leaves out some
-lengths and numbers of variants. With `--store FILE` a case that the file has is not measured again, so that a run that
-was cut off can be gone on with. Without nvcc the reference is left out, with a message.
+GPUs as there are, one case a GPU at a time, the longest first; what takes all GPUs, or is the start of a command, comes
+last, by itself. A case is measured several times and the best counts. `--quick` leaves out some lengths and numbers of
+variants, measures less often, and ends within `--seconds`, 480: what is not done by then is cut off. With
+`--store FILE` a case that the file has is not measured again, so that a run that was cut off can be gone on with.
+Without nvcc the reference is left out, with a message. What fails is told, and the exit status is 1.
 
 `--limit FILE.cu` compiles and runs another CUDA program beside the table, one that prints lines such as
 `CUDA f64 V=1056 N=118 steps=4000 ... 85.6 Groller-steps/s`.
 """
 
 import argparse
-import json
 import math
-import multiprocessing
 import os
 import re
 import shutil
@@ -31,19 +33,19 @@ import subprocess
 import sys
 import tempfile
 import time
-import warnings
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import wait
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
-from queue import SimpleQueue
-from threading import Thread
 from typing import Any
 
 import numpy as np
 import warp as wp
-from bench_cpu import FOREVER, HERE, RUBBING, bench_drives, reference_input
+from bench.aims import FIVE, SMOOTH, aims
+from bench.work import Found, Store, Task, results
+from bench_cpu import FOREVER, HERE, RUBBING, Reference, bench_drives, engine_rate, reference_input
+from count_float64 import KINDS, counts
 
 from warpchain import Drive, Record, load_drive, simulate
 from warpchain.assembly.timestep import resolve_step
@@ -62,32 +64,11 @@ QUICK = {1, 1056, 16896, 118, 510, 1022, 4000}
 """Numbers of variants and lengths of chain that `--quick` keeps."""
 DRIVES = bench_drives()
 TWO, MARINE = DRIVES
-FIVE = "that differ in five values"
-SMOOTH = f"{FIVE}, without friction"
+NOT_HERE = "not measured here"
+"""How the line begins of what a machine cannot do."""
 
-
-@dataclass(frozen=True)
-class Task:
-    """What a worker is to do: a case of a part, quickly if it is only to compile."""
-
-    part: str
-    case: tuple[Any, ...]
-    folder: Path  # of the reference's program
-    compile_only: bool = False
-
-    @property
-    def steps(self) -> int:
-        """Steps of a measured launch."""
-        return 64 if self.compile_only else 2000
-
-    @property
-    def key(self) -> str:
-        """Its name in a store."""
-        return " ".join(map(str, (self.part, *self.case)))
-
-
-Found = tuple[str, dict[str, float]]
-"""A line for the reader, and figures by name."""
+NO_COMPILER = f"{NOT_HERE}: no CPU compiler"
+"""Where Warp has no kernels for the CPU."""
 
 
 def repeated(one: Packed, variants: int) -> Packed:
@@ -95,26 +76,31 @@ def repeated(one: Packed, variants: int) -> Packed:
     return one.taken([0] * variants)
 
 
-def bare(drive: Drive, variants: int, precision: str, steps: int, metrics: bool) -> tuple[float, float, float]:
+def bare(
+    drive: Drive, variants: int, precision: str, steps: int, metrics: bool, rounds: int = 3
+) -> tuple[float, float, float]:
     """Seconds of `steps` steps of the engine, of its first launch, and GiB that the ensemble takes."""
     schedule = Schedule(resolve_step(drive), FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0)
     packed = repeated(pack([drive], [schedule]).at_precision(precision), variants)
-    free = wp.get_device(DEVICE).free_memory
-    engine = GpuEngine(packed, DEVICE)
-    taken = (free - wp.get_device(DEVICE).free_memory) / 2**30
-    frames = engine.frame_buffer(0)
+    first, best, taken = math.nan, math.inf, math.nan
 
-    def run(count: int) -> float:
+    def run(engine: GpuEngine, count: int) -> float:
         begin = time.perf_counter()
         for future in engine.advance(count, frames):
             future.result()
         return time.perf_counter() - begin
 
-    first = run(64)
-    best = min(run(steps) for _ in range(3))
-    if engine.progress()["diverged"].any():
-        raise SystemExit(f"{variants} variants, {precision}: the run diverged")
-    engine.close()
+    for _ in range(rounds):  # each from the start, as the reference
+        free = wp.get_device(DEVICE).free_memory
+        engine = GpuEngine(packed, DEVICE)
+        taken = (free - wp.get_device(DEVICE).free_memory) / 2**30
+        frames = engine.frame_buffer(0)
+        loading = run(engine, 64)
+        first = loading if math.isnan(first) else first
+        best = min(best, run(engine, steps))
+        if engine.progress()["diverged"].any():
+            raise SystemExit(f"{variants} variants, {precision}: the run diverged")
+        engine.close()
     return best, first, taken
 
 
@@ -173,20 +159,25 @@ def limit(task: Task, source: str) -> Found:
     return ", ".join(f"{name}: {rate:.2f}" for name, rate in rates.items()), rates
 
 
+def launched(task: Task, variants: int) -> int:
+    """Steps of a launch of the two drives: few variants take more, as in runs, whose launches are still longer."""
+    return task.steps if task.compile_only else min(10, max(1, VARIANTS[-1] // variants)) * task.steps
+
+
 def table(task: Task, title: str, precision: str, variants: int) -> Found:
     """The time loop beside the reference."""
-    drive = DRIVES[title]
-    work = variants * drive.chain.links * task.steps / 1e9
-    theirs, _ = reference(drive, task.steps, variants, task.folder)
+    drive, steps = DRIVES[title], launched(task, variants)
+    work = variants * drive.chain.links * steps / 1e9
+    theirs, _ = reference(drive, steps, variants, task.folder)
     cuda = theirs.get(precision, math.nan)
-    best, first, taken = bare(drive, variants, precision, task.steps, False)
-    measured, _, _ = bare(drive, variants, precision, task.steps, True)
+    best, first, taken = bare(drive, variants, precision, steps, False, task.rounds)
+    measured, _, _ = bare(drive, variants, precision, steps, True, task.rounds)
     apart = f"{difference(drive, task.folder):9.1e}" if (precision, variants) == ("float64", 1) else ""
     line = (
         f"{title:28s} {precision:9s} {variants:9d} {work / cuda:8.2f} {work / best:8.2f} {cuda / best:8.2f} "
-        f"{best / task.steps * 1e6:9.3f} {work / measured:8.2f} {best / measured:8.2f} {taken:5.2f} {first:9.2f} "
+        f"{best / steps * 1e6:9.3f} {work / measured:8.2f} {best / measured:8.2f} {taken:5.2f} {first:9.2f} "
     )
-    rates = {"cuda": work / cuda, "bare": work / best, "metrics": work / measured, "us": best / task.steps * 1e6}
+    rates = {"cuda": work / cuda, "bare": work / best, "metrics": work / measured, "us": best / steps * 1e6}
     return line + apart, rates
 
 
@@ -194,15 +185,15 @@ def joints(task: Task, title: str, precision: str, variants: int, metrics: bool)
     """What joint friction costs, beside the same drive without it."""
     drive = DRIVES[title]
     work = variants * drive.chain.links * task.steps / 1e9
-    plain, _, _ = bare(drive, variants, precision, task.steps, metrics)
-    rubbed, _, _ = bare(drive.with_values(RUBBING), variants, precision, task.steps, metrics)
+    plain, _, _ = bare(drive, variants, precision, task.steps, metrics, task.rounds)
+    rubbed, _, _ = bare(drive.with_values(RUBBING), variants, precision, task.steps, metrics, task.rounds)
     line = f"{title:28s} {precision:9s} {variants:9d}  {metrics!s:7s} {work / plain:8.2f} {work / rubbed:14.2f}"
     return f"{line} {plain / rubbed:6.2f}", {"ratio": plain / rubbed}
 
 
-def timed(drives: list[Drive], **options: Any) -> float:
-    """Seconds of a whole run, the better of two."""
-    return min(simulate(drives, **options).info.wall_time for _ in range(2))
+def timed(drives: list[Drive], rounds: int, **options: Any) -> float:
+    """Seconds of a whole run, the best of some."""
+    return min(simulate(drives, **options).info.wall_time for _ in range(rounds))
 
 
 def recording(task: Task, precision: str) -> Found:
@@ -213,9 +204,10 @@ def recording(task: Task, precision: str) -> Found:
     length = 0.001 if task.compile_only else 2.0
     options: dict[str, Any] = {"device": DEVICE, "precision": precision, "duration": length}
     last = (length - resolve_step(drive), length)
-    nothing = timed(drives, record=none, window=last, **options)
-    recorded = timed(drives, record=some, window=last, **options)
-    metrics = timed(drives, record=none, window=(0.0, length), **options)
+    rounds = 1 if task.compile_only else 2
+    nothing = timed(drives, rounds, record=none, window=last, **options)
+    recorded = timed(drives, rounds, record=some, window=last, **options)
+    metrics = timed(drives, rounds, record=none, window=(0.0, length), **options)
     line = (
         f"{precision}: bare {nothing:.3f}, 16 variants in full at 5 kHz {recorded:.3f} "
         f"({recorded / nothing - 1:+.1%}), metrics over all of it {metrics:.3f} ({metrics / nothing - 1:+.1%})"
@@ -229,10 +221,11 @@ def rollers(task: Task, links: int, precision: str) -> Found:
     drive = DRIVES[TWO].with_values({"chain.links": links, "sprockets.driven.center": [distance, 0.0]})
     variants, steps = 500_000 // links, task.steps // 4
     work = variants * links * steps / 1e9
-    many, _, _ = bare(drive, variants, precision, steps, False)
-    measured, _, _ = bare(drive, variants, precision, steps, True)
-    alone, _, _ = bare(drive, 1, precision, steps, False)
-    rates = {"bare": work / many, "metrics": work / measured, "us": alone / steps * 1e6}
+    many, _, _ = bare(drive, variants, precision, steps, False, task.rounds)
+    measured, _, _ = bare(drive, variants, precision, steps, True, task.rounds)
+    some = launched(task, 1)
+    alone, _, _ = bare(drive, 1, precision, some, False, task.rounds)
+    rates = {"bare": work / many, "metrics": work / measured, "us": alone / some * 1e6}
     told = f"{rates['bare']:8.2f} {rates['metrics']:8.2f} {rates['us']:9.3f}"
     return f"{links:5d} {precision:9s} {variants:9d} {told}", rates
 
@@ -343,18 +336,112 @@ def study(task: Task, precision: str) -> Found:
     return f"{precision}: " + "; ".join(times.lines()), {"overhead": times.overhead}
 
 
-def start(task: Task) -> Found:
-    """A whole command of nearly no simulated time, on the GPU, its kernels compiled already; the better of three."""
-    seconds = []
-    for _ in range(3):
-        words = [sys.executable, "-m", "warpchain", "run", "industrial", "--duration", "0.001", "--device", DEVICE]
-        with tempfile.TemporaryDirectory() as name:
-            begin = time.perf_counter()
-            done = subprocess.run([*words, "-o", f"{name}/out.mcap", "--quiet"], capture_output=True, text=True)
-            seconds.append(time.perf_counter() - begin)
-        if done.returncode:
-            raise RuntimeError((done.stderr.strip() or "no output").splitlines()[-1])
-    return f"warpchain run industrial --duration 0.001: {min(seconds):.2f} s", {"seconds": min(seconds)}
+def seconds_of(*words: str, **environment: str) -> float:
+    """Seconds of a command of the package."""
+    begin = time.perf_counter()
+    command = [sys.executable, "-m", "warpchain", *words]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ | environment)
+    seconds = time.perf_counter() - begin
+    if done.returncode:
+        raise RuntimeError((done.stderr.strip() or "no output").splitlines()[-1])
+    return seconds
+
+
+TINY = """
+[study]
+drive = "marine"
+[design]
+kind = "factorial"
+[[factors]]
+name = "torque"
+path = "sprockets.camshaft.load.torque"
+levels = [7e3, 8e3]
+[run]
+duration = 0.001
+device = "{device}"
+"""
+
+
+def start(task: Task, how: str) -> Found:
+    """A whole command of nearly no simulated time on the GPU, its kernels compiled already or not; `study status`."""
+    if task.compile_only and how != "warm":
+        return "", {}
+    words = ["run", "industrial", "--duration", "0.001", "--device", DEVICE, "--quiet", "-o"]
+    with tempfile.TemporaryDirectory() as name:
+        if how == "status":
+            (Path(name) / "study.toml").write_text(TINY.format(device=DEVICE))
+            seconds_of("study", "run", f"{name}/study.toml", "-o", f"{name}/study")
+            said, best = "study status", min(seconds_of("study", "status", f"{name}/study") for _ in range(3))
+        elif how == "cold":
+            said = "warpchain run industrial --duration 0.001, no kernel compiled"
+            best = seconds_of(*words, f"{name}/out.mcap", WARP_CACHE_PATH=f"{name}/cache")
+        else:
+            said = "warpchain run industrial --duration 0.001"
+            best = min(seconds_of(*words, f"{name}/out.mcap") for _ in range(task.rounds))
+    return f"{said}: {best:.2f} s", {"seconds": best}
+
+
+def packing(task: Task) -> Found:
+    """What the processor does before the kernels for 10,000 different marine drives, in seconds of CPU time."""
+    from bench_assembly import adjustment
+
+    from warpchain.drive.stack import stacks_of
+    from warpchain.engine.simulation import schedules_of
+    from warpchain.study.run.adjust import adjusted_all
+
+    marks = [time.process_time()]
+    drives = different(load_drive(drive_path("marine")), 10_000)
+    marks.append(time.process_time())
+    stacks = stacks_of(drives)
+    pack(drives, schedules_of(drives, None, None, Record("none"), None, stacks), stacks)
+    marks.append(time.process_time())
+    adjusted_all(drives[:1000], adjustment(drives[0]), [{}] * 1000)
+    marks.append(time.process_time())
+    made, packed, adjusted = (after - before for before, after in pairwise(marks))
+    line = f"made by with_values {made:.2f} s, packed {packed:.2f} s, 1,000 adjusted by a place {adjusted:.2f} s"
+    return line, {"packed": packed, "adjusted": adjusted / 1000 / (made / 10_000)}
+
+
+def float64(task: Task) -> Found:
+    """Operations on float64 in the time loops of the kernels at float32."""
+    found = {name: float(counts(kind)[0]) for name, kind in KINDS.items()}
+    line = ", ".join(f"{name} {count:.0f}" for name, count in found.items())
+    return line, {"loop": max(found.values())} | found
+
+
+def choice(task: Task) -> Found:
+    """Which device finishes a run first, and which one is taken: seconds over those of the faster one, at worst."""
+    if not wp.is_cpu_available():
+        return NO_COMPILER, {}
+    worst, told = 0.0, []
+    for variants in (1, 8, 64, 512):
+        drives = [DRIVES[TWO].with_values({"run.settle": False})] * variants
+        options: dict[str, Any] = {"duration": 0.1, "record": Record(variants="none")}
+        seconds = {device: timed(drives, 2, device=device, **options) for device in ("cpu", DEVICE)}
+        taken = simulate(drives, **options).info.device
+        times = seconds[DEVICE if "cuda" in taken else "cpu"] / min(seconds.values())
+        worst = max(worst, times)
+        told.append(f"{variants}: cpu {seconds['cpu']:.2f} s, GPU {seconds[DEVICE]:.2f} s, taken {taken}")
+    return "; ".join(told), {"times": worst}
+
+
+def cpu(task: Task, title: str) -> Found:
+    """One core beside plain C, as `bench_cpu.py`."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if not wp.is_cpu_available() or compiler is None:
+        return NO_COMPILER if compiler else f"{NOT_HERE}: no C compiler", {}
+    drive, steps = DRIVES[title], 10_000
+    packed = pack([drive], [Schedule(resolve_step(drive), FOREVER, FOREVER - 1, FOREVER, 0)])
+    work = drive.chain.links * steps
+    with tempfile.TemporaryDirectory() as name:
+        programs = [Reference(Path(name), compiler, *flags) for flags in ([], ["-fno-math-errno"])]
+        rates = np.zeros(4)
+        for _ in range(5):
+            engine = [engine_rate(drive, 1, 1, steps, metrics, "float64") for metrics in (False, True)]
+            rates = np.maximum(rates, [*engine, *(work / program.run(packed, steps)[0] for program in programs)])
+    ours, measured, plain, vectorized = rates / 1e6
+    line = f"{title}: {ours:.1f}, with metrics {measured:.1f}; C {plain:.1f}, with -fno-math-errno {vectorized:.1f}"
+    return line, {"bare": ours / vectorized, "metrics": measured / plain}
 
 
 @dataclass(frozen=True)
@@ -364,7 +451,9 @@ class Part:
     measure: Callable[..., Found]
     cases: Sequence[tuple[Any, ...]]
     heading: str
-    every_gpu: bool = False  # whether a case takes all GPUs
+    seconds: float  # that a case may take on an H200, to begin the longest first
+    where: str = "gpu"  # that it has to itself; "all" of them; "cores", beside others; "alone" on the machine
+    compiles: bool = True  # kernels for a GPU, before it is measured
 
 
 COUNTS = list(product(DRIVES, PRECISIONS, VARIANTS))
@@ -372,181 +461,149 @@ PARTS = {
     "table": Part(
         table,
         COUNTS,
-        "the time loop: 1e9 roller-steps/s, 2,000 steps\n"
+        "the time loop: 1e9 roller-steps/s, launches of 2,000 to 20,000 steps\n"
         "drive                        precision  variants     CUDA     bare  of CUDA   us/step  metrics  of bare   GiB"
         "  first launch [s]  distance from CUDA after 500 steps [m]",
+        15,
     ),
     "joints": Part(
         joints,
         [(*case, metrics) for case in COUNTS for metrics in (False, True)],
         "joint friction: 1e9 roller-steps/s\n"
         "drive                        precision  variants  metrics  without  with friction  ratio",
+        15,
     ),
     "recording": Part(
-        recording, [(p,) for p in PRECISIONS], "2,112 variants of the marine drive, 2 s, no settling: seconds"
+        recording, [(p,) for p in PRECISIONS], "2,112 variants of the marine drive, 2 s, no settling: seconds", 40
     ),
     "rollers": Part(
         rollers,
         list(product(LINKS, PRECISIONS)),
         "two 30-tooth sprockets, about 500,000 rollers in all: 1e9 roller-steps/s; one variant alone\n"
         "links precision  variants     bare  metrics   us/step",
+        20,
     ),
-    "gpus": Part(gpus, [()], "several GPUs, the marine drive", every_gpu=True),
+    "gpus": Part(gpus, [()], "several GPUs, the marine drive", 50, where="all"),
     "headline": Part(
         headline,
         list(product(("that differ in a load", FIVE, SMOOTH), PRECISIONS)),
         "10,000 variants of the marine drive, with its friction unless said, 2 s each, metrics: from drives to table\n"
         "five values: the camshaft's torque, the tightener's place, the chain's elongation, roller mass and damping",
+        45,
     ),
-    "kinds": Part(kinds, [(p,) for p in PRECISIONS], "8,000 two-sprocket drives, 1 s each, metrics"),
-    "study": Part(study, [(p,) for p in PRECISIONS], "10,000 marine rows, 2 s each: the study command"),
-    "start": Part(start, [()], "start of a command"),
-    "limit": Part(limit, [], "another CUDA program: 1e9 roller-steps/s by precision and variants"),
+    "kinds": Part(kinds, [(p,) for p in PRECISIONS], "8,000 two-sprocket drives, 1 s each, metrics", 40),
+    "study": Part(study, [(p,) for p in PRECISIONS], "10,000 marine rows, 2 s each: the study command", 70),
+    "packing": Part(packing, [()], "10,000 different marine drives, CPU time", 15, "cores", compiles=False),
+    "float64": Part(float64, [()], "operations on float64 in the time loop at float32", 120, "cores", compiles=False),
+    "choice": Part(choice, [()], "0.1 s of the two sprockets by number of variants", 20, "alone"),
+    "cpu": Part(cpu, [(title,) for title in DRIVES], "one core, 1e6 roller-steps/s", 10, "alone", compiles=False),
+    "start": Part(start, [("warm",), ("cold",), ("status",)], "start of a command", 12, "alone"),
+    "limit": Part(limit, [], "another CUDA program: 1e9 roller-steps/s by precision and variants", 20),
 }
 NAMES = [name for name, part in PARTS.items() if part.cases]
 """The parts that can be asked for by name."""
 
 
-def aims(found: dict[str, dict[str, float]]) -> Iterator[tuple[str, float, str]]:
-    """What is aimed at: the figure in words, what was found, and the aim. Only of cases that were measured."""
-
-    def got(case: str, name: str) -> float:
-        return found.get(case, {}).get(name, math.nan)
-
-    for precision, seconds in (("float64", 12), ("float32", 9)):
-        for how in (FIVE, SMOOTH):
-            case = f"headline {how} {precision}"
-            yield f"10,000 marine variants {how}, {precision} [s]", got(case, "seconds"), f"under {seconds}"
-            yield (
-                f"    of which packing and the table, {precision} [s]",
-                got(case, "before and after"),
-                "0.7 for packing",
-            )
-        yield f"8,000 of 224 kinds beside one kind, {precision}", got(f"kinds {precision}", "times"), "at most 1.5"
-        yield f"the study command beside the run, {precision}", got(f"study {precision}", "overhead"), "at most 0.15"
-    for variants, rate in ((16896, 80), (1056, 65)):
-        case = f"table {TWO} float32 {variants}"
-        yield f"two sprockets, {variants} variants, float32 [1e9/s]", got(case, "bare"), f"{rate}"
-        yield "    the CUDA reference", got(case, "cuda"), ""
-    for precision, least in (("float64", 0.9), ("float32", 0.85)):
-        for title in DRIVES:
-            case = f"table {title} {precision} 16896"
-            part = got(case, "metrics") / got(case, "bare")
-            yield f"{title} with metrics, part of bare, {precision}", part, f"at least {least}"
-    for title in DRIVES:
-        alone, crowd = f"table {title} float64 1", f"table {title} float64 1056"
-        yield f"{title}, one variant alone, float64 [us a step]", got(alone, "us"), "1.2"
-        yield f"{title}, 1,056 variants, part of CUDA", got(crowd, "bare") / got(crowd, "cuda"), "at least 0.9"
-    yield "1,022 links beside 510", got("rollers 1022 float64", "bare") / got("rollers 510 float64", "bare"), "1"
-    yield f"{found.get('gpus', {}).get('count', math.nan):.0f} GPUs beside one", got("gpus", "times"), "3.8 of 4"
-    yield "start of a command, nearly nothing simulated [s]", got("start", "seconds"), "1.6 beside the simulation"
-
-
 def visible() -> list[str]:
-    """The GPUs that this process sees, as CUDA names them."""
+    """The GPUs that this process sees, as CUDA names them; one that is none where there are none."""
     named = os.environ.get("CUDA_VISIBLE_DEVICES")
-    return named.split(",") if named else [str(gpu) for gpu in range(wp.get_cuda_device_count())]
-
-
-def see(gpus: str) -> None:
-    """What a worker does before its first task: it sees some GPUs only."""
-    os.environ["CUDA_VISIBLE_DEVICES"] = gpus
-    wp.config.log_level = wp.LOG_ERROR
-    warnings.simplefilter("ignore")
+    return named.split(",") if named else [str(gpu) for gpu in range(wp.get_cuda_device_count())] or [""]
 
 
 def done(task: Task) -> Found:
-    """Does a task; what stops it is its line, without figures."""
-    try:
-        return PARTS[task.part].measure(task, *task.case)
-    except Exception as error:  # the other cases go on
-        return failure(task, error)
-
-
-def failure(task: Task, error: Exception) -> Found:
-    """The line of a task that was stopped."""
-    return f"{task.key}: failed: {(str(error).strip() or type(error).__name__).splitlines()[0]}", {}
-
-
-def results(tasks: Sequence[Task], workers: Sequence[str]) -> list[Future[Found]]:
-    """What comes of tasks, each done by whichever worker is free: processes that see the GPUs named."""
-    waiting: SimpleQueue[tuple[Task, Future[Found]] | None] = SimpleQueue()
-    futures: list[Future[Found]] = [Future() for _ in tasks]
-    for pair in zip(tasks, futures, strict=True):
-        waiting.put(pair)
-
-    def serve(gpus: str) -> None:
-        pool = None
-        while (pair := waiting.get()) is not None:
-            pool = pool or ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), see, (gpus,))
-            try:
-                pair[1].set_result(pool.submit(done, pair[0]).result())
-            except BrokenExecutor as error:  # the worker died: another one goes on
-                pair[1].set_result(failure(pair[0], error))
-                pool = None
-        if pool is not None:
-            pool.shutdown()
-
-    for gpus in workers:
-        waiting.put(None)
-        Thread(target=serve, args=(gpus,)).start()
-    return futures
-
-
-class Store:
-    """What was measured, kept in a file if there is one."""
-
-    def __init__(self, path: Path | None) -> None:
-        self.path = path
-        self.lines: dict[str, Found] = {}
-        if path is not None and path.exists():
-            self.lines = {name: (line, figures) for name, (line, figures) in json.loads(path.read_text()).items()}
-
-    def put(self, task: Task, found: Found) -> None:
-        """Adds a case; one that failed is measured again the next time."""
-        self.lines[task.key] = found
-        if self.path is not None:
-            kept = {name: (line, figures) for name, (line, figures) in self.lines.items() if figures}
-            self.path.write_text(json.dumps(kept))
-
-    @property
-    def figures(self) -> dict[str, dict[str, float]]:
-        """The figures of each case."""
-        return {name: figures for name, (_, figures) in self.lines.items()}
+    """Does a task."""
+    return PARTS[task.part].measure(task, *task.case)
 
 
 def tasks_of(name: str, quick: bool, folder: Path) -> list[Task]:
     """The cases of a part."""
-    sizes = {*VARIANTS, *LINKS}
-    cases = [case for case in PARTS[name].cases if not quick or sizes.intersection(case) <= QUICK]
-    return [Task(name, case, folder) for case in cases]
+    sizes = {str(size) for size in (*VARIANTS, *LINKS)}
+    keeps = {"16896"} if name == "joints" else {str(size) for size in QUICK}
+    cases = [case for case in PARTS[name].cases if not quick or sizes.intersection(map(str, case)) <= keeps]
+    return [Task(name, case, folder, quick=quick) for case in cases]
 
 
-def compile_all(tasks: Sequence[Task]) -> None:
-    """Compiles what the tasks run, side by side."""
-    begin = time.perf_counter()
-    compiled(HERE / "chain_reference.cu", tasks[0].folder)
-    gpus = visible()
-    workers = [gpus[k % len(gpus)] for k in range(min(len(tasks), available_cores()))]
-    for result in results([replace(task, compile_only=True) for task in tasks], workers):
-        line, figures = result.result()
-        if line and not figures:
-            print(f"while compiling: {line}", flush=True)
-    print(f"compiled what {len(tasks)} cases run in {time.perf_counter() - begin:.0f} s", flush=True)
+class Session:
+    """Measures tasks, tells how it goes, and keeps what was found.
 
+    Args:
+        tasks: all that are asked for; what the store has is not measured again.
+        store: where it is kept.
+        seconds: after how many it ends.
+    """
 
-def measure_all(tasks: Sequence[Task], workers: Sequence[str], store: Store) -> None:
-    """Measures cases, prints the lines of each, and keeps them."""
-    left = [task for task in tasks if task.key not in store.lines]
-    coming = dict(zip((task.key for task in left), results(left, workers), strict=True))
-    before = ""
-    for task in tasks:
-        if task.part != before:
-            print(f"\n{PARTS[task.part].heading}", flush=True)
-        before = task.part
-        if task.key in coming:
-            store.put(task, coming[task.key].result())
-        print(store.lines[task.key][0], flush=True)
+    def __init__(self, tasks: Sequence[Task], store: Store, seconds: float) -> None:
+        self.begin = time.monotonic()
+        self.until = self.begin + seconds
+        self.tasks, self.store = tasks, store
+        self.left = [task for task in tasks if not store.lines.get(task.key, ("", {}))[1]]
+
+    def tell(self, words: str) -> None:
+        """A line with the seconds that have passed."""
+        print(f"[{time.monotonic() - self.begin:4.0f} s] {words}", flush=True)
+
+    def _of(self, *where: str) -> list[Task]:
+        """What is left to measure at some places, the longest first."""
+        tasks = [task for task in self.left if PARTS[task.part].where in where]
+        return sorted(tasks, key=lambda task: -PARTS[task.part].seconds)
+
+    def _keep(self, task: Task, found: Found) -> None:
+        self.store.put(task, found)
+        self.tell(f"{task.key}: done" if found[1] else found[0])
+
+    def compile(self) -> None:
+        """Compiles what the tasks run, side by side on all cores."""
+        tasks = [replace(task, compile_only=True) for task in self.left if PARTS[task.part].compiles]
+        if not tasks:
+            return
+        compiled(HERE / "chain_reference.cu", tasks[0].folder)
+        gpus = visible()
+        workers = [gpus[k % len(gpus)] for k in range(min(len(tasks), available_cores()))]
+        for result in results(tasks, workers, done, self.until):
+            line, figures = result.result()
+            if line and not figures and not line.startswith(NOT_HERE):
+                self.tell(f"while compiling: {line}")
+        self.tell(f"compiled what {len(tasks)} cases run")
+
+    def measure(self) -> None:
+        """Measures what is left: side by side where each has a GPU or a core, then the rest one by one."""
+        gpus = visible()
+        last = self._of("all", "alone")
+        idle = () if wp.is_cpu_available() else ("choice", "cpu")
+        until = self.until - sum(PARTS[task.part].seconds for task in last if task.part not in idle)
+        beside = results(self._of("cores"), gpus[:1], done, until, self._keep)
+        wait([*results(self._of("gpu"), gpus, done, until, self._keep), *beside])
+        for task in last:
+            self.tell(f"{task.key}: begun")
+            wait(results([task], [",".join(gpus)], done, self.until, self._keep))
+
+    def print_parts(self) -> None:
+        """The lines of each part."""
+        for name in dict.fromkeys(task.part for task in self.tasks):
+            print(f"\n{PARTS[name].heading}")
+            for task in self.tasks:
+                if task.part == name:
+                    print(self.store.lines[task.key][0])
+
+    def print_aims(self) -> None:
+        """What is aimed at beside what was found, of the parts that were asked for."""
+        asked = {task.key for task in self.tasks}
+        print(f"\n{'item, what is aimed at':82s} {'found':>8s}  aim", flush=True)
+        for aim in aims(self.store.figures):
+            why = [
+                self.store.lines[case][0] for case in aim.cases if not self.store.figures.get(case) and case in asked
+            ]
+            if not math.isnan(aim.value):
+                print(f"{aim.item}  {aim.words:79s} {aim.value:8.3g}  {aim.aim}")
+            elif why:
+                print(f"{aim.item}  {aim.words:79s} {'-':>8s}  {aim.aim}; {why[0]}")
+        sys.stdout.flush()
+
+    @property
+    def failed(self) -> int:
+        """How many cases failed or were cut off; not those that cannot be measured here."""
+        lines = [self.store.lines[task.key] for task in self.tasks]
+        return sum(not figures and not line.startswith(NOT_HERE) for line, figures in lines)
 
 
 def part(word: str) -> str:
@@ -560,39 +617,36 @@ def parser() -> argparse.ArgumentParser:
     """The command's words."""
     made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.add_argument("parts", nargs="*", type=part, help=", ".join(NAMES))
-    made.add_argument("--quick", action="store_true", help="fewer lengths and numbers of variants")
+    made.add_argument("--quick", action="store_true", help="fewer lengths and numbers of variants, less often")
+    made.add_argument("--seconds", type=float, help="after how many it ends (default 480 with --quick, else never)")
     made.add_argument("--compile-only", action="store_true", help="compile what they run, and end")
     made.add_argument("--store", metavar="FILE", type=Path, help="where what was measured is kept, to go on from")
     made.add_argument("--limit", metavar="FILE.cu", type=Path, help="another CUDA program to hold the table against")
     return made
 
 
-def main() -> None:
+def main() -> int:
     """Runs the parts that are named."""
     asked = parser().parse_args()
     wp.config.log_level = wp.LOG_ERROR
-    gpus = visible()
-    store = Store(asked.store)
     names = asked.parts or NAMES
-    print(f"{len(gpus)} GPUs, the first: {wp.get_device(DEVICE).name}")
+    name = wp.get_device(DEVICE).name if wp.is_cuda_available() else "none"
+    print(f"{wp.get_cuda_device_count()} GPUs, the first: {name}", flush=True)
     if shutil.which("nvcc") is None:
         print("no nvcc here: the CUDA reference is left out")
     with tempfile.TemporaryDirectory() as name:
         tasks = [task for part in names for task in tasks_of(part, asked.quick, Path(name))]
         if asked.limit is not None:
             tasks.append(Task("limit", (str(asked.limit),), Path(name)))
-        left = [task for task in tasks if task.key not in store.lines]
-        if left:
-            compile_all(left)
+        session = Session(tasks, Store(asked.store), asked.seconds or (480.0 if asked.quick else math.inf))
+        session.compile()
         if asked.compile_only:
-            return
-        measure_all([task for task in tasks if not PARTS[task.part].every_gpu], gpus, store)
-        measure_all([task for task in tasks if PARTS[task.part].every_gpu], [",".join(gpus)], store)
-    print(f"\n{'what is aimed at':72s} {'found':>8s}  aim")
-    for words, value, aim in aims(store.figures):
-        if not math.isnan(value):
-            print(f"{words:72s} {value:8.3g}  {aim}")
+            return 0
+        session.measure()
+    session.print_parts()
+    session.print_aims()
+    return 1 if session.failed else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,7 +1,11 @@
 """What the benchmarks run and read."""
 
+import time
+from concurrent.futures import Future
+
+import benching
 import pytest
-from loading import load_script
+from loading import SCRIPTS, load_script
 
 from warpchain import load_drive
 from warpchain.drive.examples import drive_path
@@ -56,7 +60,10 @@ class Asked(dict):
 
 def test_what_is_aimed_at_is_measured_also_where_less_is(bench, tmp_path):
     asked = Asked()
-    assert all(value != value for _, value, _ in bench.aims(asked))  # nothing was found
+    found = list(bench.aims(asked))
+    assert all(aim.value != aim.value for aim in found)  # nothing was found
+    assert {aim.item for aim in found} == set(range(1, 10))
+    assert {case for aim in found for case in aim.cases} == asked.keys_asked
     quick = {task.key for name in bench.NAMES for task in bench.tasks_of(name, True, tmp_path)}
     every = {task.key for name in bench.NAMES for task in bench.tasks_of(name, False, tmp_path)}
     assert asked.keys_asked <= quick < every
@@ -67,6 +74,62 @@ def test_what_was_measured_is_not_measured_again(bench, tmp_path):
     first, second = bench.tasks_of("kinds", True, tmp_path)
     store = bench.Store(path)
     store.put(first, ("a line", {"times": 1.25}))
-    store.put(second, bench.failure(second, RuntimeError("no memory\nmore")))
-    assert store.lines[second.key][0] == "kinds float32: failed: no memory"
-    assert bench.Store(path).lines == {first.key: ("a line", {"times": 1.25})}  # what failed is measured again
+    store.put(second, ("kinds float32: failed: no memory", {}))
+    assert bench.Store(path).lines == {first.key: ("a line", {"times": 1.25})}
+    assert bench.Session([first, second], bench.Store(path), 1.0).left == [second]  # what failed is measured again
+
+
+def test_cases_that_fail_die_or_hang_do_not_keep_others_from_being_measured(bench, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))  # as in the script, where the workers' processes look for their modules
+    tasks = [bench.Task("some", (name,), tmp_path) for name in ("fails", "dies", "fine", "hangs", "late")]
+    kept = {}
+    begin = time.monotonic()
+    coming = bench.results(
+        tasks[:3], ["5"], benching.measured, begin + 60.0, lambda task, found: kept.update({task.key: found})
+    )
+    found = [future.result() for future in coming]
+    assert found == [
+        ("some fails: failed: no memory", {}),
+        ("some dies: failed: its process died", {}),
+        ("saw 5", {"value": 1.5}),
+    ]
+    assert list(kept.values()) == found
+    until = time.monotonic() + 2.0
+    late = [future.result() for future in bench.results(tasks[3:], ["5"], benching.measured, until)]
+    assert [line for line, _ in late] == ["some hangs: failed: cut off", "some late: failed: no time was left for it"]
+    assert time.monotonic() < until + 5.0  # what hangs for ten minutes is ended
+
+
+def session(bench, tmp_path, monkeypatch, lines):
+    """A session over two kinds of case whose workers find these lines."""
+
+    def results(tasks, workers, measure, until, keep=lambda task, found: None):
+        futures = []
+        for task in tasks:
+            keep(task, lines[task.key])
+            futures.append(Future())
+            futures[-1].set_result(lines[task.key])
+        return futures
+
+    monkeypatch.setattr(bench, "results", results)
+    monkeypatch.setattr(bench, "visible", lambda: ["0", "1"])
+    names = ("kinds", "cpu")
+    tasks = [task for name in names for task in bench.tasks_of(name, True, tmp_path)]
+    made = bench.Session(tasks, bench.Store(tmp_path / "figures.json"), 100.0)
+    made.measure()
+    made.print_parts()
+    made.print_aims()
+    return made
+
+
+def test_the_closing_table_says_what_was_not_found_and_why(bench, tmp_path, monkeypatch, capsys):
+    cpu = dict.fromkeys((f"cpu {title}" for title in bench.DRIVES), (bench.NO_COMPILER, {}))
+    lines = {"kinds float64": ("a line", {"times": 1.25}), "kinds float32": ("kinds float32: failed: no memory", {})}
+    made = session(bench, tmp_path, monkeypatch, lines | cpu)
+    said = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert "[ 0 s] kinds float64: done" in said
+    assert "2 8,000 of 224 kinds beside one kind, float64 1.25 at most 1.5" in said
+    assert "2 8,000 of 224 kinds beside one kind, float32 - at most 1.5; kinds float32: failed: no memory" in said
+    assert any(line.startswith("8 ") and line.endswith("; not measured here: no CPU compiler") for line in said)
+    assert not any(line.startswith("9 ") for line in said)  # was not asked for
+    assert made.failed == 1  # what a machine cannot do has not failed

@@ -56,11 +56,13 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
     # what rollers may touch unless that depends on where the bodies are
     ahead = threads > WARP
-    early = ahead and not (moving or kind.profiles)
+    early = kind.early
     # what steps without a frame do stands in the code a second time, so that nothing stands between its parts that only
     # frames want: on several warps the contacts, on one all of it
     twice = not rk4
     lean = not measuring
+    # rollers and bodies go ways of their own between events
+    splitting = lean and kind.handing and early and not rk4
 
     @wp.func
     def driven(shared: kinds.Shared):
@@ -76,6 +78,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     @wp.func
     def wanted(mine: Mine, now: Now):
         """What is wanted of this evaluation: metrics at a step's start, and whose moments."""
+        now.common = 0
         now.measured = 0
         now.watched = 0
         if wp.static(measuring):
@@ -228,6 +231,19 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 move(shared, j, h * v[0], h * v[1])
 
     @wp.func
+    def go_on(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
+        """The thread's rollers a step on, their contacts done; a warp that moves bodies does not wait for that."""
+        if wp.static(kind.handing):
+            if mine.thread < wp.static(threads - WARP):
+                row.sharing.hand_over()
+                advance_rollers(state, shared, mine, now)
+                row.sharing.among_rollers()
+            else:
+                row.sharing.taken_over()
+        elif wp.static(ahead):
+            advance_rollers(state, shared, mine, now)
+
+    @wp.func
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
         """Works out the load on the thread's sprocket."""
         if mine.sprocket >= 0 and now.stage == 0:
@@ -250,6 +266,19 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             joints.add_friction(shared, mine, now)
 
     @wp.func
+    def look(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        held: wp.types.vector(per, wp.int32),
+    ):
+        """The partners of each of the thread's rollers, and what they may touch."""
+        held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+        return held, forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
+
+    @wp.func
     def is_common(now: Now):
         """Whether a step is neither the first nor the last, without a frame, and not at the window's ends."""
         whole = now.going != 0 and now.step != 0 and now.flags & EXTRA == 0
@@ -264,6 +293,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.measured = wp.static(int(measuring))
         now.weight = step_of(mine)
         now.summed = now.driven
+        now.common = 1
         return plain(now)
 
     @wp.func
@@ -281,9 +311,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
         held = partners.held_by(shared, mine.thread)
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
-        held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+        held, touch = look(ensemble, state, shared, mine, now, held)
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-        forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
+        if wp.static(lean) and now.common != 0:
+            forces.plain_contacts(ensemble, state, tallies, shared, mine, now, touch)
+        else:
+            forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
         weigh(ensemble, shared, mine, now)
         barrier()
         sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
@@ -370,12 +403,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             progress.diverged = now.diverged
             state.progress[mine.variant] = progress
 
-    @wp.kernel(
-        enable_backward=False,
-        module=own_module("advance_block", kind, blocks, frame),
-        grid_stride=False,
-        launch_bounds=(threads, blocks),
-    )
+    module = own_module("advance_block", kind, blocks, frame)
+
+    @wp.kernel(enable_backward=False, module=module, grid_stride=False, launch_bounds=(threads, blocks))
     def advance_block(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -392,8 +422,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """
         number = wp.tid() // wp.static(threads)
         i = wp.tid() % wp.static(threads)
-        variant = order[number]
-        mine = mine_of(ensemble.drives[variant], variant, i, forces.body_of(i))
+        mine = mine_of(ensemble.drives[order[number]], order[number], i, forces.body_of(i))
         shared = shared_arrays(state, number)
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
         row.fetch(state, shared, mine)
@@ -401,48 +430,58 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         begin(ensemble, state, sums, tallies, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)
+        now.usual = forces.usual_laws(shared)
         if wp.static(measuring):
             observe.find_strands(shared, mine)
         held = partners.held_by(shared, i)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine, now.step)
-        by_teeth = int(0)
-        by_bar = int(0)
         if wp.static(ahead):
             tension, rate = pull(shared, lengths, mine.rollers, i)
-        if wp.static(early):
-            held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+        touch = forces.Touch()
+        if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+            held, touch = look(ensemble, state, shared, mine, now, held)
         while now.step < end and now.diverged == 0:
-            if now.step == now.event and now.stage == 0:
-                now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
-            now = wanted(mine, now)
-            if wp.static(ahead):
-                if wp.static(not early):
-                    held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-                if wp.static(lean) and now.flags == 0:
-                    forces.contacts(ensemble, state, tallies, shared, mine, plain(now), by_teeth, by_bar)
-                    weigh(ensemble, shared, mine, now)
-                    advance_rollers(state, shared, mine, plain(now))
+            if wp.static(splitting) and now.step != now.event:
+                now.summed = now.driven
+                if i < wp.static(threads - WARP):
+                    forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
+                    go_on(state, shared, mine, plain(now))
                 else:
-                    sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-                    forces.contacts(ensemble, state, tallies, shared, mine, now, by_teeth, by_bar)
                     weigh(ensemble, shared, mine, now)
-                    if wp.static(kind.bending) or now.flags != 0:
-                        barrier()  # others may still be at rollers beside theirs
-                        sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-                    advance_rollers(state, shared, mine, now)
-                barrier()
-                advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
-                now = next_stage(now)
-                tension, rate = pull(shared, lengths, mine.rollers, i)
-                if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
-                    held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
+                    row.sharing.taken_over()
+                    advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, plain(now))
             else:
-                if wp.static(twice) and is_common(now):
+                if now.step == now.event and now.stage == 0:
+                    now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
+                now = wanted(mine, now)
+                if wp.static(ahead):
+                    if wp.static(not early):
+                        held, touch = look(ensemble, state, shared, mine, now, held)
+                    if wp.static(lean) and now.flags == 0:
+                        forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
+                        weigh(ensemble, shared, mine, now)
+                        go_on(state, shared, mine, plain(now))
+                    else:
+                        sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+                        forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
+                        weigh(ensemble, shared, mine, now)
+                        if wp.static(kind.bending) or now.flags != 0:
+                            barrier()  # others may still be at rollers beside theirs
+                            sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
+                        go_on(state, shared, mine, now)
+                    if wp.static(not kind.handing):
+                        barrier()
+                    advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+                elif wp.static(twice) and is_common(now):
                     step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, common(mine, now))
                 else:
                     step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now)
-                now = next_stage(now)
+            now = next_stage(now)
+            if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
+                held, touch = look(ensemble, state, shared, mine, now, held)
+            if wp.static(ahead):
+                tension, rate = pull(shared, lengths, mine.rollers, i)
             barrier()
         finish(ensemble, state, sums, tallies, shared, mine, now)
 

@@ -14,21 +14,26 @@ from ..physics.contact import (
     UNTOUCHED,
     after_teeth,
     dissipated,
+    in_gap,
     in_teeth,
+    load_direction,
     misses,
     on_guide,
     reaction,
     respond,
     rub,
     rub_evenly,
+    seat_from,
     surface_velocity,
-    tracked_seat,
     turned,
 )
 from ..physics.face import in_body, near_face, on_face, tracked_face
+from ..physics.impact import is_usual, usual_force
 from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
-from ..physics.seat import away, in_teeth_gap, near_line, on_line, tracked_gap
+from ..physics.seat import away, gap_from, in_teeth_gap, load_split, near_line, on_line
+from ..physics.seat import in_gap as split_gap
 from ..physics.spin import wheel_of
+from ..physics.tooth import nearest_seat, usual_gap
 from ..rows import accessors
 from ..structs import GROUND, Drive, Pose, Wrench, types
 from ..sum_structs import Tallies
@@ -45,8 +50,12 @@ class ForceFunctions:
 
     SPROCKETS: int
     near: wp.Function
+    Touch: type
+    touch_of: wp.Function
     leave: wp.Function
     contacts: wp.Function
+    plain_contacts: wp.Function
+    usual_laws: wp.Function
     body_of: wp.Function
     acting_on: wp.Function
     wrench_of: wp.Function
@@ -59,6 +68,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     Real, threads, per, sprockets, guides = kind.Real, kind.threads, kind.per, kind.sprockets, kind.guides
     moving, sliding, rk4, bodies, profiles = kind.moving, kind.sliding, kind.rk4, kind.bodies, kind.profiles
     kinds, Now = types(Real), now_struct(Real)
+    gripping, quick = kind.gripping, kind.quick
+    Direction = wp.vec4f if kind.paired else wp.vec2d
     vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
     row = block_rows(kind)
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
@@ -263,19 +274,81 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         else:
             return shared.teeth[s]
 
+    @wp.struct
+    class Grip:
+        """A sprocket that a roller is near, and what it keeps of that."""
+
+        sprocket: wp.int32
+        seat: wp.int32  # negative where it has none yet
+        before: Real  # v0 [m/s], or whether it touched
+        direction: Direction  # of the seat at angle zero
+
+    @wp.struct
+    class Touch:
+        """What a thread's rollers may touch, as from `meet`, and what they keep of it where that is looked up ahead."""
+
+        by_teeth: wp.int32
+        by_bar: wp.int32
+        grip: Grip  # of the roller's first sprocket
+
     @wp.func
-    def in_gap_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, at: int, j: int, s: int):
+    def seat_at(ensemble: kinds.Ensemble, number: int):
+        """Direction of a seat at angle zero, by its number among all."""
+        if wp.static(kind.paired):
+            return load_split(ensemble.split_seats, number)
+        else:
+            return load_direction(ensemble.seats, number)
+
+    @wp.func
+    def grip_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, s: int):
+        """Sprocket s as roller j is near it."""
+        grip = Grip()
+        grip.sprocket = s
+        if wp.static(gripping):
+            at = mine.memory + j + s * mine.rollers
+            grip.seat = load_whole(state.seat, at)
+            grip.before = load_row(state.impact_speed, at)
+            grip.direction = seat_at(ensemble, shared.teeth[s].first_seat + wp.max(grip.seat, 0))
+        return grip
+
+    @wp.func
+    def touch_of(
+        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, by_teeth: int, by_bar: int
+    ):
+        """What the thread's rollers may touch."""
+        touch = Touch()
+        touch.by_teeth = by_teeth
+        touch.by_bar = by_bar
+        if wp.static(gripping):  # without a branch, so that nothing waits for it
+            s = lowest_bit(wp.where(by_teeth != 0, by_teeth, 1))
+            touch.grip = grip_of(ensemble, state, shared, mine, mine.thread, s)
+        return touch
+
+    @wp.func
+    def in_gap_of(
+        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, at: int, j: int, s: int, grip: Grip
+    ):
         """Penetration [m], normal and relative velocity [m/s] of roller j in the teeth of sprocket s; its arm [m].
 
         Its seat is kept at `at`.
         """
         teeth = teeth_of(shared, s)
-        kept = load_whole(state.seat, at)
+        kept = int(grip.seat)
+        if wp.static(not gripping):
+            kept = load_whole(state.seat, at)
+        number = int(kept)
+        direction = grip.direction
         v = velocity(shared.rows, j)
         if wp.static(kind.paired):
             wheel = seen_wheel(shared.wheels, s)
             near_it = away_from(shared.rows, j, wheel.center, wheel.center_low)
-            gap = tracked_gap(near_it, kept, wheel, teeth, ensemble.split_seats)
+            if number < 0:
+                number = nearest_seat(near_it.high, wheel.cosine.high, wheel.sine.high, teeth.teeth)
+                if wp.static(gripping):
+                    direction = seat_at(ensemble, teeth.first_seat + number)
+            if wp.static(not gripping):
+                direction = seat_at(ensemble, teeth.first_seat + number)
+            gap = gap_from(near_it, number, direction, wheel, teeth, ensemble.split_seats)
             if gap.number != kept:
                 store_whole(state.seat, at, gap.number)
             if wp.static(moving):
@@ -285,7 +358,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         else:
             pose = shared.poses[s]
             p = place(shared.rows, j, pose.center)
-            seat = tracked_seat(p, kept, pose.cosine, pose.sine, teeth, ensemble.seats)
+            if number < 0:
+                number = nearest_seat(p, pose.cosine, pose.sine, teeth.teeth)
+                if wp.static(gripping):
+                    direction = seat_at(ensemble, teeth.first_seat + number)
+            if wp.static(not gripping):
+                direction = seat_at(ensemble, teeth.first_seat + number)
+            seat = seat_from(p, number, direction, pose.cosine, pose.sine, teeth, ensemble.seats)
             if seat.number != kept:
                 store_whole(state.seat, at, seat.number)
             if wp.static(moving):
@@ -302,12 +381,15 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         mine: Mine,
         now: Now,
         j: int,
-        s: int,
+        grip: Grip,
     ):
-        """Adds the force of the teeth of sprocket s to roller j's, and its reaction to the sprocket if it is summed."""
+        """Adds the force of the teeth of a sprocket to roller j's, and its reaction to the sprocket if it is summed."""
+        s = grip.sprocket
         at = mine.memory + j + s * mine.rollers
-        before = load_row(state.impact_speed, at)
-        penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, s)
+        before = Real(grip.before)
+        if wp.static(not gripping):
+            before = load_row(state.impact_speed, at)
+        penetration, normal, relative, arm = in_gap_of(ensemble, state, shared, at, j, s, grip)
         if penetration > Real(0.0):
             law = as_known(teeth_of(shared, s).law)
             force, size, first, damper, energy = respond(penetration, normal, relative, before, law)
@@ -329,6 +411,95 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
         else:
             put(state, now, at, before, after_teeth(before))
+
+    @wp.func
+    def usual_laws(shared: kinds.Shared):
+        """The sprockets whose contacts are linear and hysteretic, as bits."""
+        mask = int(0)
+        for s in range(wp.static(sprockets)):
+            if is_usual(shared.teeth[s].law):
+                mask = mask | (1 << s)
+        return mask
+
+    @wp.func
+    def in_usual_gap(
+        ensemble: kinds.Ensemble, shared: kinds.Shared, teeth: kinds.Sprocket, j: int, s: int, direction: Direction
+    ):
+        """As `in_gap_of`, and whether the roller is in the gap of its seat as `usual_gap` has it (1, else 0)."""
+        v = velocity(shared.rows, j)
+        if wp.static(kind.paired):
+            wheel = seen_wheel(shared.wheels, s)
+            near_it = away_from(shared.rows, j, wheel.center, wheel.center_low)
+            gap = split_gap(near_it, wheel, direction)
+            xi = gap.xi
+            lateral = gap.lateral
+            e = gap.outward
+            arm = near_it.high
+            speed = wheel.speed.high
+            if wp.static(moving):
+                v = v - velocity_of(shared.wheels, s)
+            off = wp.abs(lateral) > teeth.half_pitch_tangent * (teeth.pitch_radius + xi)
+        else:
+            pose = shared.poses[s]
+            p = place(shared.rows, j, pose.center)
+            e, radial, lateral = in_gap(p, direction, pose.cosine, pose.sine)
+            xi = radial - teeth.exact_radius
+            arm = p
+            speed = pose.speed
+            if wp.static(moving):
+                v = v - pose.velocity
+            off = wp.abs(lateral) > teeth.half_pitch_tangent * radial
+        penetration, along, across, usual = usual_gap(xi, lateral, teeth)
+        surface = vec2(-speed * arm[1], speed * arm[0])
+        return penetration, turned(e, along, across), surface - v, arm, wp.where(off, 0, usual)
+
+    @wp.struct
+    class Answer:
+        """What a roller in its tooth gap is answered."""
+
+        usual: wp.int32  # 1 where all is as usual, else nothing holds
+        closed: wp.int32  # whether they touch
+        at: wp.int32  # where its memory is
+        before: Real  # v0, as it was kept [m/s]
+        first: Real  # v0 [m/s]
+        moment: Real  # on the sprocket [N m]
+        force: vec2  # on the roller [N]
+
+    @wp.func
+    def answer_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, grip: Grip):
+        """What a sprocket answers roller j if all is as usual, without a branch."""
+        s = grip.sprocket
+        answer = Answer()
+        answer.at = mine.memory + j + s * mine.rollers
+        seat = int(grip.seat)
+        answer.before = grip.before
+        direction = grip.direction
+        teeth = teeth_of(shared, s)
+        if wp.static(not gripping):
+            seat = load_whole(state.seat, answer.at)
+            answer.before = load_row(state.impact_speed, answer.at)
+            direction = seat_at(ensemble, teeth.first_seat + wp.max(seat, 0))
+        penetration, normal, relative, arm, usual = in_usual_gap(ensemble, shared, teeth, j, s, direction)
+        size, first = usual_force(penetration, wp.dot(relative, normal), answer.before, teeth.law)
+        answer.first = first
+        answer.force = size * normal
+        if wp.static(sliding):
+            answer.force = answer.force + drag_of(size, normal, relative, shared.sliding[s])
+        answer.moment = reaction(arm, answer.force)
+        answer.closed = int(penetration > Real(0.0))
+        answer.usual = wp.where(seat < 0, 0, usual)
+        return answer
+
+    @wp.func
+    def answered(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, j: int, s: int, answer: Answer):
+        """Does what sprocket s answers roller j."""
+        if answer.closed != 0:
+            if is_summed(now, s):
+                add_wrench(shared, mine, s, j, answer.moment, answer.force, now.watched)
+            set_force(shared, j, force_on(shared, j) + answer.force)
+            keep(state, now, answer.at, answer.before, answer.first)
+        else:
+            put(state, now, answer.at, answer.before, after_teeth(answer.before))
 
     @wp.func
     def at_face(
@@ -451,35 +622,17 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             put(state, now, at, before, Real(UNTOUCHED))
 
     @wp.func
-    def contacts(
+    def at_bars(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         tallies: Tallies,
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
-        by_teeth: int,
         by_bar: int,
     ):
-        """Adds the contacts' forces to those of the thread's rollers in `by_teeth` and `by_bar`, as from `meet`.
-
-        Each thread goes on to its next such roller at once, so that few wait.
-        """
+        """Adds the guides' forces to those of the thread's rollers in `by_bar`."""
         rest = int(0)
-        while by_teeth != 0:
-            j = int(mine.thread)
-            if wp.static(per == 1):
-                s = lowest_bit(by_teeth)
-                by_teeth = by_teeth & (by_teeth - 1)
-            else:
-                j = lowest_bit(by_teeth) * wp.static(threads) + mine.thread
-                if rest == 0:
-                    rest = load_whole(shared.held, j) & SPROCKETS
-                s = lowest_bit(rest)
-                rest = rest & (rest - 1)
-                if rest == 0:
-                    by_teeth = by_teeth & (by_teeth - 1)
-            at_sprocket(ensemble, state, tallies, shared, mine, now, j, s)
         while by_bar != 0:
             j = int(mine.thread)
             if wp.static(per == 1):
@@ -494,6 +647,106 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if rest == 0:
                     by_bar = by_bar & (by_bar - 1)
             at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
+
+    @wp.func
+    def next_in_teeth(shared: kinds.Shared, mine: Mine, by_teeth: int, rest: int):
+        """The thread's next roller in teeth and its sprocket; then what is left."""
+        j = int(mine.thread)
+        if wp.static(per == 1):
+            s = lowest_bit(by_teeth)
+            by_teeth = by_teeth & (by_teeth - 1)
+        else:
+            j = lowest_bit(by_teeth) * wp.static(threads) + mine.thread
+            if rest == 0:
+                rest = load_whole(shared.held, j) & SPROCKETS
+            s = lowest_bit(rest)
+            rest = rest & (rest - 1)
+            if rest == 0:
+                by_teeth = by_teeth & (by_teeth - 1)
+        return j, s, by_teeth, rest
+
+    @wp.func
+    def contacts(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        touch: Touch,
+    ):
+        """Adds the contacts' forces to those of the thread's rollers.
+
+        Each thread goes on to its next roller in teeth at once, so that few wait.
+        """
+        by_teeth = int(touch.by_teeth)
+        grip = touch.grip
+        rest = int(0)
+        while by_teeth != 0:
+            j, s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+            if wp.static(gripping):
+                s = grip.sprocket
+            else:
+                grip = grip_of(ensemble, state, shared, mine, j, s)
+            one = Answer()
+            if wp.static(quick):
+                if now.flags == 0 and (now.usual >> s) & 1 != 0:
+                    one = answer_of(ensemble, state, shared, mine, j, grip)
+            if one.usual != 0:
+                answered(state, shared, mine, now, j, s, one)
+            else:
+                at_sprocket(ensemble, state, tallies, shared, mine, now, j, grip)
+            if wp.static(gripping):
+                if by_teeth != 0:
+                    grip = grip_of(ensemble, state, shared, mine, j, lowest_bit(by_teeth))
+        if wp.static(guides > 0):
+            at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
+
+    @wp.func
+    def contacts_by_two(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        touch: Touch,
+    ):
+        """As `contacts`, two of a thread's rollers in teeth at once, so that their latencies hide behind each other."""
+        by_teeth = int(touch.by_teeth)
+        rest = int(0)
+        while by_teeth != 0:
+            j, s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+            two = int(0)
+            other_j = int(j)
+            other_s = int(s)
+            if by_teeth != 0:
+                two = int(1)
+                other_j, other_s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+            one = answer_of(ensemble, state, shared, mine, j, grip_of(ensemble, state, shared, mine, j, s))
+            grip = grip_of(ensemble, state, shared, mine, other_j, other_s)
+            other = answer_of(ensemble, state, shared, mine, other_j, grip)
+            one.usual = one.usual & (now.usual >> s)
+            other.usual = other.usual & (now.usual >> other_s)
+            if one.usual & other.usual & 1 != 0:
+                answered(state, shared, mine, now, j, s, one)
+                if two != 0:
+                    answered(state, shared, mine, now, other_j, other_s, other)
+            else:
+                q = int(0)
+                while q <= two:  # a loop, which stands once in the code
+                    if one.usual & 1 != 0:
+                        answered(state, shared, mine, now, j, s, one)
+                    else:
+                        at_sprocket(
+                            ensemble, state, tallies, shared, mine, now, j, grip_of(ensemble, state, shared, mine, j, s)
+                        )
+                    one = other
+                    j = other_j
+                    s = other_s
+                    q = q + 1
+        if wp.static(guides > 0):
+            at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
 
     @wp.func
     def part(shared: kinds.Shared, row: int, i: int):
@@ -623,8 +876,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     return ForceFunctions(
         SPROCKETS=SPROCKETS,
         near=near,
+        Touch=Touch,
+        touch_of=touch_of,
         leave=leave,
         contacts=contacts,
+        plain_contacts=contacts_by_two if kind.roomy and per > 1 else contacts,
+        usual_laws=usual_laws,
         body_of=body_of,
         acting_on=acting_on,
         wrench_of=wrench_of,

@@ -33,6 +33,7 @@ class BlockKind:
         profiles: guides have profiles, or are carried by arms.
         curved: motions or loads may be tabulated.
         crewed: the last warp has no rollers, but moves the bodies.
+        roomy: few blocks are on a multiprocessor, so that a thread has registers for two contacts at once.
         shared_bytes: most of shared memory that a block may have; what does not fit lies in global memory.
     """
 
@@ -51,6 +52,7 @@ class BlockKind:
     tensioners: int = 0
     profiles: bool = False
     crewed: bool = False
+    roomy: bool = False
     shared_bytes: int = DECLARED
     curved: bool = True
     stribeck: bool = True
@@ -75,6 +77,29 @@ class BlockKind:
     def pushes(self) -> bool:
         """Whether the force on sprockets is wanted beside the moment: by what moves, or by the metrics."""
         return self.moving or self.measuring
+
+    @property
+    def early(self) -> bool:
+        """Whether rollers look for what they may touch while bodies move: on several warps, and fixed partners."""
+        return self.threads > 32 and not (self.moving or self.profiles)
+
+    @property
+    def quick(self) -> bool:
+        """Whether usual contacts are worked out without branches, in kernels of one length of chain all or none.
+
+        Of more than 192 links not all kernels gave the same bits with it (docs/performance.md).
+        """
+        return not self.measuring and self.slots - 32 * self.crewed <= 192
+
+    @property
+    def gripping(self) -> bool:
+        """Whether they look up then, too, what they keep of a sprocket."""
+        return self.early and self.handing
+
+    @property
+    def handing(self) -> bool:
+        """Whether the last warp alone moves the bodies, and goes on as soon as the contacts' moments stand there."""
+        return self.crewed and self.bodies <= 4 and self.slots <= 224
 
     @property
     def slots(self) -> int:
@@ -135,6 +160,8 @@ def now_struct(Real: type) -> type:
         watched: wp.int32  # 1 where forces are watched (`sums.WATCH_EVERY`)
         diverged: wp.int32
         going: wp.int32  # 0 at the run's last step and where it diverged
+        common: wp.int32  # 1 in a step of one warp that wants no more than most (`block.is_common`)
+        usual: wp.int32  # sprockets whose contacts' law is linear and hysteretic, as bits
         driven: wp.int32  # sprockets that their moment moves, as bits
         summed: wp.int32  # sprockets whose moment is wanted now, as bits
         since: wp.int32  # the frames' buffer was begun so many steps before this launch

@@ -163,7 +163,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         while now.steps < end and now.settled == 0:
             tension, rate = pull(shared, lengths, mine.rollers, i)
             held, by_teeth, by_bar = partners.meet(state, shared, mine, still, held)
-            forces.contacts(ensemble, state, tallies, shared, mine, still, by_teeth, by_bar)
+            touch = forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
+            forces.contacts(ensemble, state, tallies, shared, mine, still, touch)
             barrier()
             angular = wp.float64(0.0)
             if wp.static(kind.arms > 0):

@@ -98,6 +98,20 @@ WARP_BARRIER = """
 #endif
 """
 """The barrier of a block of one warp."""
+
+
+def _named(what: str, number: int, threads: int, elsewhere: str = "") -> str:
+    """What a whole warp does at one of the block's barriers beside that of all, for so many threads."""
+    return f"""
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+    asm volatile("bar.{what} {number}, {threads};" ::: "memory");
+#else
+    {elsewhere}
+#endif
+"""
+
+
 COURSE = 32
 """Steps that prescribed motion is worked out for at a time, one a thread of a warp."""
 
@@ -378,6 +392,9 @@ class Exchange:
     """What a block's threads do together, as functions of kernels."""
 
     barrier: wp.Function
+    hand_over: wp.Function
+    taken_over: wp.Function
+    among_rollers: wp.Function
     warp_sum: wp.Function
     group_sum: wp.Function
     warp_max: wp.Function
@@ -397,6 +414,21 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(WARP_BARRIER if threads == 32 else BARRIER)
     def barrier():
         """Waits for all threads of the block."""
+        ...
+
+    @wp.func_native(_named("arrive", 1, threads))
+    def hand_over():
+        """Tells the warp that moves the bodies that this warp's contacts are done, and does not wait."""
+        ...
+
+    @wp.func_native(_named("sync", 1, threads, BARRIER))
+    def taken_over():
+        """Waits until all other warps have handed over."""
+        ...
+
+    @wp.func_native(_named("sync", 2, threads - WARP, BARRIER))
+    def among_rollers():
+        """Waits for all threads but those of the warp that moves the bodies."""
         ...
 
     @wp.func_native(SUM)
@@ -610,6 +642,9 @@ def exchange(kind: BlockKind) -> Exchange:
 
     return Exchange(
         barrier=barrier,
+        hand_over=hand_over,
+        taken_over=taken_over,
+        among_rollers=among_rollers,
         warp_sum=warp_sum,
         group_sum=group_sum,
         warp_max=warp_max,

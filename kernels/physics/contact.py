@@ -191,7 +191,21 @@ def tracked_seat(
     number = kept
     if number < 0:
         number = nearest_seat(p, cosine, sine, sprocket.teeth)
-    e, radial, lateral = in_gap(p, load_direction(seats, sprocket.first_seat + number), cosine, sine)
+    return seat_from(p, number, load_direction(seats, sprocket.first_seat + number), cosine, sine, sprocket, seats)
+
+
+@wp.func
+def seat_from(
+    p: wp.vec2d,
+    number: int,
+    direction: wp.vec2d,
+    cosine: wp.float64,
+    sine: wp.float64,
+    sprocket: Any,
+    seats: wp.array[wp.vec2d],
+):
+    """As `tracked_seat`, from seat `number`, which points to `direction` at angle zero."""
+    e, radial, lateral = in_gap(p, direction, cosine, sine)
     seat = Seat()
     seat.outward = e
     seat.radial = radial

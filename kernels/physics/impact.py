@@ -22,7 +22,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import reciprocal
+from ..root import larger, reciprocal, smaller
 
 
 @wp.func
@@ -66,3 +66,20 @@ def contact_force(elastic: Any, speed: Any, impact_speed: Any, law: Any):
             force = wp.static(FORCES[form])(elastic, speed, impact_speed, law.damping)
     most = law.most_damping * wp.abs(speed)
     return wp.max(wp.clamp(force, elastic - most, elastic + most), type(elastic)(0.0))
+
+
+@wp.func
+def is_usual(law: Any):
+    """Whether a contact's law is hysteretic and linear."""
+    return law.form == 0 and law.exponent == type(law.exponent)(1.0)
+
+
+@wp.func
+def usual_force(penetration: Any, speed: Any, impact_speed: Any, law: Any):
+    """Force [N] and v0 [m/s] of such a law, without branches (`hysteretic`, `contact_force`)."""
+    first = wp.where(impact_speed <= type(speed)(0.0), larger(speed, law.speed_floor), impact_speed)
+    elastic = law.stiffness * penetration
+    one = type(speed)(1.0)
+    most = law.most_damping * wp.abs(speed)
+    force = elastic * (one + law.damping * smaller(speed * reciprocal(first), one))
+    return larger(smaller(larger(force, elastic - most), elastic + most), type(speed)(0.0)), first

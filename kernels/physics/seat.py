@@ -110,7 +110,13 @@ def tracked_gap(p: Away, kept: int, wheel: Wheel, sprocket: Any, seats: wp.array
     number = kept
     if number < 0:
         number = nearest_seat(p.high, wheel.cosine.high, wheel.sine.high, sprocket.teeth)
-    gap = in_gap(p, wheel, load_split(seats, sprocket.first_seat + number))
+    return gap_from(p, number, load_split(seats, sprocket.first_seat + number), wheel, sprocket, seats)
+
+
+@wp.func
+def gap_from(p: Away, number: int, direction: wp.vec4f, wheel: Wheel, sprocket: Any, seats: wp.array[wp.vec4f]):
+    """As `tracked_gap`, from seat `number`, which points to `direction` at angle zero."""
+    gap = in_gap(p, wheel, direction)
     step = seat_step(sprocket.pitch_radius + gap.xi, gap.lateral, sprocket.half_pitch_tangent)
     if step != 0:
         number = wrapped_seat(number + step, sprocket.teeth)

@@ -24,7 +24,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import inverse_root, reciprocal, root
+from ..root import inverse_root, larger, reciprocal, root
 
 
 @wp.func
@@ -91,6 +91,27 @@ def endless_gap(xi: Any, lateral: Any, gap: Any):
         at[1] = (across * gap.cos_half_seat + along * gap.sin_half_seat) * inverse
         at[2] = side * (along * gap.cos_half_seat - across * gap.sin_half_seat) * inverse
     return at[0], at[1], at[2]
+
+
+@wp.func
+def usual_gap(xi: Any, lateral: Any, gap: Any):
+    """As `tooth_gap` without branches, of straight flanks and no tip; and whether the roller is there (1, else 0)."""
+    zero = type(xi)(0.0)
+    eta = wp.abs(lateral)
+    side = wp.where(lateral >= zero, type(xi)(1.0), type(xi)(-1.0))
+    in_arc = eta * gap.cos_half_seat <= -xi * gap.sin_half_seat
+    square = larger(xi * xi + lateral * lateral, type(xi)(1.0e-24))
+    inverse = inverse_root(square)
+    penetration = wp.where(
+        in_arc, root(square) - gap.clearance, eta * gap.sin_half_seat - xi * gap.cos_half_seat - gap.clearance
+    )
+    along = wp.where(in_arc, -xi * inverse, gap.cos_half_seat)
+    across = wp.where(in_arc, -lateral * inverse, -side * gap.sin_half_seat)
+    radial = gap.pitch_radius + xi
+    limit = larger(gap.tip_reach - penetration, zero)
+    usual = wp.where(radial * radial + lateral * lateral > limit * limit, int(penetration <= zero), 1)
+    usual = wp.where(in_arc, usual, usual * int(gap.flank_curvature <= zero))
+    return penetration, along, across, usual
 
 
 @wp.func

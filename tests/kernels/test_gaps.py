@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from warpchain.kernels.physics.guide import guide_gap
-from warpchain.kernels.physics.tooth import nearest_seat, seat_step, tooth_gap
+from warpchain.kernels.physics.tooth import nearest_seat, seat_step, tooth_gap, usual_gap
 from warpchain.kernels.structs import types
 
 KINDS = types(wp.float64)
@@ -16,6 +16,13 @@ def tooth_gaps(points: wp.array[wp.vec2d], gap: KINDS.Sprocket, out: wp.array[wp
     i = wp.tid()
     penetration, radial, lateral = tooth_gap(points[i][0] - gap.pitch_radius, points[i][1], gap)
     out[i] = wp.vec3d(penetration, radial, lateral)
+
+
+@wp.kernel(enable_backward=False)
+def usual_gaps(points: wp.array[wp.vec2d], gap: KINDS.Sprocket, out: wp.array[wp.vec4d]):
+    i = wp.tid()
+    penetration, radial, lateral, usual = usual_gap(points[i][0] - gap.pitch_radius, points[i][1], gap)
+    out[i] = wp.vec4d(penetration, radial, lateral, wp.float64(usual))
 
 
 @wp.kernel(enable_backward=False)
@@ -39,7 +46,7 @@ def moves(points: wp.array[wp.vec2d], tangent: wp.float64, out: wp.array[int]):
 
 def launch(kernel, points, *parameters, dtype=wp.vec3d):
     source = wp.array(np.asarray(points, dtype=float), dtype=wp.vec2d, device="cpu")
-    fill = np.full((len(points), 3) if dtype is wp.vec3d else len(points), -999)
+    fill = np.full((len(points), dtype._length_) if dtype in (wp.vec3d, wp.vec4d) else len(points), -999)
     out = wp.array(fill, dtype=dtype, device="cpu")
     wp.launch(kernel, dim=len(points), inputs=[source, *parameters, out], device="cpu")
     return out.numpy()
@@ -79,6 +86,22 @@ def test_tooth_gap_is_the_offset_curve():
     points[:2000] = [R, 0] + rng.normal(scale=5e-4, size=(2000, 2))
     expected = np.array([curve(*point) for point in points])
     np.testing.assert_allclose(launch(tooth_gaps, points, sprocket()), expected, atol=1e-14)
+
+
+def test_usual_gap_is_the_tooth_gap_and_says_where():
+    rng = np.random.default_rng(12)
+    points = np.stack([rng.uniform(R - P / 2, R + P / 2, 4000), rng.uniform(-P / 2, P / 2, 4000)], axis=1)
+    points[:2000] = [R, 0] + rng.normal(scale=5e-4, size=(2000, 2))
+    for gap in (sprocket(), convex()):
+        found, expected = launch(usual_gaps, points, gap, dtype=wp.vec4d), launch(tooth_gaps, points, gap)
+        usual = found[:, 3] == 1.0
+        # the same operations, but that the compiler may draw other products into sums
+        np.testing.assert_allclose(found[usual, :3], expected[usual], atol=1e-15)
+        q = points - [R, 0.0]
+        in_arc = np.abs(q[:, 1]) * np.cos(HALF) <= -q[:, 0] * np.sin(HALF)
+        on_tip = (found[:, 0] > 0) & (np.hypot(*points.T) > gap.tip_reach - found[:, 0])
+        np.testing.assert_array_equal(usual, ~on_tip & (in_arc | (gap.flank_curvature == 0.0)))
+        assert 1000 < usual.sum() < 4000
 
 
 def test_tooth_gap_penetration_is_continuous_with_slope_one():

@@ -18,6 +18,9 @@ LONGEST_ON_A_WARP = 512
 MANY = 6
 """Variants a multiprocessor from which a warp each is faster (docs/performance.md)."""
 
+ROOMY = 8
+"""Most variants a multiprocessor at which a thread of theirs has registers for two contacts at once."""
+
 CREWED = 2
 """Most variants a multiprocessor at which each may have a warp for its bodies alone."""
 
@@ -32,6 +35,8 @@ class BlockShape:
     """Whether the last warp has no rollers, but moves the bodies."""
     shared_bytes: int = DECLARED
     """Most of shared memory that a block may have."""
+    roomy: bool = False
+    """Whether so few are on a multiprocessor that a thread has registers for two contacts at once."""
 
     @property
     def slots(self) -> int:
@@ -92,6 +97,6 @@ def block_shape(room: int, each: int, shared_bytes: int = DECLARED, precision: s
     if precision == "float32" and on_two_warps(room, each):
         return BlockShape(64, -(-room // 64))
     if each >= MANY:
-        return BlockShape(32, -(-room // 32))
+        return BlockShape(32, -(-room // 32), roomy=each <= ROOMY and room <= 192)
     crewed = each <= CREWED and 32 < room < 512
     return BlockShape(room + 32 * crewed, 1, crewed)

@@ -78,7 +78,8 @@ class Bucket:
     @property
     def shape(self) -> BlockShape:
         """The shape of their blocks when they take steps."""
-        return BlockShape(self.kind.threads, self.kind.per, self.kind.crewed, self.kind.shared_bytes)
+        kind = self.kind
+        return BlockShape(kind.threads, kind.per, kind.crewed, kind.shared_bytes, kind.roomy)
 
     @property
     def simple(self) -> bool:
@@ -90,7 +91,7 @@ class Bucket:
 
 def of_shape(shape: BlockShape) -> dict[str, Any]:
     """What of a kernel's kind is its blocks' shape."""
-    return {name: getattr(shape, name) for name in ("threads", "per", "crewed", "shared_bytes")}
+    return {name: getattr(shape, name) for name in ("threads", "per", "crewed", "shared_bytes", "roomy")}
 
 
 def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
@@ -103,9 +104,11 @@ def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     if name == "relax":
-        still = {"moving": False, "rk4": False, "sliding": False, "bending": False, "linear": False}
-        return replace(bucket.kind, **of_shape(kernel_shape(name, bucket)), **still)
-    return replace(bucket.kind, measuring=name == "measure")
+        still = dict.fromkeys(("moving", "rk4", "sliding", "bending", "linear", "roomy"), False)
+        return replace(bucket.kind, **(of_shape(kernel_shape(name, bucket)) | still))
+    if name == "measure":
+        return replace(bucket.kind, measuring=True, roomy=False)
+    return bucket.kind
 
 
 def curved(packed: Packed) -> NDArray[np.bool_]:

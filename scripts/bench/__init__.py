@@ -1,0 +1,1 @@
+"""What the benchmarks' scripts have in common."""
