@@ -113,7 +113,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             set_extremes(shared, extremes_at(i, none), chain.tension_min, chain.tension_max)
             set_extremes(shared, extremes_at(i, none + 1), wp.float64(-3.0e38), wp.float64(3.0e38))
         j = int(i)
-        while j < wp.static((1 + kind.bending) * threads):
+        while j < wp.static(kind.slots + kind.bending * threads):
             store_row(shared.seen, RATES + j, Real(0.0))
             j = j + wp.static(threads)
 
@@ -203,27 +203,29 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             return shared.chain[0]
 
     @wp.func
-    def add_rates(shared: kinds.Shared, n: int, i: int, rate: of_each, weight: Real):
-        """What the dampers of the thread's links take in one step, which stands for `weight` [s]."""
-        power = Real(0.0)
+    def add_rates(shared: kinds.Shared, i: int, rate: of_each, weight: Real):
+        """One step's squared rates of the thread's links, over the time `weight` that it stands for [s].
+
+        Each link has a sum of its own, so that what comes out is the same however many links a thread has.
+        """
         for k in range(wp.static(per)):
-            j = k * wp.static(threads) + i
-            if j < n:
-                power = power + chain_of(shared, j).damping * rate[k] * rate[k]
-        store_row(shared.seen, RATES + i, load_row(shared.seen, RATES + i) + weight * power)
+            at = RATES + k * wp.static(threads) + i
+            store_row(shared.seen, at, load_row(shared.seen, at) + (weight * rate[k]) * rate[k])
 
     @wp.func
     def flush(tallies: Tallies, shared: kinds.Shared, mine: Mine):
-        """Adds what the thread's links and joints have taken to the tally of its first roller."""
-        i = mine.thread
-        if i < mine.rollers:
+        """Adds what the thread's links and joints have taken to their tallies."""
+        j = int(mine.thread)
+        while j < mine.rollers:
             taken = RollerTally()
-            taken.dissipated = wp.float64(load_row(shared.seen, RATES + i))
-            store_row(shared.seen, RATES + i, Real(0.0))
+            taken.dissipated = wp.float64(chain_of(shared, j).damping * load_row(shared.seen, RATES + j))
+            store_row(shared.seen, RATES + j, Real(0.0))
             if wp.static(kind.bending):
-                taken.friction = wp.float64(load_row(shared.seen, FRICTION + i))
-                store_row(shared.seen, FRICTION + i, Real(0.0))
-            add_to_roller(tallies.roller, mine.first + i, taken)
+                if j < wp.static(threads):  # with its first roller goes what a thread has of all
+                    taken.friction = wp.float64(load_row(shared.seen, FRICTION + j))
+                    store_row(shared.seen, FRICTION + j, Real(0.0))
+            add_to_roller(tallies.roller, mine.first + j, taken)
+            j = j + wp.static(threads)
 
     @wp.func
     def add_link(tallies: Tallies, drive: Drive, shared: kinds.Shared, j: int, tension: Real):

@@ -137,7 +137,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
-            observe.add_rates(shared, n, mine.thread, rate, now.weight)
+            observe.add_rates(shared, mine.thread, rate, now.weight)
             if now.watched != 0:
                 observe.watch(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:

@@ -288,9 +288,9 @@ def extremes(kind: BlockKind) -> int:
 
 
 def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
-    """Where, after the extremes, what each thread's links and joints dissipate begins, and where that ends."""
+    """Where, after the extremes, each link's squared rates and each thread's friction begin, and where they end."""
     first = kind.threads // WARP * extremes(kind)
-    return first, first + kind.threads, first + (1 + kind.bending) * kind.threads
+    return first, first + kind.slots, first + kind.slots + kind.bending * kind.threads
 
 
 ORDERED = 512
