@@ -366,7 +366,7 @@ def start(task: Task, how: str) -> Found:
     """A whole command of nearly no simulated time on the GPU, its kernels compiled already or not; `study status`."""
     if task.compile_only and how != "warm":
         return "", {}
-    words = ["run", "industrial", "--duration", "0.001", "--device", DEVICE, "--quiet", "-o"]
+    words = ["run", "industrial", "--duration", "0.001", "--device", DEVICE, "--quiet", "--overwrite", "-o"]
     with tempfile.TemporaryDirectory() as name:
         if how == "status":
             (Path(name) / "study.toml").write_text(TINY.format(device=DEVICE))
