@@ -28,6 +28,7 @@ from .block_rows import block_rows
 from .block_sampling import block_sampling
 from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
+from .block_wrench import block_wrench
 from .exchange import WARP
 
 
@@ -50,7 +51,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     pull = joints.pull if kind.bending else row.pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
-    SPROCKETS, acting_on, wrench_of = forces.SPROCKETS, forces.acting_on, forces.wrench_of
+    SPROCKETS, wrenches = forces.SPROCKETS, block_wrench(kind)
+    acting_on, wrench_of, body_of = wrenches.acting_on, wrenches.wrench_of, wrenches.body_of
     observe, step_of = block_observing(kind), row.step_of
     stage_roller = block_rk4(kind)
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
@@ -422,7 +424,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """
         number = wp.tid() // wp.static(threads)
         i = wp.tid() % wp.static(threads)
-        mine = mine_of(ensemble.drives[order[number]], order[number], i, forces.body_of(i))
+        mine = mine_of(ensemble.drives[order[number]], order[number], i, body_of(i))
         shared = shared_arrays(state, number)
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
         row.fetch(state, shared, mine)

@@ -28,7 +28,7 @@ from ..physics.spin import (
 from ..structs import BodyState, Drive, Hub, Mount, Pose, Spin, SpinRates, SpinWrench, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
-from .block_forces import block_forces
+from .block_geometry import geometry_sharing
 from .block_hub_sums import hub_sums_of, mount_sums_of
 from .block_kind import BlockKind, Mine, now_struct
 from .block_spin_sums import spin_sums_of, sprocket_sums_of
@@ -108,7 +108,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     Real, threads, sprockets, moving, rk4 = kind.Real, kind.threads, kind.sprockets, kind.moving, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
-    share_geometry = block_forces(kind).share_geometry
+    share_geometry = geometry_sharing(kind)
 
     @wp.func
     def body_gone(drive: Drive, shared: kinds.Shared, s: int):

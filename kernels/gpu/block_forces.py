@@ -1,4 +1,4 @@
-"""The block kernels' contacts: who is near what, and the answers of teeth and guide-bars.
+"""The block kernels' contacts: the answers of teeth and guide-bars to the rollers that touch them.
 
 A contact's memory (seat, v0) and its sums stay where the state and the tallies have them, which the cache holds.
 """
@@ -27,21 +27,22 @@ from ..physics.contact import (
     surface_velocity,
     turned,
 )
-from ..physics.face import in_body, near_face, on_face, tracked_face
+from ..physics.face import on_face, tracked_face
 from ..physics.impact import is_usual, usual_force
-from ..physics.profile import in_frame, near_profile, on_profile, tracked_piece
-from ..physics.seat import away, gap_from, in_teeth_gap, load_split, near_line, on_line
+from ..physics.profile import in_frame, on_profile, tracked_piece
+from ..physics.seat import gap_from, in_teeth_gap, load_split, on_line
 from ..physics.seat import in_gap as split_gap
-from ..physics.spin import wheel_of
 from ..physics.tooth import nearest_seat, usual_gap
 from ..rows import accessors
-from ..structs import GROUND, Drive, Pose, Wrench, types
+from ..structs import types
 from ..sum_structs import Tallies
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
+from .block_near import block_near
 from .block_rows import block_rows
-from .block_wheels import box_of, gears, load_line, load_wheel, seen_wheel, store_wheel, velocity_of
-from .exchange import add_to, count_at, group, lanes, lowest_bit, parts_of_a_body, raise_to, unforeseen, widened
+from .block_wheels import gears, load_line, load_wheel, seen_wheel, velocity_of
+from .block_wrench import block_wrench
+from .exchange import add_to, count_at, lowest_bit, raise_to, widened
 
 
 @dataclass(frozen=True)
@@ -49,17 +50,11 @@ class ForceFunctions:
     """What is done about contacts, as functions of kernels; `SPROCKETS` are those partners' bits."""
 
     SPROCKETS: int
-    near: wp.Function
     Touch: type
     touch_of: wp.Function
-    leave: wp.Function
     contacts: wp.Function
     plain_contacts: wp.Function
     usual_laws: wp.Function
-    body_of: wp.Function
-    acting_on: wp.Function
-    wrench_of: wp.Function
-    share_geometry: wp.Function
 
 
 @cache
@@ -70,103 +65,15 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     kinds, Now = types(Real), now_struct(Real)
     gripping, quick = kind.gripping, kind.quick
     Direction = wp.vec4f if kind.paired else wp.vec2d
-    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
-    row = block_rows(kind)
+    vec2 = kinds.vec2
+    row, near, add_wrench = block_rows(kind), block_near(kind), block_wrench(kind).add_wrench
+    bar_of, away_from, in_carrier = near.bar_of, near.away_from, near.in_carrier
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
     acceleration = row.acceleration
-    X, Y, X_LOW, Y_LOW, group_sum = row.X, row.Y, row.X_LOW, row.Y_LOW, row.sharing.group_sum
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
-    load_gear, store_gear = gears(kind).load_gear, gears(kind).store_gear
-    load_bar, store_bar = gears(kind).load_bar, gears(kind).store_bar
+    load_gear = gears(kind).load_gear
     SPROCKETS = wp.constant((1 << sprockets) - 1)
-    width = parts_of_a_body(kind)
-    of_rollers = width != threads
-
-    @wp.func
-    def by_profile(bar: kinds.Guide):
-        """Whether a guide has a profile."""
-        if wp.static(profiles):
-            return bar.pieces != 0
-        else:
-            return False
-
-    @wp.func
-    def bar_of(shared: kinds.Shared, g: int):
-        """Guide g."""
-        if wp.static(kind.paired and not profiles):
-            return load_bar(shared.lines, g)
-        else:
-            return shared.bars[g]
-
-    @wp.func
-    def away_from(rows: wp.array[Real], j: int, center: vec2, low: vec2):
-        """Roller j from a center, at float32."""
-        return away(row.position(rows, j), vec2(load_row(rows, X_LOW + j), load_row(rows, Y_LOW + j)), center, low)
-
-    @wp.func
-    def in_carrier(shared: kinds.Shared, j: int, b: int):
-        """Roller j from the center of body b that carries a guide, and in that body's frame, at float32."""
-        carrier = load_wheel(shared.wheels, b)
-        arm = away_from(shared.rows, j, carrier.center, carrier.center_low)
-        q = arm
-        if b < wp.static(bodies):  # the ground has not turned
-            q = in_body(arm, carrier)
-        return arm, q
-
-    @wp.func
-    def in_box_of(shared: kinds.Shared, j: int, g: int, bar: kinds.Guide):
-        """Whether roller j is in the box about the chord of guide g, a profile."""
-        if wp.static(kind.paired):
-            arm, q = in_carrier(shared, j, bar.body)
-            return near_face(q, load_line(shared.lines, g), box_of(shared.lines, g))
-        else:
-            pose = shared.poses[bar.body]
-            return near_profile(in_frame(place(shared.rows, j, pose.center), pose), bar)
-
-    @wp.func
-    def near(shared: kinds.Shared, j: int, n: int):
-        """The partners that roller j may touch, as bits: sprockets whose band it is in, guide-bars it is on."""
-        rows = shared.rows
-        x = load_row(rows, X + j)
-        y = load_row(rows, Y + j)
-        mask = int(0)
-        for s in range(wp.static(sprockets)):
-            band = shared.bands[s]
-            from_x = x - band.center[0]
-            from_y = y - band.center[1]
-            square = from_x * from_x + from_y * from_y
-            if square > band.near_square and square < band.far_square:
-                mask = mask | (1 << s)
-        for g in range(wp.static(guides)):
-            bar = bar_of(shared, g)
-            if by_profile(bar):
-                if in_box_of(shared, j, g, bar):
-                    mask = mask | (1 << (wp.static(sprockets) + g))
-            elif wp.static(kind.paired):
-                line = load_line(shared.lines, g)
-                along_x = (x - line.start[0]) + (load_row(rows, X_LOW + j) - line.start_low[0])
-                along_y = (y - line.start[1]) + (load_row(rows, Y_LOW + j) - line.start_low[1])
-                if near_line(along_x, along_y, line, bar):
-                    mask = mask | (1 << (wp.static(sprockets) + g))
-            else:
-                p = place(rows, j, bar.start)
-                along = Real(wp.dot(p, bar.direction))
-                across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
-                reach = bar.end_radius + bar.roller_radius
-                if across < bar.roller_radius and across > -bar.end_radius:
-                    if along > -reach and along < bar.length + reach:
-                        mask = mask | (1 << (wp.static(sprockets) + g))
-        return wp.where(j < n, mask, 0)
-
-    @wp.func
-    def leave(state: kinds.State, memory: int, n: int, left: int):
-        """A roller is no longer near the partners `left`, as bits; its memory with the first begins at `memory`."""
-        while left != 0:
-            at = memory + lowest_bit(left) * n
-            left = left & (left - 1)
-            state.seat[at] = -1
-            state.impact_speed[at] = Real(0.0)
 
     @wp.func
     def drag_of(size: Real, normal: vec2, relative: vec2, what: kinds.Sliding):
@@ -236,35 +143,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             store_row(state.impact_speed, at, kept)
 
     @wp.func
-    def pushed(watched: int):
-        """Whether the force on sprockets is wanted beside the moment."""
-        if wp.static(moving):
-            return True
-        elif wp.static(kind.pushes):
-            return watched != 0
-        else:
-            return False
-
-    @wp.func
     def is_summed(now: Now, s: int):
         """Whether the moment on sprocket s is wanted: with metrics all are."""
         if wp.static(kind.measuring):
             return True
         else:
             return (now.summed >> s) & 1 != 0
-
-    @wp.func
-    def add_wrench(shared: kinds.Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, watched: int):
-        """Adds the moment [N m] and the opposite of roller j's force [N] to its parts, or its thread's, of body s."""
-        at = s * wp.static(width) + j
-        if wp.static(not of_rollers):
-            at = s * wp.static(width) + mine.thread
-        store_row(shared.parts, at, load_row(shared.parts, at) + moment)
-        if pushed(watched):
-            x = at + wp.static(bodies * width)
-            store_row(shared.parts, x, load_row(shared.parts, x) - force[0])
-            y = at + wp.static(2 * bodies * width)
-            store_row(shared.parts, y, load_row(shared.parts, y) - force[1])
 
     @wp.func
     def teeth_of(shared: kinds.Shared, s: int):
@@ -748,142 +632,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         if wp.static(guides > 0):
             at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
 
-    @wp.func
-    def part(shared: kinds.Shared, row: int, i: int):
-        """This thread's share of the sum of all parts in `row`, which start anew at zero."""
-        value = Real(0.0)
-        k = row * wp.static(width) + i % group()
-        for q in range(lanes() // group()):
-            of_lane = Real(0.0)
-            for w in range(wp.static(width) // lanes()):
-                at = k + w * lanes() + q * group()
-                of_lane = of_lane + load_row(shared.parts, at)
-                store_row(shared.parts, at, Real(0.0))
-            value = value + of_lane
-        return value
-
-    @wp.func
-    def crew():
-        """Warps that move bodies: all, the last of which have the fewest rollers, or only the last, which has none."""
-        if wp.static(kind.crewed and bodies <= 4):
-            if lanes() > 1:
-                return int(1)
-        return wp.static(threads) // lanes()
-
-    @wp.func
-    def first_of(i: int):
-        """The first body of thread i's warp, one that there is not where it has none."""
-        place = wp.static(threads) // lanes() - 1 - i // lanes()
-        return wp.where(place < crew(), place, wp.static(bodies))
-
-    @wp.func
-    def body_of(i: int):
-        """The body that thread i moves, negative for most: each group of threads has one, if they are few."""
-        s = first_of(i) + crew() * (i % lanes() // group() + lanes() // group() * (i % group()))
-        return wp.where(s < wp.static(bodies), s, -1)
-
-    @wp.func
-    def last_row(watched: int):
-        """The last of the rows of parts that are wanted: of moments, of forces in x and in y."""
-        if wp.static(moving):
-            return 2
-        elif wp.static(kind.pushes):
-            return wp.where(watched != 0, unforeseen(2), 0)
-        else:
-            return 0
-
-    @wp.func
-    def acting_on(shared: kinds.Shared, i: int, watched: int):
-        """The chain's moment [N m] on the body that thread i moves and, if that is wanted, its force (x, y) [N].
-
-        All threads together, between the barrier after the contacts and the next one. Forces are added up beside the
-        moments, so that one's latencies hide behind the others' work.
-        """
-        acting = of_three()
-        groups = lanes() // group()
-        turn = int(0)
-        first = first_of(i)
-        while first < wp.static(bodies):
-            s = first + crew() * (i % lanes() // group())
-            value = of_three()
-            k = last_row(watched)
-            while k >= 0:
-                of = Real(0.0)
-                if s < wp.static(bodies):
-                    of = part(shared, wp.static(bodies) * k + s, i)
-                value = of_three(group_sum(of), value[0], value[1])
-                k = k - 1
-            if i % group() == turn:
-                acting = value
-            turn = turn + 1
-            first = first + crew() * groups
-        return acting
-
-    @wp.func
-    def wrench_of(acting: of_three):
-        """What `acting_on` returns, in float64; the force where bodies move."""
-        wrench = Wrench()
-        wrench.moment = wp.float64(acting[0])
-        if wp.static(moving):
-            wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
-        return wrench
-
-    @wp.func
-    def share_geometry(
-        ensemble: kinds.Ensemble, shared: kinds.Shared, drive: Drive, variant: int, s: int, center: wp.vec2d
-    ):
-        """Teeth and band of sprocket s at `center`; with the first one, the chain and the guide-bars."""
-        sprocket = ensemble.sprockets[drive.first_sprocket + s]
-        shared.teeth[s] = sprocket
-        if wp.static(kind.paired):
-            store_gear(shared.gears, s, sprocket)
-        band = kinds.Band()
-        band.center = vec2(Real(center[0]), Real(center[1]))
-        band.near_square = sprocket.near_square
-        band.far_square = sprocket.far_square
-        shared.bands[s] = band
-        if wp.static(sliding):
-            shared.sliding[s] = ensemble.tooth_sliding[drive.first_sprocket + s]
-        if s == 0:
-            if wp.static(kind.paired):
-                low, high = drive.low, drive.high
-                shared.box[0] = wp.vec4f(
-                    wp.float32(low[0]), wp.float32(low[1]), wp.float32(high[0]), wp.float32(high[1])
-                )
-            shared.chain[0] = ensemble.chains[variant]
-            if wp.static(kind.bending):
-                shared.joint[0] = ensemble.joints[variant]
-            if wp.static(kind.uneven):
-                shared.links[0] = ensemble.links[variant]
-            if wp.static(profiles):
-                ground = Pose()
-                ground.cosine = wp.float64(1.0)
-                if wp.static(kind.paired):
-                    store_wheel(shared.wheels, wp.static(bodies), wheel_of(ground, wp.float64(0.0)))
-                else:
-                    shared.poses[wp.static(bodies)] = ground
-            for g in range(wp.static(guides)):
-                bar = ensemble.guides[drive.first_guide + g]
-                if wp.static(profiles):
-                    bar.body = wp.where(bar.body == GROUND, wp.static(bodies), bar.body)
-                    bar.first_piece = drive.first_piece + bar.first_piece
-                shared.bars[g] = bar
-                if wp.static(kind.paired):
-                    store_bar(shared.lines, g, bar)
-                if wp.static(sliding):
-                    shared.sliding[wp.static(sprockets) + g] = ensemble.guide_sliding[drive.first_guide + g]
-
     return ForceFunctions(
         SPROCKETS=SPROCKETS,
-        near=near,
         Touch=Touch,
         touch_of=touch_of,
-        leave=leave,
         contacts=contacts,
         plain_contacts=contacts_by_two if kind.roomy and per > 1 else contacts,
         usual_laws=usual_laws,
-        body_of=body_of,
-        acting_on=acting_on,
-        wrench_of=wrench_of,
-        share_geometry=share_geometry,
     )

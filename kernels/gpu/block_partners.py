@@ -8,7 +8,8 @@ import warp as wp
 from ..structs import types
 from .block_forces import block_forces
 from .block_kind import BlockKind, Mine, now_struct
-from .exchange import WARP
+from .block_near import block_near
+from .exchange import WARP, lowest_bit
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,16 @@ def block_partners(kind: BlockKind) -> PartnerFunctions:
     whole_numbers = wp.types.vector(per, wp.int32)
     # on one warp threads have enough in registers: who was near what is read where it is shared
     shares = kind.measuring or threads == WARP
-    forces = block_forces(kind)
-    near, leave, SPROCKETS = forces.near, forces.leave, forces.SPROCKETS
+    near, SPROCKETS = block_near(kind).near, block_forces(kind).SPROCKETS
+
+    @wp.func
+    def leave(state: kinds.State, memory: int, n: int, left: int):
+        """A roller is no longer near the partners `left`, as bits; its memory with the first begins at `memory`."""
+        while left != 0:
+            at = memory + lowest_bit(left) * n
+            left = left & (left - 1)
+            state.seat[at] = -1
+            state.impact_speed[at] = Real(0.0)
 
     @wp.func
     def held_by(shared: kinds.Shared, i: int):

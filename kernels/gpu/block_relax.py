@@ -13,9 +13,11 @@ from ..sum_structs import Tallies
 from .block_arms import block_arms
 from .block_bodies import state_of
 from .block_forces import block_forces
+from .block_geometry import geometry_sharing
 from .block_kind import BlockKind, Mine, mine_of, now_struct
 from .block_partners import block_partners
 from .block_rows import block_rows
+from .block_wrench import block_wrench
 from .exchange import lanes
 
 
@@ -27,6 +29,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     vec2 = kinds.vec2
     of_each = wp.types.vector(per, Real)
     row, forces, partners, arms = block_rows(kind), block_forces(kind), block_partners(kind), block_arms(kind)
+    wrenches, share_geometry = block_wrench(kind), geometry_sharing(kind)
     sharing = row.sharing
     barrier, warp_sum, warp_max = sharing.barrier, sharing.warp_sum, sharing.warp_max
     pull, acceleration, velocity = row.pull, row.acceleration, row.velocity
@@ -36,7 +39,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
     def begin(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, variant: int, i: int):
         """What thread i is at; what is shared of a sprocket, at rest, and with the first of the chain."""
         drive = ensemble.drives[variant]
-        mine = mine_of(drive, variant, i, forces.body_of(i))
+        mine = mine_of(drive, variant, i, wrenches.body_of(i))
         mine.sprocket = -1  # all sprockets are held
         row.fetch(state, shared, mine)
         if i < wp.static(sprockets):
@@ -44,7 +47,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             pose.speed = wp.float64(0.0)
             pose.velocity = wp.vec2d()
             shared.poses[i] = pose
-            forces.share_geometry(ensemble, shared, drive, variant, i, pose.center)
+            share_geometry(ensemble, shared, drive, variant, i, pose.center)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 arms.start_arm(ensemble, state, shared, mine)
@@ -168,7 +171,7 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             barrier()
             angular = wp.float64(0.0)
             if wp.static(kind.arms > 0):
-                wrench = forces.wrench_of(forces.acting_on(shared, i, 0))
+                wrench = wrenches.wrench_of(wrenches.acting_on(shared, i, 0))
                 if mine.arm >= 0:
                     angular = arms.rest_arm(ensemble, state, shared, mine, wrench)
             restart = int(0)
