@@ -66,26 +66,46 @@ def time_loop(ptx: str) -> tuple[list[str], list[str]]:
     return list(chain(*blocks)), list(chain(*within))
 
 
-def loop_without_float64(ptx: str) -> tuple[list[str], list[list[str]]]:
-    """What of the time loop one can go around without float64, and the instructions beside it, branch by branch.
+def header_of(loop: set[int], after: list[list[int]]) -> int:
+    """The block by which one comes into a loop."""
+    outside = ({0} | reached(0, after)) - loop  # the parser also makes empty blocks that nobody comes to
+    (header,) = {way for number in outside for way in after[number] if way in loop}
+    return header
 
-    A branch is what begins where the loop can be left for blocks with float64, up to where it comes back: blocks
-    among these that have none are left out.
+
+def loop_without_float64(ptx: str) -> tuple[list[str], list[list[str]]]:
+    """What of the time loop one can go around without float64, and the blocks with it, branch by branch.
+
+    A branch is all that lies between two blocks that every way around goes through: what an event does is one,
+    whatever it asks within.
     """
     blocks, after = basic_blocks(ptx)
     loop = largest_loop(after)
     with_it = {number for number in loop if float64_arithmetic(blocks[number])}
     free = loop - with_it
     clean = largest_loop([[way for way in ways if way in free and n in free] for n, ways in enumerate(after)])
-    rest = loop - clean
-    beside = [[way for way in ways if way in rest] for ways in after]
-    branches: list[set[int]] = []
-    for start in sorted({way for number in clean for way in after[number] if way in rest}):
-        branch = reached(start, beside) | {start}
-        joined = [other for other in branches if other & branch]
-        branches = [other for other in branches if not other & branch] + [branch.union(*joined)]
-    lines = [[line for number in sorted(branch) for line in blocks[number]] for branch in branches]
+    header, within = header_of(loop, after), [[way for way in ways if way in loop] for ways in after]
+    others = [number for number in loop if number != header and header not in reached(header, without(number, within))]
+    always = {header, *others}
+    between = [[way for way in ways if way not in always] for ways in within]
+    found = [with_it & ({number} | reached(number, between)) for number in sorted(always)]
+    lines = [[line for number in sorted(branch) for line in blocks[number]] for branch in found if branch]
     return [line for number in sorted(clean) for line in blocks[number]], lines
+
+
+def without(block: int, ways: list[list[int]]) -> list[list[int]]:
+    """The ways that are left where nobody can come to a block."""
+    return [[way for way in each if way != block] for each in ways]
+
+
+def largest_part_without_float64(ptx: str) -> list[str]:
+    """The most of the time loop that one block alone leads to and that has no float64: a step of a kind of its own."""
+    blocks, after = basic_blocks(ptx)
+    loop = largest_loop(after)
+    header, within = header_of(loop, after), [[way for way in ways if way in loop] for ways in after]
+    parts = [loop - reached(header, without(number, within)) - {header} for number in loop - {header}]
+    clean = [part for part in parts if not any(float64_arithmetic(blocks[number]) for number in part)]
+    return max(([line for number in sorted(part) for line in blocks[number]] for part in clean), key=len)
 
 
 MEMORY = ("ld.", "st.", "mov.", "shfl.", "red.", "atom.")
