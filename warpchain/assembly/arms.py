@@ -233,7 +233,7 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
     """
     try:
         before, here = near, moment(near)
-        change = copysign(_FIRST, here) if slope is None else _bounded(-here / slope)
+        change = copysign(_FIRST, here) if slope is None else _toward(here, slope)
         angle, done = near + change, slope is not None and abs(change) <= _NEAR
         low, high = where(here > 0.0, near, -math.inf), where(here < 0.0, near, math.inf)
         steps = [math.inf, abs(change)]
@@ -249,7 +249,7 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
             middle = 0.5 * (where(held, low, 0.0) + where(held, high, 0.0))
             if not every(done | (here == 0.0) | (slope < 0.0) | held):
                 return None
-            change = _bounded(-here / where(slope < 0.0, slope, -1.0))
+            change = _toward(here, slope)
             wanted = angle + change
             astray = (slope >= 0.0) | (wanted <= low) | (wanted >= high) | (abs(change) > 0.5 * steps.pop(0))
             change = where(held & astray & (abs(change) > _NEAR), middle - angle, change)
@@ -262,5 +262,6 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
     return None
 
 
-def _bounded(change: Any) -> Any:
-    return largest(-_LONGEST, smallest(_LONGEST, change))
+def _toward(here: Any, slope: Any) -> Any:
+    """The change of angle [rad] that takes a moment to 0 if its slope is right; where that does not fall, as if by 1."""
+    return largest(-_LONGEST, smallest(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
