@@ -154,10 +154,15 @@ def test_ten_gigabytes_open_in_well_under_a_second(run, tmp_path, monkeypatch):
             part.file.chunk(Chunk("", data[: 2**20], 2**20, 0, 0, 0, index))
     parts.finish(run.metrics.take([0] * variants), run.info)
     assert os.stat(tmp_path / "big.mcap").st_size > 10e9
-    begin = time.perf_counter()
-    assert len(read_archive(tmp_path / "big.mcap")) == variants
-    took = time.perf_counter() - begin
-    assert took < 0.9  # 0.05 s here; the limit is for a busy machine
+    pread, read = os.pread, []
+    monkeypatch.setattr("os.pread", lambda *args: read.append(pread(*args)) or read[-1])
+    took = []
+    for _ in range(3):
+        begin = time.process_time()
+        assert len(read_archive(tmp_path / "big.mcap")) == variants
+        took.append(time.process_time() - begin)
+    assert sum(map(len, read)) < 3 * 5e6  # the summary, and none of the data
+    assert min(took) < 1.5  # 0.3 s; the limit is for a slow machine
 
 
 def test_arrow_table_shares_memory_and_has_units(run):
