@@ -263,5 +263,5 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
 
 
 def _toward(here: Any, slope: Any) -> Any:
-    """The change of angle [rad] that takes a moment to 0 if its slope is right; where that does not fall, as if by 1."""
+    """The change of angle [rad] that takes a moment to 0 by its slope; where that is none to fall along, as if by 1."""
     return largest(-_LONGEST, smallest(_LONGEST, -here / where(slope < 0.0, slope, -1.0)))
