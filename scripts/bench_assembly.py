@@ -15,12 +15,13 @@ sprocket, a load, an inertia.
 import argparse
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 from unittest import mock
 
 import numpy as np
+from bench.clock import noted
 
 from warpchain import Record, load_drive, simulate
 from warpchain.assembly import assemble
@@ -136,23 +137,13 @@ def alone(drives: list[Drive], rounds: int) -> dict[str, float]:
 
 def metrics(base: Drive, count: int) -> float:
     """Microseconds a variant to form the metrics of a run of a few steps on the CPU."""
-    random, times = np.random.default_rng(2), dict[str, float]()
+    random, times = np.random.default_rng(2), []
     drives = [base.with_values({"run.settle": False} | values_of(base, random)) for _ in range(count)]
-
-    def timed(owner: Any, name: str) -> Any:
-        formed: Callable[..., Any] = getattr(owner, name)
-        times[name] = np.inf
-
-        def call(*arguments: Any) -> Any:
-            with spent(times, name, count):
-                return formed(*arguments)
-
-        return mock.patch.object(owner, name, call)
-
-    with timed(share, "metrics_blocks"), timed(simulation, "metrics_table"):
-        for _ in range(2):
+    for _ in range(2):
+        with noted([(share, "metrics_blocks", "formed"), (simulation, "metrics_table", "joined")]) as found:
             simulate(drives, device="cpu", duration=40 * simulation.resolve_step(base), record=NONE)
-    return sum(times.values())
+        times.append(sum(part.cpu for part in found))
+    return 1e6 * min(times) / count
 
 
 def parser() -> argparse.ArgumentParser:

@@ -19,6 +19,7 @@ from typing import Any
 from unittest.mock import patch
 
 import warp as wp
+from bench.clock import noted
 from bench_cpu import bench_drives
 from bench_gpu import DEVICE, bare, different
 
@@ -32,19 +33,11 @@ TEETH = {"contact.sprocket.friction": 0.04, "contact.guide.friction": 0.1}
 FRICTION: dict[str, dict[str, Any]] = {"none": {}, "joints": JOINTS, "teeth and bar": TEETH, "all": JOINTS | TEETH}
 
 
-@contextmanager
-def stopwatch(owner: Any, name: str, spent: dict[str, float], word: str) -> Iterator[None]:
-    """Adds the seconds of a function's calls to what was spent under a word."""
-    timed = getattr(owner, name)
-
-    def call(*args: Any) -> Any:
-        begin = time.perf_counter()
-        found = timed(*args)
-        spent[word] += time.perf_counter() - begin
-        return found
-
-    with patch.object(owner, name, call):
-        yield
+PARTS = (
+    (share, "settle", "settling"),
+    (share, "metrics_blocks", "table"),
+    (simulation, "metrics_table", "table"),
+)
 
 
 @contextmanager
@@ -77,16 +70,12 @@ def whole(title: str, drive: Drive, count: int, precision: str, duration: float)
     in_shares = time.perf_counter() - begin
     spent: dict[str, float] = defaultdict(float)
     taken: dict[str, int] = defaultdict(int)
-    with (
-        patch.object(shares, "MOST", 1),
-        step_clock(spent, taken),
-        stopwatch(share, "settle", spent, "settling"),
-        stopwatch(share, "metrics_blocks", spent, "table"),
-        stopwatch(simulation, "metrics_table", spent, "table"),
-    ):
+    with patch.object(shares, "MOST", 1), step_clock(spent, taken), noted(PARTS) as found:
         begin = time.perf_counter()
         simulate(drives, duration=duration, **options)
         total = time.perf_counter() - begin
+    for each in found:
+        spent[each.word] += each.end - each.begin
     parts = "".join(f"{spent[name]:9.2f}" for name in ("settling", "before", "window", "table"))
     rest = total - sum(spent.values())
     rates = "".join(f"{count * drive.chain.links * taken[name] / 1e9 / spent[name]:9.1f}" for name in taken)

@@ -9,12 +9,11 @@ of the CPU, and when the first of it was begun and the last done. Kernels are co
 
 import argparse
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from typing import Any
 from unittest.mock import patch
 
 import warp as wp
+from bench.clock import Part, noted
 from bench_cpu import bench_drives
 from bench_gpu import DEVICE, different
 
@@ -23,9 +22,6 @@ from warpchain.engine import share, shares, simulation
 
 DIFFERENT = 4096
 """Drives that differ; more are the same ones again."""
-
-Part = tuple[str, float, float, float]
-"""Name, when it began and ended, and seconds of CPU time."""
 
 PARTS = (
     (simulation, "stacks_of", "sorted into kinds"),
@@ -39,34 +35,14 @@ PARTS = (
 )
 
 
-@contextmanager
-def noted(found: list[Part]) -> Iterator[None]:
-    """Notes the parts of runs."""
-
-    def noting(called: Any, word: str) -> Any:
-        def call(*args: Any, **options: Any) -> Any:
-            begin, cpu = time.perf_counter(), time.thread_time()
-            result = called(*args, **options)
-            found.append((word, begin, time.perf_counter(), time.thread_time() - cpu))
-            return result
-
-        return call
-
-    with ExitStack() as stack:
-        for owner, name, word in PARTS:
-            stack.enter_context(patch.object(owner, name, noting(getattr(owner, name), word)))
-        yield
-
-
 def timed(drives: list[Drive], most: int, options: dict[str, Any]) -> tuple[float, list[Part]]:
     """Seconds from list to table with `most` shares a GPU, 0 for all at once, and the parts, from the begin on."""
-    found: list[Part] = []
     worth = shares.WORTH if most else len(drives) + 1
-    with patch.object(shares, "MOST", max(most, 1)), patch.object(shares, "WORTH", worth), noted(found):
+    with patch.object(shares, "MOST", max(most, 1)), patch.object(shares, "WORTH", worth), noted(PARTS) as found:
         begin = time.perf_counter()
         simulate(drives, record=Record("none"), **options)
         total = time.perf_counter() - begin
-    return total, [(word, first - begin, last - begin, cpu) for word, first, last, cpu in found]
+    return total, [part._replace(begin=part.begin - begin, end=part.end - begin) for part in found]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -96,9 +72,9 @@ def main() -> None:
         print(f"{len(drives)} variants on {device}: {told}", flush=True)
         parts = seconds[shares.MOST][1]
         for word in dict.fromkeys(word for _, _, word in PARTS):
-            mine = [part for part in parts if part[0] == word]
-            first, last = min(part[1] for part in mine), max(part[2] for part in mine)
-            print(f"    {word:22s} {sum(part[3] for part in mine):6.2f} of CPU, from {first:5.2f} to {last:5.2f}")
+            mine = [part for part in parts if part.word == word]
+            first, last = min(part.begin for part in mine), max(part.end for part in mine)
+            print(f"    {word:22s} {sum(part.cpu for part in mine):6.2f} of CPU, from {first:5.2f} to {last:5.2f}")
 
 
 if __name__ == "__main__":

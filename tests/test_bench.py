@@ -1,6 +1,7 @@
 """What the benchmarks run and read."""
 
 import time
+import types
 from concurrent.futures import Future
 
 import benching
@@ -69,6 +70,12 @@ def test_what_is_aimed_at_is_measured_also_where_less_is(bench, tmp_path):
     assert asked.keys_asked <= quick < every
 
 
+def test_float64_at_looks_does_not_count_as_that_of_a_step(bench, tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "counts", lambda kind: (166, [136, 30]) if kind.measuring else (0, []))
+    line, figures = bench.float64(bench.Task("float64", (), tmp_path))
+    assert figures["loop"] == 0.0 and figures["metrics"] == 166.0 and "metrics 166" in line
+
+
 def test_what_was_measured_is_not_measured_again(bench, tmp_path):
     path = tmp_path / "figures.json"
     first, second = bench.tasks_of("kinds", True, tmp_path)
@@ -98,6 +105,16 @@ def test_cases_that_fail_die_or_hang_do_not_keep_others_from_being_measured(benc
     late = [future.result() for future in bench.results(tasks[3:], ["5"], benching.measured, until)]
     assert [line for line, _ in late] == ["some hangs: failed: cut off", "some late: failed: no time was left for it"]
     assert time.monotonic() < until + 5.0  # what hangs for ten minutes is ended
+
+
+def test_calls_are_noted_with_their_times_and_functions_put_back():
+    owner = types.SimpleNamespace(wait=lambda seconds, more=0.0: time.sleep(seconds + more) or "waited", left=len)
+    wait = owner.wait
+    with load_script("bench_shares").noted([(owner, "wait", "waiting"), (owner, "left", "leaving")]) as found:
+        assert owner.wait(0.02, more=0.01) == "waited" and owner.left("abc") == 3
+    assert [part.word for part in found] == ["waiting", "leaving"]
+    assert found[0].end - found[0].begin >= 0.03 > found[0].cpu >= 0.0 and found[1].begin >= found[0].end
+    assert owner.wait is wait and owner.left is len
 
 
 def session(bench, tmp_path, monkeypatch, lines):

@@ -431,15 +431,14 @@ def test_moments_and_works_of_many_steps():
 
 
 LOOPS = {
-    "two sprockets": BlockKind(wp.float32, 32, 4, 2, 0, curved=False),
-    "guide-bar, friction": BlockKind(wp.float32, 32, 6, 2, 1, sliding=True, bending=True, uneven=True, curved=False),
-    "few": BlockKind(wp.float32, 128, 1, 2, 1, curved=False),
-    "tables": BlockKind(wp.float32, 32, 4, 2, 0),
-    "moving": BlockKind(wp.float32, 32, 4, 2, 0, moving=True),
-    "profiles": BlockKind(wp.float32, 32, 4, 2, 2, profiles=True, sliding=True, curved=False),
-    "arm": BlockKind(wp.float32, 32, 4, 2, 1, arms=1, tensioners=1, profiles=True, curved=False),
+    "plain": BlockKind(wp.float32, 32, 4, 2, 0, roomy=True, curved=False, stribeck=False, linear=True),
+    "friction": BlockKind(wp.float32, 32, 6, 2, 1, sliding=True, bending=True, uneven=True, curved=False),
+    "few": BlockKind(wp.float32, 160, 1, 2, 1, crewed=True, curved=False),
+    "tables, profiles": BlockKind(wp.float32, 32, 4, 2, 2, profiles=True, sliding=True),
+    "arm, moving": BlockKind(wp.float32, 32, 4, 2, 1, moving=True, arms=1, tensioners=1, profiles=True, curved=False),
     "pushed, rk4": BlockKind(wp.float32, 32, 4, 2, 0, rk4=True, moving=True, tensioners=1),
 }
+"""Each has what others lack; together they have all that drives may have."""
 
 
 @pytest.mark.parametrize("name", LOOPS)
@@ -454,7 +453,6 @@ def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
 
 
 MEASURING = {
-    "two sprockets": BlockKind(wp.float32, 32, 4, 2, 1, measuring=True, curved=False),
     "friction": BlockKind(wp.float32, 32, 6, 2, 1, measuring=True, sliding=True, bending=True, curved=False),
     "arm": BlockKind(wp.float32, 32, 4, 2, 1, measuring=True, arms=1, tensioners=1, profiles=True, curved=False),
     "rk4": BlockKind(wp.float32, 32, 4, 2, 0, measuring=True, rk4=True, curved=False),
@@ -480,7 +478,24 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
     assert len(counts) <= 3 + 2 * arms and counts[-1] <= 180 and sum(counts[:-1]) <= 40 + 40 * arms, counts
 
 
+@wp.kernel(enable_backward=False, module="unique")
+def sums_of_roots(values: wp.array[wp.float32], looks: wp.array[wp.float64], out: wp.array[wp.float32]):
+    total = wp.float32(0.0)
+    for i in range(values.shape[0]):
+        total += wp.sqrt(values[i])
+        if i % 32 == 31:
+            looks[i // 32] = wp.sqrt(wp.float64(values[i]) + wp.float64(total))
+    out[0] = total
+
+
 def test_float64_is_found_where_it_is(tmp_path):
-    kind = BlockKind(wp.float64, 32, 4, 2, 0, curved=False)
-    every, loop = time_loop(compiled(block_kernel(kind, 8, FRAME), tmp_path))
-    assert sum(float64_arithmetic(loop).values()) > 300
+    """Every 32nd time around: two conversions, a sum and a root, however often the loop is unrolled."""
+    ptx = compiled(sums_of_roots, tmp_path)
+    every, loop = time_loop(ptx)
+    counts = float64_arithmetic(loop)
+    sums = sum(count for name, count in counts.items() if name.startswith("add"))
+    assert sums > 0 and sum(counts.values()) == 4 * sums, counts
+    assert float64_arithmetic(every) == counts
+    free, branches = loop_without_float64(ptx)
+    assert any("sqrt" in line for line in free) and not float64_arithmetic(free)
+    assert sum(sum(float64_arithmetic(branch).values()) for branch in branches) == 4 * sums
