@@ -21,6 +21,17 @@ def quiet_warp():
     wp.init()
 
 
+@pytest.fixture
+def fibers():
+    """Blocks of several threads on the CPU, for one test."""
+    import warp as wp
+
+    before = wp.config.enable_cpu_blocks
+    wp.config.enable_cpu_blocks = True
+    yield
+    wp.config.enable_cpu_blocks = before
+
+
 def _gpus() -> bool:
     import warp as wp
 

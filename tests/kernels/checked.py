@@ -71,7 +71,7 @@ def on_the_cpu(drives, precision: str) -> None:
 
 def on_blocks(drives, many: bool, precision: str, shape=None) -> None:
     """Steps with frames of every channel by the block kernel, its blocks' threads as fibers."""
-    import test_block
+    import blocks
 
     from warpchain.engine.block_shape import block_shape, room_for
 
@@ -80,13 +80,13 @@ def on_blocks(drives, many: bool, precision: str, shape=None) -> None:
     rooms = room_for(np.array([drive.chain.links for drive in drives]))
     frames = wp.empty(values, dtype=packed.real, device="cpu")
     shape = shape or block_shape(int(rooms.max()), 100 if many else 1)
-    state, _ = test_block.run_blocks(packed, shape, [STEPS + 1], list(range(len(drives))), frames)
+    state, _ = blocks.run_blocks(packed, shape, [STEPS + 1], list(range(len(drives))), frames)
     ended(state.progress.numpy(), drives)
 
 
 def settle_on_blocks() -> None:
     """Relaxation by the block kernel, of a drive with a guide-bar."""
-    import test_block
+    import blocks
 
     from warpchain.engine.arrays import empty_tallies, upload_ensemble, upload_state
     from warpchain.engine.settling import elastic
@@ -94,7 +94,7 @@ def settle_on_blocks() -> None:
     from warpchain.kernels.gpu.block_relax import block_relax_kernel
     from warpchain.kernels.relaxation import Settling
 
-    drives = test_block.marine()
+    drives = blocks.marine()
     still = elastic(ensemble_of(drives)[0])
     settling = wp.array(begun(still), dtype=Settling, device="cpu")
     ensemble, state = upload_ensemble(still, "cpu"), upload_state(still, "cpu", (0, 0, 0))
@@ -130,9 +130,9 @@ def diverging():
 
 
 def moving_and_diverging():
-    import test_block
+    import blocks
 
-    return [*test_block.moving_sprockets(), *diverging()]
+    return [*blocks.moving_sprockets(), *diverging()]
 
 
 def ensemble_of(drives):
@@ -150,7 +150,7 @@ def ensemble_of(drives):
 
 def cases():
     """What is run, by name."""
-    import test_block as of
+    import blocks as of
 
     from warpchain.engine.block_shape import BlockShape
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
+from blocks import run_blocks
 from drives import two_sprockets
-from test_block import fibers, run_blocks  # noqa: F401
 
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path

@@ -1,0 +1,286 @@
+"""Block kernels on cooperative fibers of the CPU, and drives of every kind to hold them against the CPU's kernels."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import warp as wp
+from drives import timing, two_sprockets
+
+from warpchain import Drive, load_drive
+from warpchain.drive.examples import drive_path
+from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.block_shape import block_shape, room_for
+from warpchain.engine.buckets import curved
+from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.pack import pack
+from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.gpu.block_observe import collect
+from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.tension_bins import BINS
+from warpchain.results.channels import NAMES, Sizes, frame_of, frame_width
+from warpchain.results.schedule import Schedule
+
+OTHER_TEETH = {
+    "chain.worn_links": [{"link": 3, "elongation": 1e-3}],
+    "contact.sprocket.law": "kelvin-voigt",
+    "contact.sprocket.profile": "iso606",
+    "contact.sprocket.gap": "maximum",
+    "contact.sprocket.clearance": None,
+    "contact.sprocket.seat_angle": None,
+}
+
+
+def marine():
+    drive = load_drive(drive_path("marine"))
+    return [drive, drive.with_values({"sprockets.camshaft.load.torque": 5e3, "run.step": 8e-6})]
+
+
+def equal_sprockets():
+    return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)]
+
+
+def long_chains():
+    return [two_sprockets(links=320, span=150.0), two_sprockets(links=340, span=160.0)]
+
+
+def unusual_contacts():
+    table = {"time": [0.0, 5e-4, 2e-3], "torque": [0.0, 500.0, 100.0]}
+    drives = [
+        {
+            "contact.sprocket.profile": "iso606",
+            "contact.sprocket.gap": "maximum",
+            "contact.sprocket.clearance": None,
+            "contact.sprocket.seat_angle": None,
+            "contact.sprocket.law": "kelvin-voigt",
+            "sprockets.driven.load.table": table,
+        },
+        {
+            "contact.sprocket.law": "flores",
+            "contact.sprocket.exponent": 1.5,
+            "contact.sprocket.stiffness": 1e10,
+            "chain.worn_links": [{"link": 7, "elongation": 2e-3}],
+            "chain.elongation": 1e-4,
+        },
+    ]
+    return [two_sprockets().with_values(values) for values in drives]
+
+
+def moving_sprockets():
+    springs = {"kind": "elastic", "stiffness": [1e6, 1e6], "damping": [1e3, 1e3], "preload": [2e3, -500.0]}
+    slider = {"kind": "slider", "direction": [1.0, 0.2], "stiffness": 1e5, "damping": 200.0, "preload": 1e3}
+    shaken = {"kind": "prescribed", "direction": [0.0, 1.0], "amplitude": 1e-4, "frequency": 40.0}
+    wheel = {"mass": 2.0, "radius": 0.05, "phase": 0.3}
+    drives = [
+        {"sprockets.driven.mount": springs, "sprockets.driven.mass": 30.0, "sprockets.driven.balance_wheel": wheel},
+        {"sprockets.driven.mount": slider, "sprockets.driven.mass": 30.0, "sprockets.driver.mount": shaken},
+    ]
+    return [two_sprockets().with_values(values) for values in drives]
+
+
+def large(packed, shape, blocks):
+    """What `upload_state` is to keep in global memory for such blocks."""
+    of = room_of(packed, shape)
+    return blocks * of.values, blocks * of.integers, blocks * of.part_values
+
+
+def room_of(packed, shape):
+    """What such a block shares."""
+    return room(kind_of(packed, shape))
+
+
+def kind_of(packed, shape, measuring=True):
+    """The kind of the block kernel, with metrics or without, for an ensemble of like drives."""
+    return BlockKind(
+        packed.real,
+        shape.threads,
+        shape.per,
+        int(packed.drives["sprockets"][0]),
+        int(packed.drives["guides"][0]),
+        moving=bool(packed.mounts["active"].any()),
+        measuring=measuring,
+        rk4=bool(packed.drives["integrator"].any()),
+        bending=bool(packed.joints["rubs"].any()),
+        sliding=bool(packed.slides.any()),
+        uneven=bool(packed.links["uneven"].any()),
+        crewed=shape.crewed,
+        roomy=not measuring and shape.roomy,
+        arms=int(packed.drives["arms"][0]),
+        tensioners=int(packed.drives["tensioners"][0]),
+        profiles=bool(packed.drives["pieces"].any()),
+        curved=bool(curved(packed).any()),
+        linear=bool(packed.linear.all()),
+    )
+
+
+def rk4():
+    drives = [*equal_sprockets()[:1], *moving_sprockets()[1:]]
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in drives]
+
+
+BENDING = {"chain.joint": {"friction": 0.1, "pin_radius": 0.02}}
+STRIBECK = {"chain.joint": {"friction": 0.08, "static_friction": 0.12, "stribeck_speed": 0.02, "pin_radius": 0.02}}
+
+
+def bending():
+    first, second = marine()
+    return [first.with_values(BENDING), second.with_values(STRIBECK)]
+
+
+def bending_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in bending()]
+
+
+RUBS = {"contact.sprocket.friction": 0.1, "contact.guide.friction": 0.2}
+RUBS |= {"contact.sprocket.static_friction": 0.15, "contact.sprocket.stribeck_speed": 0.1}
+"""Friction at teeth and guide-bars."""
+
+
+def rubbing():
+    """On a bar that rollers of its ends are pressed on and others have missed, and one that all have; tight chains."""
+    drives = []
+    for drive, deep in zip(marine(), (0.02, 0.05), strict=True):
+        bar = {f"guides.0.{end}.0": getattr(drive.guides[0], end)[0] + deep for end in ("start", "end")}
+        tight = {"chain.elongation": -2e-4, "sprockets.crankshaft.prescribed.ramp_time": 0.0}
+        drives.append(drive.with_values(RUBS | bar | tight))
+    return drives
+
+
+def uneven():
+    first, second = marine()
+    outer = {"elongation": 1e-3, "stiffness": 1.2e9, "damping": 2e4}
+    return [first.with_values(BENDING | {"chain.play": 2e-5}), second.with_values({"chain.outer": outer})]
+
+
+def arms():
+    """An arm with a hydraulic tensioner, and one with a spring, ratchet and damper against its stop."""
+    latched = {
+        "tensioners.0.kind": "spring", "tensioners.0.chamber": None, "tensioners.0.valve": None,
+        "tensioners.0.oil": None, "tensioners.0.ratchet": {"pitch": 1e-3, "backlash": 2e-4},
+        "tensioners.0.spring.damping": 50.0, "arms.0.damping": 1e-3, "arms.0.stiffness": 2.0,
+        "arms.0.stops": [-12.0, -0.1],
+    }  # fmt: skip
+    return [timing(), timing().with_values(latched)]
+
+
+def arms_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in arms()]
+
+
+def pushed_slider():
+    """A sprocket on a slide with a tensioner on it, and another drive whose slide a spring pushes."""
+    mount = {"kind": "slider", "direction": [1.0, 0.0], "stiffness": 1e5, "damping": 200.0, "preload": 0.0}
+    oil = timing().tensioners[0].model_dump() | {"name": "plunger", "on": "driven", "direction": [1.0, 0.0]}
+    push = {"name": "plunger", "on": "driven", "at": [0.0, 0.0], "direction": [1.0, 0.0], "kind": "spring"}
+    push |= {"spring": {"stiffness": 1e4, "preload": 2e3, "damping": 100.0}, "plunger": {"mass": 0.5}}
+    base = two_sprockets().with_values({"sprockets.driven.mount": mount, "sprockets.driven.mass": 30.0})
+    return [Drive(**base.model_dump(exclude_none=True) | {"tensioners": [one]}) for one in (oil, push)]
+
+
+def rubbing_rk4():
+    return [drive.with_values({"run.integrator": "rk4"}) for drive in rubbing()]
+
+
+def rubbing_on_moving_sprockets():
+    teeth = {key: value for key, value in RUBS.items() if "sprocket" in key} | {"chain.elongation": -2e-4}
+    return [drive.with_values(teeth) for drive in moving_sprockets()]
+
+
+def run_blocks(packed, shape, blocks, order, frames, measuring=True):
+    """The ensemble on blocks of fibers: its state, its sums, and its frames."""
+    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, len(order)))
+    sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+    threads = shape.threads
+    kernel = block_kernel(kind_of(packed, shape, measuring), 4, packed.frame)
+    turn = wp.array(order, dtype=wp.int32, device="cpu")
+    for block in blocks:
+        inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
+        wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=threads, device="cpu")
+    wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
+    return state, sums
+
+
+def flat(rows):
+    """The fields of structured rows by name, those of nested ones among them."""
+    found = {}
+    for name in rows.dtype.names:
+        found |= flat(rows[name]) if rows.dtype[name].names else {name: rows[name]}
+    return found
+
+
+def joint_powers(packed, drive, frames):
+    """Friction power of each joint, of 16 frames of a drive."""
+    found = packed.frame.split(frames.reshape(16, -1), Sizes.of(drive))
+    return found["joint_friction_power"]
+
+
+def shape_of(variants, each):
+    """The shape of variants' blocks, of which a multiprocessor has so many."""
+    return block_shape(int(room_for(np.array([drive.chain.links for drive in variants])).max()), each)
+
+
+def assert_steps_of_the_cpu(drives, many, precision):
+    """The block kernel takes the steps of the CPU kernel, with metrics and frames of every channel."""
+    variants = drives()
+    shape = shape_of(variants, 100 if many else 1)
+    schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]
+    packed = pack(variants, schedules).at_precision(precision)
+    bends = bool(packed.joints["rubs"].any())
+    packed = replace(packed, frame=frame_of(NAMES if bends else ()))
+    widths = [frame_width(drive, packed.frame) * 16 for drive in variants]
+    packed.drives["first_value"] = [0, widths[0]]
+    serial = CpuEngine(packed, 1)
+    theirs = serial.frame_buffer(sum(widths))
+    for future in serial.advance(301, theirs):
+        future.result()
+    serial.close()
+    ours = serial.frame_buffer(sum(widths))
+    ours.fill_(np.nan)
+    state, sums = run_blocks(packed, shape, [301], [1, 0], ours)  # the launch's order of variants does not matter
+    assert state.progress.numpy()["step"].tolist() == [301, 301]
+    assert state.progress.numpy()["diverged"].tolist() == [0, 0]
+    # the same functions in the same order; moments are added up in another: round-off, which contacts amplify
+    tolerance = 1e-9 if precision == "float64" else 3e-4
+    close = partial(np.testing.assert_allclose, atol=tolerance, rtol=tolerance)
+    close(state.rollers.numpy(), serial.state.rollers.numpy())
+    np.testing.assert_array_equal(state.seat.numpy(), serial.state.seat.numpy())
+    for name in ("angle", "speed", "center", "velocity"):
+        close(state.bodies.numpy()[name], serial.state.bodies.numpy()[name])
+    # forces are differences of positions times stiffness: relative to the largest there is
+    close(ours.numpy(), theirs.numpy(), atol=(1e-9 if precision == "float64" else 5e-3) * theirs.numpy().max())
+    if bends:
+        powers = [joint_powers(packed, variants[0], frames.numpy()[: widths[0]]) for frames in (ours, theirs)]
+        close(*powers, atol=(1e-9 if precision == "float64" else 5e-3) * powers[1].max())
+        assert powers[1].max() > 0.0
+    summed = serial.sums()
+    assert packed.slides.all() == (summed["contact"]["friction"] > 0.0).any()
+    for name in ("chain", "strand", "sprocket", "mount", "contact", "slip", "arm", "tensioner", *NOTES):
+        mine, theirs_ = flat(getattr(sums, name).numpy()), flat(summed[name])
+        for field in mine:
+            scale = np.abs(theirs_[field][np.isfinite(theirs_[field])]).max(initial=0.0)
+            exact = 1.2e-7 if (name, field) == ("chain", "friction") else 1e-9  # of couples that are kept as float32
+            loose = exact if precision == "float64" else 1e-2
+            close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
+    # 7 looks at each link (steps 111, 128 to 288); round-off may take a tension over the edge of its bin to the next
+    mine, theirs_ = (each.reshape(-1, BINS) for each in (sums.tension_counts.numpy(), summed["tension_counts"]))
+    assert mine.sum() == theirs_.sum() == 7 * sum(drive.chain.links for drive in variants)
+    np.testing.assert_array_equal(mine.sum(axis=1), theirs_.sum(axis=1))
+    moved = np.abs(np.cumsum(mine - theirs_, axis=1)).sum()
+    assert moved <= (2 if precision == "float64" else 0.05 * mine.sum()), moved
+
+
+EVERY = [(many, precision) for many in (False, True) for precision in ("float64", "float32")]
+"""Few and many variants at both precisions."""
+
+
+def ways(thorough, others):
+    """Cases of `assert_steps_of_the_cpu`: some drives in all ways, of others either number at one precision each.
+
+    What numbers and precisions change the thorough ones show; the others take turns.
+    """
+    turns = [(drives, EVERY) for drives in thorough]
+    turns += [(drives, EVERY[1:3] if k % 2 else EVERY[::3]) for k, drives in enumerate(others)]
+    cases = [(drives, *way) for drives, each in turns for way in each]
+    names = [f"{drives.__name__}-{'many' if many else 'few'}-{precision}" for drives, many, precision in cases]
+    return {"argnames": ("drives", "many", "precision"), "argvalues": cases, "ids": names}

@@ -1,0 +1,24 @@
+"""The block kernel against the CPU kernel on cooperative fibers: bodies that move, arms, tensioners, rk4."""
+
+import pytest
+from blocks import (
+    arms,
+    arms_rk4,
+    assert_steps_of_the_cpu,
+    bending_rk4,
+    moving_sprockets,
+    pushed_slider,
+    rk4,
+    rubbing_on_moving_sprockets,
+    rubbing_rk4,
+    ways,
+)
+
+
+@pytest.mark.parametrize(
+    **ways(
+        [moving_sprockets, arms], [rk4, rubbing_rk4, bending_rk4, rubbing_on_moving_sprockets, arms_rk4, pushed_slider]
+    )
+)
+def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
+    assert_steps_of_the_cpu(drives, many, precision)

@@ -1,0 +1,58 @@
+"""Block kernels compiled for CUDA, where there is no GPU."""
+
+import json
+from dataclasses import replace
+
+import pytest
+import warp as wp
+
+from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
+from warpchain.kernels.gpu.block_relax import block_relax_kernel
+from warpchain.kernels.gpu.exchange import room
+from warpchain.results.channels import FRAME, NAMES, frame_of
+
+
+@pytest.mark.parametrize(
+    ("form", "blocks"), [((640, 1, 3, 1, True, True), 1), ((768, 1, 2, 0), 1), ((192, 1, 31, 0, False, True), 4)]
+)
+def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, blocks):
+    kernel = block_kernel(BlockKind(wp.float64, *form), blocks, FRAME)  # ptxas refuses what asks for more than 48 KiB
+    wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
+    assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
+
+
+def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
+    # 1,024 rollers at float64: 6 rows of 8 bytes and an integer of 4, which no kernel may declare
+    kind = BlockKind(wp.float64, 256, 4, 2, 0, shared_bytes=232_448)
+    *starts, end = room(kind).asked
+    assert room(kind).shares_rows and end >= 1024 * 52 and all(start % 16 == 0 for start in starts)
+    assert room(replace(kind, shared_bytes=DECLARED)).asked == (None,) * 5
+    module = block_kernel(kind, 2, FRAME).module
+    wp.compile_aot_module(module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
+    asked = json.loads(next(path for path in tmp_path.iterdir() if path.suffix == ".meta").read_text())
+    assert all(bytes_ >= end for name, bytes_ in asked.items() if name.endswith("forward_smem_bytes"))
+
+
+FORMS = {
+    "many": lambda real: block_kernel(BlockKind(real, 32, 4, 2, 1, measuring=True), 16, FRAME),
+    "moving": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, moving=True, measuring=True), 4, FRAME),
+    "few": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True), 4, FRAME),
+    "rk4": lambda real: block_kernel(BlockKind(real, 128, 1, 2, 1, measuring=True, rk4=True), 4, FRAME),
+    "bending": lambda real: block_kernel(
+        BlockKind(real, 32, 4, 2, 1, measuring=True, bending=True), 8, frame_of(NAMES)
+    ),
+    "rubbing": lambda real: block_kernel(
+        BlockKind(real, 32, 4, 2, 1, moving=True, measuring=True, sliding=True), 12, FRAME
+    ),
+    "relax": lambda real: block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
+}
+ARCHITECTURES = {75: ("many", "moving"), 90: ("few", "rk4", "bending", "rubbing", "relax")}
+"""For the oldest those that use the most of what differs: what it takes, newer ones take."""
+
+
+@pytest.mark.parametrize(("arch", "form"), [(arch, form) for arch, forms in ARCHITECTURES.items() for form in forms])
+@pytest.mark.parametrize("real", [wp.float64, wp.float32], ids=["float64", "float32"])
+def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, real, arch, form):
+    wp.compile_aot_module(FORMS[form](real).module, device=None, arch=arch, module_dir=str(tmp_path))
+    assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]

@@ -1,0 +1,172 @@
+"""The block kernel on cooperative fibers: launches that end anywhere, runs that go on, settling."""
+
+import numpy as np
+import pytest
+import warp as wp
+from blocks import (
+    arms,
+    arms_rk4,
+    bending_rk4,
+    equal_sprockets,
+    kind_of,
+    large,
+    marine,
+    moving_sprockets,
+    pushed_slider,
+    rk4,
+    run_blocks,
+    shape_of,
+)
+from drives import timing, two_sprockets
+
+from warpchain.assembly.timestep import step_limit
+from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
+from warpchain.engine.block_shape import BlockShape
+from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.pack import pack
+from warpchain.engine.settling import cushion, elastic, quickened
+from warpchain.engine.states import GROUPS, Keeper, States
+from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.gpu.block_relax import block_relax_kernel
+from warpchain.kernels.relaxation import Settling
+from warpchain.results.schedule import Schedule
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("drives", [equal_sprockets, rk4, moving_sprockets, arms, arms_rk4, pushed_slider])
+def test_where_launches_end_does_not_matter(fibers, drives, precision):
+    variants = drives()[:1]
+    schedules = [Schedule(drive.run.step, 2100, 1000, 2100, 0) for drive in variants]
+    packed = pack(variants, schedules).at_precision(precision)
+    none = wp.zeros(1, dtype=packed.real, device="cpu")
+    shape = BlockShape(32, -(-variants[0].chain.links // 32))
+    once = run_blocks(packed, shape, [2101], [0], none)
+    twice = run_blocks(packed, shape, [1024, 1024, 53], [0], none)
+    for name in ("rollers", "bodies", "tensioners"):
+        np.testing.assert_array_equal(getattr(once[0], name).numpy(), getattr(twice[0], name).numpy(), err_msg=name)
+    for name in ("chain", "strand", "sprocket", "mount", "contact", "arm", "tensioner"):
+        mine, theirs = getattr(once[1], name).numpy(), getattr(twice[1], name).numpy()
+        np.testing.assert_array_equal(mine, theirs, err_msg=name)
+
+
+def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
+    drive = two_sprockets().with_values({"run.gravity": [0.0, -9.81]})
+    packed = pack([drive], [Schedule(drive.run.step, 10, 0, 10, 0)])
+    still = elastic(packed)
+    start = np.zeros(1, dtype=Settling.numpy_dtype())
+    start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 100_000
+    serial = CpuEngine(still, 1)
+    serial.start_settling(start)
+    for future in serial.settle(100_000):
+        future.result()
+    serial.close()
+    settling = wp.array(start, dtype=Settling, device="cpu")
+    ensemble, state, tallies = (
+        upload_ensemble(still, "cpu"),
+        upload_state(still, "cpu", (0, 0, 0)),
+        empty_tallies(still, "cpu"),
+    )
+    order = wp.zeros(1, dtype=wp.int32, device="cpu")
+    threads = 32 * -(-drive.chain.links // 32)
+    kernel = block_relax_kernel(BlockKind(wp.float64, threads, 1, 2, 0), 4)
+    for _ in range(40):
+        inputs = [ensemble, state, tallies, settling, order, 1000]
+        wp.launch(kernel, dim=threads, inputs=inputs, block_dim=threads, device="cpu")
+    ours, theirs = settling.numpy(), serial.settling()
+    assert ours["settled"][0] == theirs["settled"][0] == 1
+    assert ours["residual"][0] < 1e-3
+    # the same steps until round-off has a peak of kinetic energy seen a look earlier or later
+    assert abs(int(ours["steps"][0]) - int(theirs["steps"][0])) <= 0.2 * theirs["steps"][0]
+    np.testing.assert_allclose(
+        state.rollers.numpy()[: 2 * drive.chain.links], serial.rollers()[: 2 * drive.chain.links], atol=1e-5
+    )
+
+
+def test_block_kernel_settles_an_arm(fibers):
+    # as the CPU does: rollers and the arm at rest, whose residual is below the tolerance
+    drive = timing()
+    packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
+    cushion(packed)
+    quickened(packed, [drive])
+    start = np.zeros(1, dtype=Settling.numpy_dtype())
+    start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 20_000
+    serial = CpuEngine(packed, 1)
+    serial.start_settling(start)
+    for future in serial.settle(20_000):
+        future.result()
+    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", (1, 1, 1))
+    settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
+    order = wp.zeros(1, dtype=wp.int32, device="cpu")
+    kind = BlockKind(wp.float64, 128, 1, 3, 2, arms=1, tensioners=1, profiles=True)
+    inputs = [ensemble, state, tallies, settling, order, 20_000]
+    wp.launch(block_relax_kernel(kind, 4), dim=128, inputs=inputs, block_dim=128, device="cpu")
+    ours, theirs = settling.numpy(), serial.settling()
+    assert ours["settled"][0] == theirs["settled"][0] == 1
+    assert abs(int(ours["steps"][0]) - int(theirs["steps"][0])) <= 0.2 * theirs["steps"][0]
+    # within what the tolerance leaves: micrometers
+    np.testing.assert_allclose(state.bodies.numpy()["angle"], serial.bodies()["angle"], atol=1e-4)
+
+
+class Blocks:
+    """Blocks of fibers as an engine whose states can be kept (`engine.states`)."""
+
+    def __init__(self, packed, shape):
+        self.packed, self.shape = packed, shape
+        self.ensemble, self.state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, 2))
+        self.sums, self.tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
+
+    def single_engines(self):
+        return [(self, 0)]
+
+    def held(self):
+        return {"state": self.state, "sums": self.sums, "tallies": self.tallies}
+
+    def fetch(self, array):
+        return array.numpy().copy()
+
+    def put(self, array, values):
+        array.numpy()[...] = values
+
+    def advance(self, steps):
+        kernel = block_kernel(kind_of(self.packed, self.shape), 4, self.packed.frame)
+        none = wp.empty(1, dtype=self.packed.real, device="cpu")
+        order = wp.array([0, 1], dtype=wp.int32, device="cpu")
+        inputs = [self.ensemble, self.state, self.sums, self.tallies, none, order, steps, 0]
+        wp.launch(kernel, dim=2 * self.shape.threads, inputs=inputs, block_dim=self.shape.threads, device="cpu")
+
+
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("drives", [marine, bending_rk4, arms])
+def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, precision):
+    """A window of 320 steps from step 33 that becomes 640: kept at step 352, and so on from there."""
+    variants = drives()
+    shape = shape_of(variants, 0)
+    short, long = (
+        [Schedule(drive.run.step, 33 + steps, 33, 33 + steps, 0) for drive in variants] for steps in (320, 640)
+    )
+
+    def engine(schedules):
+        return Blocks(pack(variants, schedules).at_precision(precision), shape)
+
+    def kept(of, schedules, states, upto):
+        keeper = Keeper(states, variants, schedules, precision)
+        settled, left = np.zeros(2, dtype=Settling.numpy_dtype()), np.zeros(2)
+        keeper.prepare(of.packed, settled, left)
+        keeper.restore(of)
+        of.advance(upto)
+        keeper.take(of, of.state.progress.numpy())
+        return states
+
+    first = kept(engine(short), short, States(), 352)
+    whole, on = engine(long), engine(long)
+    at_once = kept(whole, long, States(), 672)
+    gone_on = kept(on, long, States(begin=first.kept), 320)
+    assert gone_on.used == [True, True]
+    assert [one.data for one in gone_on.kept] == [one.data for one in at_once.kept]
+    for each in (whole, on):
+        each.advance(2)
+    for group in whole.held():
+        for name in GROUPS[group]:
+            mine, theirs = (getattr(of.held()[group], name).numpy().tobytes() for of in (on, whole))
+            assert mine == theirs, f"{group}.{name}"
