@@ -40,8 +40,14 @@ def _gpus() -> bool:
     return wp.is_cuda_available()
 
 
+SLOW = ("kernels", "engine")
+"""Folders of tests that compile kernels, for minutes a file."""
+
+
 def pytest_collection_modifyitems(items):
-    """Tests that need a GPU are skipped where there is none."""
+    """Slow files come first, so that no worker is left with one at the end; without a GPU what needs one is skipped."""
+    order = {name: number for number, name in enumerate(SLOW)}
+    items.sort(key=lambda item: order.get(item.path.parent.name, len(SLOW)))
     marked = [item for item in items if item.get_closest_marker("gpu")]
     if marked and not _gpus():
         for item in marked:
