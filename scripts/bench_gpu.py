@@ -250,24 +250,25 @@ def gpus(task: Task) -> Found:
     return line, {"count": count, "times": one / every, "whole": one_all / every_all}
 
 
-def different(drive: Drive, count: int) -> list[Drive]:
-    """Marine drives that differ in five values, two of which move rollers to other places.
+def other(drive: Drive, k: int) -> Drive:
+    """The k-th of marine drives that differ in five values, two of which move rollers to other places.
 
     The camshaft's torque, the tightener's place, the chain's elongation, roller mass and damping.
     """
     x, y = drive.sprockets[1].center
-    return [
-        drive.with_values(
-            {
-                "sprockets.camshaft.load.torque": 8000.0 + 0.2 * k,
-                "sprockets.tightener.center": [x - 1e-7 * k, y],
-                "chain.elongation": 1e-8 * k,
-                "chain.roller_mass": 6.95 + 1e-5 * k,
-                "chain.damping": 1.0e5 + k,
-            }
-        )
-        for k in range(count)
-    ]
+    values = {
+        "sprockets.camshaft.load.torque": 8000.0 + 0.2 * k,
+        "sprockets.tightener.center": [x - 1e-7 * k, y],
+        "chain.elongation": 1e-8 * k,
+        "chain.roller_mass": 6.95 + 1e-5 * k,
+        "chain.damping": 1.0e5 + k,
+    }
+    return drive.with_values(values)
+
+
+def different(drive: Drive, count: int) -> list[Drive]:
+    """As many of `other`."""
+    return [other(drive, k) for k in range(count)]
 
 
 def headline(task: Task, how: str, precision: str) -> Found:

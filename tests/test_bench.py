@@ -1,5 +1,6 @@
 """What the benchmarks run and read."""
 
+import sys
 import time
 import types
 from concurrent.futures import Future
@@ -39,13 +40,32 @@ def test_the_kinds_are_224_and_can_be_assembled(bench):
 
 
 def test_drives_that_differ_do_so_in_five_values_and_can_be_assembled(bench):
-    drives = bench.different(load_drive(drive_path("marine")), 10_000)
-    ends = [drives[0], drives[-1]]
+    marine = load_drive(drive_path("marine"))
+    ends = [*bench.different(marine, 1), bench.other(marine, 9_999)]  # of those that are measured
     pack(ends, [Schedule(1e-6, 10, 0, 10, 0)] * 2)
     a, b = (drive.chain for drive in ends)
     assert a.elongation != b.elongation and a.roller_mass != b.roller_mass and a.damping != b.damping
     assert ends[0].sprockets[1].center != ends[1].sprockets[1].center
     assert ends[0].sprockets[2].load.torque != ends[1].sprockets[2].load.torque
+
+
+@pytest.mark.parametrize(("name", "links"), [("two", 118), ("marine", 162), ("engine", 132)])
+def test_trees_are_compared_by_drives_of_any_name(bench, monkeypatch, capsys, name, links):
+    asked = []
+
+    def bare(drive, count, precision, steps, metrics):
+        asked.append((drive.chain.links, count, precision, steps, metrics))
+        return 1e-3, 0.0, 0.0
+
+    monkeypatch.setitem(sys.modules, "bench_gpu", bench)
+    monkeypatch.setattr(bench, "bare", bare)
+    monkeypatch.setattr(sys, "argv", ["-c", str(SCRIPTS.parent), name, "float32", "50", "1", "4224"])
+    monkeypatch.setattr(sys, "path", sys.path[:])
+    exec(load_script("bench_trees").ROWS, {})
+    cases = [(count, metrics) for count in (1, 4224) for metrics in (False, True)]
+    assert asked == [(links, count, "float32", 50, metrics) for count, metrics in cases]
+    rates = [float(line) for line in capsys.readouterr().out.splitlines()]
+    assert rates == pytest.approx([count * links * 50 / 1e9 / 1e-3 for count, _ in cases])
 
 
 class Asked(dict):
