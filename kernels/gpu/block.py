@@ -21,6 +21,7 @@ from .block_forces import block_forces
 from .block_joints import block_joints
 from .block_kind import BlockKind, Mine, mine_of, now_struct
 from .block_levers import block_levers
+from .block_near import block_near
 from .block_observe import block_observing
 from .block_partners import block_partners
 from .block_rk4 import block_rk4
@@ -51,7 +52,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     pull = joints.pull if kind.bending else row.pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
-    SPROCKETS, wrenches = forces.SPROCKETS, block_wrench(kind)
+    SPROCKETS, wrenches = block_near(kind).SPROCKETS, block_wrench(kind)
     acting_on, wrench_of, body_of = wrenches.acting_on, wrenches.wrench_of, wrenches.body_of
     observe, step_of = block_observing(kind), row.step_of
     stage_roller = block_rk4(kind)

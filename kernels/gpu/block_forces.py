@@ -47,9 +47,8 @@ from .exchange import add_to, count_at, lowest_bit, raise_to, widened
 
 @dataclass(frozen=True)
 class ForceFunctions:
-    """What is done about contacts, as functions of kernels; `SPROCKETS` are those partners' bits."""
+    """What is done about contacts, as functions of kernels."""
 
-    SPROCKETS: int
     Touch: type
     touch_of: wp.Function
     contacts: wp.Function
@@ -67,13 +66,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     Direction = wp.vec4f if kind.paired else wp.vec2d
     vec2 = kinds.vec2
     row, near, add_wrench = block_rows(kind), block_near(kind), block_wrench(kind).add_wrench
-    bar_of, away_from, in_carrier = near.bar_of, near.away_from, near.in_carrier
+    SPROCKETS, bar_of, away_from, in_carrier = near.SPROCKETS, near.bar_of, near.away_from, near.in_carrier
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
     acceleration = row.acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     load_gear = gears(kind).load_gear
-    SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.func
     def drag_of(size: Real, normal: vec2, relative: vec2, what: kinds.Sliding):
@@ -633,7 +631,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
 
     return ForceFunctions(
-        SPROCKETS=SPROCKETS,
         Touch=Touch,
         touch_of=touch_of,
         contacts=contacts,
