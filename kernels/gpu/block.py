@@ -63,18 +63,17 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # what steps without a frame do stands in the code a second time, so that nothing stands between its parts that only
     # frames want: on several warps the contacts, on one all of it
     twice = not rk4
-    lean = not measuring
     # rollers and bodies go ways of their own between events
-    splitting = lean and kind.handing and early and not rk4
+    splitting = not measuring and kind.handing and early and not rk4
 
     @wp.func
     def driven(shared: kinds.Shared):
         """The sprockets whose moment moves them, as bits."""
+        if wp.static(moving):
+            return SPROCKETS
         mask = int(0)
         for s in range(wp.static(sprockets)):
-            if wp.static(moving):
-                mask = mask | (1 << s)
-            elif not bodies.is_led(shared, s):
+            if not bodies.is_led(shared, s):
                 mask = mask | (1 << s)
         return mask
 
@@ -243,7 +242,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 row.sharing.among_rollers()
             else:
                 row.sharing.taken_over()
-        elif wp.static(ahead):
+        else:
             advance_rollers(state, shared, mine, now)
 
     @wp.func
@@ -316,7 +315,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
         held, touch = look(ensemble, state, shared, mine, now, held)
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-        if wp.static(lean) and now.common != 0:
+        if wp.static(not measuring) and now.common != 0:
             forces.plain_contacts(ensemble, state, tallies, shared, mine, now, touch)
         else:
             forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
@@ -355,7 +354,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         ensemble: kinds.Ensemble,
         state: kinds.State,
         sums: Sums,
-        tallies: Tallies,
         shared: kinds.Shared,
         mine: Mine,
         step: int,
@@ -430,7 +428,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
         row.fetch(state, shared, mine)
         now = instant(state, mine, since)
-        begin(ensemble, state, sums, tallies, shared, mine, now.step)
+        begin(ensemble, state, sums, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)
         now.usual = forces.usual_laws(shared)
@@ -461,7 +459,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 if wp.static(ahead):
                     if wp.static(not early):
                         held, touch = look(ensemble, state, shared, mine, now, held)
-                    if wp.static(lean) and now.flags == 0:
+                    if wp.static(not measuring) and now.flags == 0:
                         forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
                         weigh(ensemble, shared, mine, now)
                         go_on(state, shared, mine, plain(now))

@@ -102,10 +102,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """How far velocities are behind the forces [s]."""
         if wp.static(rk4):
             return Real(0.0)
-        elif wp.static(kind.paired):
-            return Real(0.5) * mine.step.high
         else:
-            return Real(wp.float64(0.5) * mine.h)
+            return Real(0.5) * row.step_of(mine)
 
     @wp.func
     def in_full(value: Real):
@@ -304,9 +302,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return mask
 
     @wp.func
-    def in_usual_gap(
-        ensemble: kinds.Ensemble, shared: kinds.Shared, teeth: kinds.Sprocket, j: int, s: int, direction: Direction
-    ):
+    def in_usual_gap(shared: kinds.Shared, teeth: kinds.Sprocket, j: int, s: int, direction: Direction):
         """As `in_gap_of`, and whether the roller is in the gap of its seat as `usual_gap` has it (1, else 0)."""
         v = velocity(shared.rows, j)
         if wp.static(kind.paired):
@@ -361,7 +357,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             seat = load_whole(state.seat, answer.at)
             answer.before = load_row(state.impact_speed, answer.at)
             direction = seat_at(ensemble, teeth.first_seat + wp.max(seat, 0))
-        penetration, normal, relative, arm, usual = in_usual_gap(ensemble, shared, teeth, j, s, direction)
+        penetration, normal, relative, arm, usual = in_usual_gap(shared, teeth, j, s, direction)
         size, first = usual_force(penetration, wp.dot(relative, normal), answer.before, teeth.law)
         answer.first = first
         answer.force = size * normal
