@@ -197,8 +197,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             pose.exact_speed = exact
             shared.poses[s] = pose
             shared.motions[s] = ensemble.motions[b]
-        if wp.static(moving):
-            if wp.static(not kind.paired):
+            if wp.static(moving):
                 shared.mounts[s] = ensemble.mounts[b]
         if wp.static(kind.measuring):
             if wp.static(moving and kind.paired):
