@@ -9,7 +9,7 @@ from ..integrate import leapfrog_kick, leapfrog_lag, rk4_instant, rk4_reach, rk4
 from ..pairs import Pair, apart, counted, pair_of, plus, rounded, times
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.curve import integral_at, slope_at, value_at
-from ..physics.hub import hub_moved, hub_of, hub_rates, hub_staged, hub_trimmed, hub_velocity, with_hub
+from ..physics.hub import hub_moved, hub_of, hub_rates, hub_staged, hub_trimmed, hub_velocity, narrow_wrench, with_hub
 from ..physics.motion import load_moment, prescribed_at, ramp_slope
 from ..physics.spin import (
     faced,
@@ -25,7 +25,7 @@ from ..physics.spin import (
     wheel_at,
     with_spin,
 )
-from ..structs import BodyState, Drive, Hub, Mount, Pose, Spin, SpinRates, SpinWrench, Wheel, Wrench, types
+from ..structs import BodyState, Drive, Hub, Mount, Pose, Spin, SpinRates, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_geometry import geometry_sharing
@@ -336,9 +336,6 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         """Accelerations of a sprocket on an active mount, and `turning` of `mount.accelerations`, at float32."""
         spin = shared.spins[mine.sprocket]
         time = time_of(mine, now)
-        wrench = SpinWrench()
-        wrench.moment = acting[0]
-        wrench.force = wp.vec2f(acting[1], acting[2])
         turning = wp.vec3f()
         body = SpinRates()
         body.speed = wheel.speed.high
@@ -350,7 +347,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             turning[1] = led_growth(ensemble, mine, mine.sprocket, time, spin)
             if wp.static(not rk4):  # whose speed is that of its instant
                 body.speed = wheel.exact_speed
-        return hub_rates(time, wheel, body, hub, wrench, turning), turning
+        return hub_rates(time, wheel, body, hub, narrow_wrench(acting), turning), turning
 
     @wp.func
     def spin_on_mount(
