@@ -168,10 +168,9 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         return led_acceleration(course, rate, growth, spin, ensemble.split_harmonics)
 
     @wp.func
-    def led_to(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
-        """Where sprocket s is led at a step, at float32."""
-        spin = shared.spins[s]
-        course, rate = course_to(ensemble, mine, s, counted(step, mine.step), spin)
+    def led_at(ensemble: kinds.Ensemble, mine: Mine, s: int, time: Pair, spin: Spin):
+        """Where sprocket s is led, at float32."""
+        course, rate = course_to(ensemble, mine, s, time, spin)
         return led_along(course, rate, spin, ensemble.split_harmonics)
 
     @wp.func
@@ -187,7 +186,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         if wp.static(kind.paired):
             shared.spins[s] = spin_of(ensemble.motions[b])
             wheel = wheel_at(state.bodies[b], ensemble.sprockets[at].exact_radius)
-            wheel.exact_speed = led_to(ensemble, shared, mine, s, step).speed
+            wheel.exact_speed = led_at(ensemble, mine, s, counted(step, mine.step), shared.spins[s]).speed
             store_wheel(shared.wheels, s, wheel)
             if wp.static(moving):
                 shared.hubs[s] = hub_of(ensemble.mounts[b], state.bodies[b])
@@ -260,7 +259,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         """Puts where sprocket s is led at a step in its place."""
         at = course_of(s, step)
         if wp.static(kind.paired):
-            shared.led[at] = led_to(ensemble, shared, mine, s, step)
+            shared.led[at] = led_at(ensemble, mine, s, counted(step, mine.step), shared.spins[s])
         else:
             angle, speed = prescribed_at(wp.float64(step) * mine.h, motion_of(shared, s), ensemble.curves)
             shared.course[2 * at] = angle
