@@ -1,7 +1,7 @@
 """The block kernel: one block of threads a variant, the whole time loop inside.
 
 Thread i has the rollers i, i + threads, ...: one each where variants are few, all of the chain on one warp where they
-are many, which then never waits for another. Rollers lie in shared rows. A few threads also take a sprocket each on.
+are many, which then never waits for another. Rollers lie in shared rows. A few threads also take a body each on.
 Whatever does not happen every step waits for the next event. One kernel is made for each `BlockKind`.
 """
 

@@ -53,7 +53,7 @@ class BodyFunctions:
 
 @wp.struct
 class Seen:
-    """A sprocket at one instant, in float32."""
+    """A body at one instant, in float32."""
 
     angle: wp.float32  # [rad]
     speed: wp.float32  # [rad/s]
@@ -66,7 +66,7 @@ class Seen:
 
 @wp.func
 def with_velocity(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
-    """Sprocket s with the velocity of its center."""
+    """Body s with the velocity of its center."""
     wheel.velocity = velocity_of(rows, s)
     return wheel
 
@@ -418,8 +418,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
                 shared.bands[s].center = wheel.center
             wheel, stages = spin_staged(now.stage, weight, reach, wheel, stages, rates[2])
             if spin.prescribed == 1:
-                course, rate = course_to(ensemble, mine, s, after, spin)
-                ahead = led_along(course, rate, spin, ensemble.split_harmonics)
+                ahead = led_at(ensemble, mine, s, after, spin)
                 wheel.angle = ahead.angle
                 wheel.speed = pair_of(ahead.speed)
                 wheel.exact_speed = ahead.speed

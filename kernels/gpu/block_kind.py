@@ -93,7 +93,7 @@ class BlockKind:
 
     @property
     def gripping(self) -> bool:
-        """Whether they look up then, too, what they keep of a sprocket."""
+        """Whether rollers look up as early, too, what they keep of a sprocket."""
         return self.early and self.handing
 
     @property

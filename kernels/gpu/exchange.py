@@ -568,7 +568,7 @@ def exchange(kind: BlockKind) -> Exchange:
 
     @wp.func
     def of_plungers(shared: kinds.Shared):
-        """What is kept of arms and tensioners, at float32."""
+        """What is kept of arms, of tensioners and from stage to stage of rk4, at float32."""
         if wp.static(kind.tensioners > 0):
             shared.plungers = plungers(shared)
             shared.plunger_pushes = plunger_pushes(shared)
