@@ -19,7 +19,7 @@ from .block_bodies import Seen, block_bodies
 from .block_events import END, ENDS, EXTRA, START
 from .block_forces import block_forces
 from .block_joints import block_joints
-from .block_kind import BlockKind, Mine, mine_of, now_struct
+from .block_kind import WARP, BlockKind, Mine, mine_of, now_struct
 from .block_levers import block_levers
 from .block_near import block_near
 from .block_observe import block_observing
@@ -30,7 +30,6 @@ from .block_sampling import block_sampling
 from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
 from .block_wrench import block_wrench
-from .exchange import WARP
 
 
 @cache

@@ -6,9 +6,9 @@ from functools import cache
 import warp as wp
 
 from ..structs import types
-from .block_kind import BlockKind, Mine, now_struct
+from .block_kind import WARP, BlockKind, Mine, now_struct
 from .block_near import block_near
-from .exchange import WARP, lowest_bit
+from .exchange import lowest_bit
 
 
 @dataclass(frozen=True)
