@@ -202,6 +202,12 @@ def added(sum: Pair, value: wp.float32):
 
 
 @wp.func
+def added(sum: wp.float64, value: wp.float64):
+    """The same at float64."""
+    return sum + value
+
+
+@wp.func
 def pair_of(value: wp.float64):
     """A float64, rounded to 48 bits."""
     high = wp.float32(value)

@@ -299,7 +299,7 @@ class SplitTable:
 
 @wp.struct
 class Wheel:
-    """A sprocket on blocks at float32, as `Pose` and for `physics.seat`; thread s writes it, all read it."""
+    """A body on blocks at float32, as `Pose` and for `physics.seat`; the thread that has it writes it, all read it."""
 
     reach_cosine: Pair  # R cos theta, the high part on a grid of 12 bits [m]
     reach_sine: Pair
@@ -709,13 +709,13 @@ def types(Real: type) -> SimpleNamespace:
     class Shared:
         """What the threads of a block share of the variant they are at, in the block's own memory."""
 
-        rows: wp.array[Real]  # of rollers, one after the other (`exchange.ROWS`)
+        rows: wp.array[Real]  # of rollers, one after the other (`exchange.shared_rows`)
         held: wp.array[wp.int32]  # partners that each roller is near, as bits: sprockets, then guide-bars
         seen: wp.array[Real]  # extremes of tension, then rows of squared rates, of joint friction (`block_observe`)
         strand_of: wp.array[wp.uint8]  # of links: the strand that each is on, S on none, S + 1 where there is no link
-        poses: wp.array[Pose]  # (S,)
-        wheels: wp.array[wp.vec4f]  # rows of sprockets and of their teeth, at float32 (`block_wheels`)
-        gears: wp.array[wp.vec4f]
+        poses: wp.array[Pose]  # (bodies,), and with profiles the ground
+        wheels: wp.array[wp.vec4f]  # rows of these instead, at float32 (`block_wheels`)
+        gears: wp.array[wp.vec4f]  # rows of sprockets' teeth, the same
         spins: wp.array[Spin]  # (S,), the same
         led: wp.array[Led]  # (S, steps), the same
         hubs: wp.array[Hub]  # (S,), the same where sprockets' centers move
@@ -726,7 +726,7 @@ def types(Real: type) -> SimpleNamespace:
         plunger_pushes: wp.array[PlungerPush]  # (tensioners,), the same
         plunger_meters: wp.array[PlungerMeter]  # (tensioners,), the same
         plunger_sums: wp.array[PlungerSums]  # (tensioners,), the same
-        lines: wp.array[wp.vec4f]  # rows of straight guide-bars, the same
+        lines: wp.array[wp.vec4f]  # rows of guides, the same
         box: wp.array[wp.vec4f]  # (1,), the same: low and high corner beyond which a roller has left the drive [m]
         teeth: wp.array[Sprocket]  # (S,)
         bands: wp.array[Band]  # (S,)
@@ -735,7 +735,7 @@ def types(Real: type) -> SimpleNamespace:
         chain: wp.array[Chain]  # (1,)
         joint: wp.array[Joint]  # (1,)
         links: wp.array[Links]  # (1,)
-        parts: wp.array[Real]  # (3, S, threads): of sprockets' moment [N m] and pushing force (x, y) [N]
+        parts: wp.array[Real]  # (3, bodies, `exchange.parts_of_a_body`): of moment [N m] and force (x, y) [N] on each
         motions: wp.array[Motion]  # (S,)
         course: wp.array[wp.float64]  # (S, steps, 2): angle, speed of prescribed sprockets (`exchange.COURSE`)
         mounts: wp.array[Mount]  # (S,)

@@ -1,7 +1,7 @@
 """What is added up over the window, in float64: `add_*` adds what one step has, `merge_*` what another sum has.
 
 The CPU's pass and the block's tallies call the same functions. Their arguments are of any type: products are formed in
-it, then added in float64.
+it, then added in float64, or in pairs of float32 (`pairs.added`).
 """
 
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from typing import Any
 
 import warp as wp
 
+from .pairs import added, rounded
 from .root import reciprocal
-from .structs import BodyState, Drive, Mount, Push, Strand
+from .structs import BodyState, Drive, Mount, Strand
 from .sum_structs import (
-    ArmSums,
     ChainSums,
     ContactSums,
     MountSums,
@@ -198,25 +198,31 @@ def add_mount(sums: MountSums, body: BodyState, mount: Mount, held: wp.vec2d, po
 
 
 @wp.func
-def add_arm(sums: ArmSums, body: BodyState, moment: wp.float64, power: wp.float64, weight: wp.float64):
-    """One arm's angle, the contacts' moment on it, and the power that its damper and stops take."""
+def add_arm(sums: Any, body: Any, moment: Any, power: Any, weight: Any):
+    """One arm's angle, the contacts' moment on it, and the power that its damper and stops take.
+
+    `sums` is `ArmSums`, or `structs.LeverSums` with what is added at float32.
+    """
     sums.angle_min = wp.min(sums.angle_min, body.angle)
     sums.angle_max = wp.max(sums.angle_max, body.angle)
-    sums.angle = sums.angle + weight * body.angle
-    sums.angle_square = sums.angle_square + weight * body.angle * body.angle
-    sums.moment = sums.moment + weight * moment
-    sums.dissipated = sums.dissipated + weight * power
+    sums.angle = added(sums.angle, weight * body.angle)
+    sums.angle_square = added(sums.angle_square, weight * body.angle * body.angle)
+    sums.moment = added(sums.moment, weight * moment)
+    sums.dissipated = added(sums.dissipated, weight * power)
     return sums
 
 
 @wp.func
-def metered(total: TensionerFlows, flows: TensionerFlows):
-    """A tensioner's meter after one more step; the lift is that of the step's end."""
-    total.leaked = total.leaked + flows.leaked
-    total.supplied = total.supplied + flows.supplied
-    total.leak_loss = total.leak_loss + flows.leak_loss
-    total.valve_loss = total.valve_loss + flows.valve_loss
-    total.supply_work = total.supply_work + flows.supply_work
+def metered(total: Any, flows: Any):
+    """A tensioner's meter after one more step; the lift is that of the step's end.
+
+    `total` is `TensionerFlows`, or `structs.PlungerMeter` with `flows` at float32.
+    """
+    total.leaked = added(total.leaked, flows.leaked)
+    total.supplied = added(total.supplied, flows.supplied)
+    total.leak_loss = added(total.leak_loss, flows.leak_loss)
+    total.valve_loss = added(total.valve_loss, flows.valve_loss)
+    total.supply_work = added(total.supply_work, flows.supply_work)
     total.lift = flows.lift
     return total
 
@@ -233,18 +239,22 @@ def flowed_since(now: TensionerFlows, start: TensionerFlows):
 
 
 @wp.func
-def add_tensioner(sums: TensionerSums, push: Push, power: wp.float64, weight: wp.float64):
-    """One tensioner's force, pressure and extension, and the power that its damper and stop take."""
+def add_tensioner(sums: Any, push: Any, power: Any, weight: Any):
+    """One tensioner's force, pressure and extension, and the power that its damper and stop take.
+
+    `sums` is `TensionerSums`, or `structs.PlungerSums` with what is added at float32.
+    """
+    x = rounded(push.extension)
     sums.force_min = wp.min(sums.force_min, push.force)
     sums.force_max = wp.max(sums.force_max, push.force)
-    sums.force = sums.force + weight * push.force
+    sums.force = added(sums.force, weight * push.force)
     sums.pressure_min = wp.min(sums.pressure_min, push.pressure)
     sums.pressure_max = wp.max(sums.pressure_max, push.pressure)
-    sums.pressure = sums.pressure + weight * push.pressure
-    sums.extension_min = wp.min(sums.extension_min, push.extension)
-    sums.extension_max = wp.max(sums.extension_max, push.extension)
-    sums.extension = sums.extension + weight * push.extension
-    sums.dissipated = sums.dissipated + weight * power
+    sums.pressure = added(sums.pressure, weight * push.pressure)
+    sums.extension_min = wp.min(sums.extension_min, x)
+    sums.extension_max = wp.max(sums.extension_max, x)
+    sums.extension = added(sums.extension, weight * x)
+    sums.dissipated = added(sums.dissipated, weight * power)
     return sums
 
 

@@ -116,7 +116,6 @@ class Passes:
     move: wp.Function
     link_pass: wp.Function
     place: wp.Function
-    accelerated: wp.Function
     accelerations: wp.Function
     acceleration: wp.Function
     kick_drift: wp.Function
@@ -230,17 +229,11 @@ def passes(Real: type, capacity: int) -> Passes:
         store_row(w, LINK_Y, load_row(w, LINK_Y + n))
 
     @wp.func
-    def accelerated(w: wp.array[Real], i: int, fx: Real, fy: Real, inverse_mass: Real, gravity: vec2):
-        """Acceleration of roller i [m/s^2] in x and y: its two links, what its contacts exert, and gravity."""
-        x = load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + fx
-        y = load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + fy
-        return acceleration_along(x, inverse_mass, gravity[0]), acceleration_along(y, inverse_mass, gravity[1])
-
-    @wp.func
     def accelerations(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
-        """The same with the contacts of the rows."""
-        ax, ay = accelerated(w, i, load_row(w, FX + i), load_row(w, FY + i), inverse_mass, gravity)
-        return ax, ay
+        """Acceleration of roller i [m/s^2] in x and y: its two links, its contacts and gravity."""
+        x = load_row(w, LINK_X + i + 1) - load_row(w, LINK_X + i) + load_row(w, FX + i)
+        y = load_row(w, LINK_Y + i + 1) - load_row(w, LINK_Y + i) + load_row(w, FY + i)
+        return acceleration_along(x, inverse_mass, gravity[0]), acceleration_along(y, inverse_mass, gravity[1])
 
     @wp.func
     def acceleration(w: wp.array[Real], i: int, inverse_mass: Real, gravity: vec2):
@@ -290,7 +283,6 @@ def passes(Real: type, capacity: int) -> Passes:
         move=move,
         link_pass=link_pass,
         place=place,
-        accelerated=accelerated,
         accelerations=accelerations,
         acceleration=acceleration,
         kick_drift=kick_drift,

@@ -1,7 +1,7 @@
 """The block kernel: one block of threads a variant, the whole time loop inside.
 
 Thread i has the rollers i, i + threads, ...: one each where variants are few, all of the chain on one warp where they
-are many, which then never waits for another. Rollers lie in shared rows. A few threads also take a sprocket each on.
+are many, which then never waits for another. Rollers lie in shared rows. A few threads also take a body each on.
 Whatever does not happen every step waits for the next event. One kernel is made for each `BlockKind`.
 """
 
@@ -19,8 +19,9 @@ from .block_bodies import Seen, block_bodies
 from .block_events import END, ENDS, EXTRA, START
 from .block_forces import block_forces
 from .block_joints import block_joints
-from .block_kind import BlockKind, Mine, mine_of, now_struct
+from .block_kind import WARP, BlockKind, Mine, mine_of, now_struct
 from .block_levers import block_levers
+from .block_near import block_near
 from .block_observe import block_observing
 from .block_partners import block_partners
 from .block_rk4 import block_rk4
@@ -29,7 +30,6 @@ from .block_sampling import block_sampling
 from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
 from .block_wrench import block_wrench
-from .exchange import WARP
 
 
 @cache
@@ -51,7 +51,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     pull = joints.pull if kind.bending else row.pull
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
-    SPROCKETS, wrenches = forces.SPROCKETS, block_wrench(kind)
+    SPROCKETS, wrenches = block_near(kind).SPROCKETS, block_wrench(kind)
     acting_on, wrench_of, body_of = wrenches.acting_on, wrenches.wrench_of, wrenches.body_of
     observe, step_of = block_observing(kind), row.step_of
     stage_roller = block_rk4(kind)
@@ -62,18 +62,17 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # what steps without a frame do stands in the code a second time, so that nothing stands between its parts that only
     # frames want: on several warps the contacts, on one all of it
     twice = not rk4
-    lean = not measuring
     # rollers and bodies go ways of their own between events
-    splitting = lean and kind.handing and early and not rk4
+    splitting = not measuring and kind.handing and early and not rk4
 
     @wp.func
     def driven(shared: kinds.Shared):
         """The sprockets whose moment moves them, as bits."""
+        if wp.static(moving):
+            return SPROCKETS
         mask = int(0)
         for s in range(wp.static(sprockets)):
-            if wp.static(moving):
-                mask = mask | (1 << s)
-            elif not bodies.is_led(shared, s):
+            if not bodies.is_led(shared, s):
                 mask = mask | (1 << s)
         return mask
 
@@ -242,7 +241,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 row.sharing.among_rollers()
             else:
                 row.sharing.taken_over()
-        elif wp.static(ahead):
+        else:
             advance_rollers(state, shared, mine, now)
 
     @wp.func
@@ -315,7 +314,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
         held, touch = look(ensemble, state, shared, mine, now, held)
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
-        if wp.static(lean) and now.common != 0:
+        if wp.static(not measuring) and now.common != 0:
             forces.plain_contacts(ensemble, state, tallies, shared, mine, now, touch)
         else:
             forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
@@ -354,7 +353,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         ensemble: kinds.Ensemble,
         state: kinds.State,
         sums: Sums,
-        tallies: Tallies,
         shared: kinds.Shared,
         mine: Mine,
         step: int,
@@ -429,7 +427,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
         row.fetch(state, shared, mine)
         now = instant(state, mine, since)
-        begin(ensemble, state, sums, tallies, shared, mine, now.step)
+        begin(ensemble, state, sums, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)
         now.usual = forces.usual_laws(shared)
@@ -460,7 +458,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 if wp.static(ahead):
                     if wp.static(not early):
                         held, touch = look(ensemble, state, shared, mine, now, held)
-                    if wp.static(lean) and now.flags == 0:
+                    if wp.static(not measuring) and now.flags == 0:
                         forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
                         weigh(ensemble, shared, mine, now)
                         go_on(state, shared, mine, plain(now))

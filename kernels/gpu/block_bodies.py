@@ -9,7 +9,7 @@ from ..integrate import leapfrog_kick, leapfrog_lag, rk4_instant, rk4_reach, rk4
 from ..pairs import Pair, apart, counted, pair_of, plus, rounded, times
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.curve import integral_at, slope_at, value_at
-from ..physics.hub import hub_moved, hub_of, hub_rates, hub_staged, hub_trimmed, hub_velocity, with_hub
+from ..physics.hub import hub_moved, hub_of, hub_rates, hub_staged, hub_trimmed, hub_velocity, narrow_wrench, with_hub
 from ..physics.motion import load_moment, prescribed_at, ramp_slope
 from ..physics.spin import (
     faced,
@@ -25,7 +25,7 @@ from ..physics.spin import (
     wheel_at,
     with_spin,
 )
-from ..structs import BodyState, Drive, Hub, Mount, Pose, Spin, SpinRates, SpinWrench, Wheel, Wrench, types
+from ..structs import BodyState, Drive, Hub, Mount, Pose, Spin, SpinRates, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
 from .block_geometry import geometry_sharing
@@ -53,7 +53,7 @@ class BodyFunctions:
 
 @wp.struct
 class Seen:
-    """A sprocket at one instant, in float32."""
+    """A body at one instant, in float32."""
 
     angle: wp.float32  # [rad]
     speed: wp.float32  # [rad/s]
@@ -66,7 +66,7 @@ class Seen:
 
 @wp.func
 def with_velocity(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
-    """Sprocket s with the velocity of its center."""
+    """Body s with the velocity of its center."""
     wheel.velocity = velocity_of(rows, s)
     return wheel
 
@@ -168,10 +168,9 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         return led_acceleration(course, rate, growth, spin, ensemble.split_harmonics)
 
     @wp.func
-    def led_to(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
-        """Where sprocket s is led at a step, at float32."""
-        spin = shared.spins[s]
-        course, rate = course_to(ensemble, mine, s, counted(step, mine.step), spin)
+    def led_at(ensemble: kinds.Ensemble, mine: Mine, s: int, time: Pair, spin: Spin):
+        """Where sprocket s is led, at float32."""
+        course, rate = course_to(ensemble, mine, s, time, spin)
         return led_along(course, rate, spin, ensemble.split_harmonics)
 
     @wp.func
@@ -187,7 +186,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         if wp.static(kind.paired):
             shared.spins[s] = spin_of(ensemble.motions[b])
             wheel = wheel_at(state.bodies[b], ensemble.sprockets[at].exact_radius)
-            wheel.exact_speed = led_to(ensemble, shared, mine, s, step).speed
+            wheel.exact_speed = led_at(ensemble, mine, s, counted(step, mine.step), shared.spins[s]).speed
             store_wheel(shared.wheels, s, wheel)
             if wp.static(moving):
                 shared.hubs[s] = hub_of(ensemble.mounts[b], state.bodies[b])
@@ -197,8 +196,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             pose.exact_speed = exact
             shared.poses[s] = pose
             shared.motions[s] = ensemble.motions[b]
-        if wp.static(moving):
-            if wp.static(not kind.paired):
+            if wp.static(moving):
                 shared.mounts[s] = ensemble.mounts[b]
         if wp.static(kind.measuring):
             if wp.static(moving and kind.paired):
@@ -261,7 +259,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         """Puts where sprocket s is led at a step in its place."""
         at = course_of(s, step)
         if wp.static(kind.paired):
-            shared.led[at] = led_to(ensemble, shared, mine, s, step)
+            shared.led[at] = led_at(ensemble, mine, s, counted(step, mine.step), shared.spins[s])
         else:
             angle, speed = prescribed_at(wp.float64(step) * mine.h, motion_of(shared, s), ensemble.curves)
             shared.course[2 * at] = angle
@@ -337,9 +335,6 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         """Accelerations of a sprocket on an active mount, and `turning` of `mount.accelerations`, at float32."""
         spin = shared.spins[mine.sprocket]
         time = time_of(mine, now)
-        wrench = SpinWrench()
-        wrench.moment = acting[0]
-        wrench.force = wp.vec2f(acting[1], acting[2])
         turning = wp.vec3f()
         body = SpinRates()
         body.speed = wheel.speed.high
@@ -351,7 +346,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             turning[1] = led_growth(ensemble, mine, mine.sprocket, time, spin)
             if wp.static(not rk4):  # whose speed is that of its instant
                 body.speed = wheel.exact_speed
-        return hub_rates(time, wheel, body, hub, wrench, turning), turning
+        return hub_rates(time, wheel, body, hub, narrow_wrench(acting), turning), turning
 
     @wp.func
     def spin_on_mount(
@@ -423,8 +418,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
                 shared.bands[s].center = wheel.center
             wheel, stages = spin_staged(now.stage, weight, reach, wheel, stages, rates[2])
             if spin.prescribed == 1:
-                course, rate = course_to(ensemble, mine, s, after, spin)
-                ahead = led_along(course, rate, spin, ensemble.split_harmonics)
+                ahead = led_at(ensemble, mine, s, after, spin)
                 wheel.angle = ahead.angle
                 wheel.speed = pair_of(ahead.speed)
                 wheel.exact_speed = ahead.speed

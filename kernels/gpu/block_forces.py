@@ -47,9 +47,8 @@ from .exchange import add_to, count_at, lowest_bit, raise_to, widened
 
 @dataclass(frozen=True)
 class ForceFunctions:
-    """What is done about contacts, as functions of kernels; `SPROCKETS` are those partners' bits."""
+    """What is done about contacts, as functions of kernels."""
 
-    SPROCKETS: int
     Touch: type
     touch_of: wp.Function
     contacts: wp.Function
@@ -67,13 +66,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     Direction = wp.vec4f if kind.paired else wp.vec2d
     vec2 = kinds.vec2
     row, near, add_wrench = block_rows(kind), block_near(kind), block_wrench(kind).add_wrench
-    bar_of, away_from, in_carrier = near.bar_of, near.away_from, near.in_carrier
+    SPROCKETS, bar_of, away_from, in_carrier = near.SPROCKETS, near.bar_of, near.away_from, near.in_carrier
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
     acceleration = row.acceleration
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     load_gear = gears(kind).load_gear
-    SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.func
     def drag_of(size: Real, normal: vec2, relative: vec2, what: kinds.Sliding):
@@ -104,10 +102,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         """How far velocities are behind the forces [s]."""
         if wp.static(rk4):
             return Real(0.0)
-        elif wp.static(kind.paired):
-            return Real(0.5) * mine.step.high
         else:
-            return Real(wp.float64(0.5) * mine.h)
+            return Real(0.5) * row.step_of(mine)
 
     @wp.func
     def in_full(value: Real):
@@ -306,9 +302,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return mask
 
     @wp.func
-    def in_usual_gap(
-        ensemble: kinds.Ensemble, shared: kinds.Shared, teeth: kinds.Sprocket, j: int, s: int, direction: Direction
-    ):
+    def in_usual_gap(shared: kinds.Shared, teeth: kinds.Sprocket, j: int, s: int, direction: Direction):
         """As `in_gap_of`, and whether the roller is in the gap of its seat as `usual_gap` has it (1, else 0)."""
         v = velocity(shared.rows, j)
         if wp.static(kind.paired):
@@ -363,7 +357,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             seat = load_whole(state.seat, answer.at)
             answer.before = load_row(state.impact_speed, answer.at)
             direction = seat_at(ensemble, teeth.first_seat + wp.max(seat, 0))
-        penetration, normal, relative, arm, usual = in_usual_gap(ensemble, shared, teeth, j, s, direction)
+        penetration, normal, relative, arm, usual = in_usual_gap(shared, teeth, j, s, direction)
         size, first = usual_force(penetration, wp.dot(relative, normal), answer.before, teeth.law)
         answer.first = first
         answer.force = size * normal
@@ -633,7 +627,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
 
     return ForceFunctions(
-        SPROCKETS=SPROCKETS,
         Touch=Touch,
         touch_of=touch_of,
         contacts=contacts,

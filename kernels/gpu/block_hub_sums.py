@@ -1,10 +1,12 @@
 """The window's sums of moving sprockets at float32 without float64, as `block_spin_sums` has those of what turns."""
 
+from typing import Any
+
 import warp as wp
 
 from ..pairs import added, pair_of, whole
 from ..physics.hub import off_home
-from ..structs import Hub, HubSums, SpinRates, Wheel
+from ..structs import Hub, HubSums, Wheel
 from ..sum_structs import MountSums
 
 
@@ -35,7 +37,7 @@ def mount_sums_of(hub: HubSums):
 
 @wp.func
 def add_hub_sums(
-    sums: HubSums, wheel: Wheel, body: SpinRates, hub: Hub, held: wp.vec2f, power: wp.float32, weight: wp.float32
+    sums: HubSums, wheel: Wheel, body: Any, hub: Hub, held: wp.vec2f, power: wp.float32, weight: wp.float32
 ):
     """As `sums.add_mount`."""
     apart = off_home(wheel, hub)

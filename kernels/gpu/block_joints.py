@@ -14,9 +14,9 @@ import warp as wp
 from ..physics.joint import couple_force, joint_friction_power, joint_moment, rubbing_moment, turning
 from ..rows import accessors
 from ..structs import types
-from .block_kind import BlockKind, Mine, now_struct
+from .block_kind import WARP, BlockKind, Mine, now_struct
 from .block_rows import block_rows
-from .exchange import WARP, seen_rows, shared_rows
+from .exchange import seen_rows, shared_rows
 
 
 @wp.func_native("union { double one; float two[2]; } of; of.two[0] = x; of.two[1] = y; return of.one;")

@@ -11,6 +11,9 @@ from ..structs import Drive
 DECLARED = 47_000
 """Most bytes of shared memory that a kernel declares; CUDA allows 48 KiB."""
 
+WARP = 32
+"""Threads of a warp on a GPU."""
+
 
 @dataclass(frozen=True)
 class BlockKind:
@@ -81,7 +84,7 @@ class BlockKind:
     @property
     def early(self) -> bool:
         """Whether rollers look for what they may touch while bodies move: on several warps, and fixed partners."""
-        return self.threads > 32 and not (self.moving or self.profiles)
+        return self.threads > WARP and not (self.moving or self.profiles)
 
     @property
     def quick(self) -> bool:
@@ -89,22 +92,27 @@ class BlockKind:
 
         Of more than 192 links not all kernels gave the same bits with it (docs/performance.md).
         """
-        return not self.measuring and self.slots - 32 * self.crewed <= 192
+        return not self.measuring and self.room <= 192
 
     @property
     def gripping(self) -> bool:
-        """Whether they look up then, too, what they keep of a sprocket."""
+        """Whether rollers look up as early, too, what they keep of a sprocket."""
         return self.early and self.handing
 
     @property
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on as soon as the contacts' moments stand there."""
-        return self.crewed and self.bodies <= 4 and self.slots <= 224
+        return self.crewed and self.bodies <= 4 and self.room <= 192
 
     @property
     def slots(self) -> int:
-        """Most rollers of a drive."""
+        """Rollers that all threads of a block would have."""
         return self.threads * self.per
+
+    @property
+    def room(self) -> int:
+        """Most rollers of a drive."""
+        return self.slots - WARP * self.crewed
 
 
 @wp.struct

@@ -1,15 +1,13 @@
 """What arms and tensioners keep at float32 without float64, and the window's sums of them, as `block_spin_sums`.
 
-Read from the state and written back as float64, which holds them exactly.
+Read from the state and written back as float64, which holds them exactly; added to by the functions of `sums`.
 """
-
-from typing import Any
 
 import warp as wp
 
-from ..pairs import added, pair_of, rounded, whole
-from ..structs import LeverSums, PlungerMeter, PlungerPush, PlungerState, PlungerSums, TensionerState
-from ..sum_structs import ArmSums, PlungerFlows, TensionerFlows, TensionerSums
+from ..pairs import pair_of, whole
+from ..structs import LeverSums, PlungerMeter, PlungerState, PlungerSums, TensionerState
+from ..sum_structs import ArmSums, TensionerFlows, TensionerSums
 
 
 @wp.func
@@ -59,18 +57,6 @@ def flows_of(meter: PlungerMeter):
 
 
 @wp.func
-def metered_plunger(total: PlungerMeter, flows: PlungerFlows):
-    """As `sums.metered`."""
-    total.leaked = added(total.leaked, flows.leaked)
-    total.supplied = added(total.supplied, flows.supplied)
-    total.leak_loss = added(total.leak_loss, flows.leak_loss)
-    total.valve_loss = added(total.valve_loss, flows.valve_loss)
-    total.supply_work = added(total.supply_work, flows.supply_work)
-    total.lift = flows.lift
-    return total
-
-
-@wp.func
 def plunger_sums_of(sums: TensionerSums):
     """A tensioner's sums in pairs."""
     made = PlungerSums()
@@ -104,23 +90,6 @@ def with_plunger_sums(sums: TensionerSums, made: PlungerSums):
 
 
 @wp.func
-def add_plunger(sums: PlungerSums, push: PlungerPush, power: wp.float32, weight: wp.float32):
-    """As `sums.add_tensioner`."""
-    x = rounded(push.extension)
-    sums.force_min = wp.min(sums.force_min, push.force)
-    sums.force_max = wp.max(sums.force_max, push.force)
-    sums.force = added(sums.force, weight * push.force)
-    sums.pressure_min = wp.min(sums.pressure_min, push.pressure)
-    sums.pressure_max = wp.max(sums.pressure_max, push.pressure)
-    sums.pressure = added(sums.pressure, weight * push.pressure)
-    sums.extension_min = wp.min(sums.extension_min, x)
-    sums.extension_max = wp.max(sums.extension_max, x)
-    sums.extension = added(sums.extension, weight * x)
-    sums.dissipated = added(sums.dissipated, weight * power)
-    return sums
-
-
-@wp.func
 def lever_sums_of(sums: ArmSums):
     """An arm's sums in pairs."""
     made = LeverSums()
@@ -143,17 +112,4 @@ def arm_sums_of(made: LeverSums):
     sums.angle_square = whole(made.angle_square)
     sums.moment = whole(made.moment)
     sums.dissipated = whole(made.dissipated)
-    return sums
-
-
-@wp.func
-def add_lever(sums: LeverSums, body: Any, moment: wp.float32, power: wp.float32, weight: wp.float32):
-    """As `sums.add_arm`."""
-    way = weight * body.angle
-    sums.angle_min = wp.min(sums.angle_min, body.angle)
-    sums.angle_max = wp.max(sums.angle_max, body.angle)
-    sums.angle = added(sums.angle, way)
-    sums.angle_square = added(sums.angle_square, way * body.angle)
-    sums.moment = added(sums.moment, weight * moment)
-    sums.dissipated = added(sums.dissipated, weight * power)
     return sums

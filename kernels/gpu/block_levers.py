@@ -16,18 +16,15 @@ from ..physics.spin import spin_staged, spun, swung, wheel_at, with_spin
 from ..physics.tensioner import lost_power, tensioner_energy, tensioner_step
 from ..structs import Led, Spin, Wheel, types
 from ..sum_structs import Sums, Tallies
-from ..sums import add_energy, add_meter
+from ..sums import add_arm, add_energy, add_meter, add_tensioner, metered
 from .block_bodies import Seen, with_velocity
 from .block_events import END, ENDS, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_lever_sums import (
-    add_lever,
-    add_plunger,
     arm_sums_of,
     flows_of,
     lever_sums_of,
     meter_of,
-    metered_plunger,
     plunger_of,
     plunger_sums_of,
     tensioner_of,
@@ -144,7 +141,7 @@ def block_levers(kind: BlockKind) -> LeverFunctions:
                 kept = shared.plungers[t]
                 rate = stroke_rate(lever_of(before, ensemble.strokes[at]), seen.speed, seen.velocity, plunger)
                 power = lost_power(push, rate, kept, plunger)
-                shared.plunger_sums[t] = add_plunger(shared.plunger_sums[t], push, power, now.weight)
+                shared.plunger_sums[t] = add_tensioner(shared.plunger_sums[t], push, power, now.weight)
                 if now.flags & ENDS != 0:
                     starts = now.flags & START != 0
                     meter = flows_of(shared.plunger_meters[t])
@@ -168,7 +165,7 @@ def block_levers(kind: BlockKind) -> LeverFunctions:
                     after, flows = tensioner_step(x, rate, mine.step.high, shared.plungers[t], plunger)
                     shared.plungers[t] = after
                     if wp.static(measuring):
-                        shared.plunger_meters[t] = metered_plunger(shared.plunger_meters[t], flows)
+                        shared.plunger_meters[t] = metered(shared.plunger_meters[t], flows)
 
     @wp.func
     def move_arm(shared: kinds.Shared, mine: Mine, now: Now, wheel: Wheel, angular: wp.float32):
@@ -222,7 +219,7 @@ def block_levers(kind: BlockKind) -> LeverFunctions:
         drive = ensemble.drives[mine.variant]
         lever = ensemble.levers[drive.first_arm + mine.arm]
         power = arm_dissipation(seen, lever)
-        shared.lever_sums[mine.arm] = add_lever(shared.lever_sums[mine.arm], seen, moment, power, now.weight)
+        shared.lever_sums[mine.arm] = add_arm(shared.lever_sums[mine.arm], seen, moment, power, now.weight)
         if now.flags & ENDS != 0:
             at = drive.first_body + wp.static(sprockets) + mine.arm
             heading = wp.vec2f(before.cosine.high, before.sine.high)

@@ -17,8 +17,9 @@ from .block_wheels import box_of, gears, load_line, load_wheel
 
 @dataclass(frozen=True)
 class NearFunctions:
-    """Which partners are near, as functions of kernels."""
+    """Which partners are near, as functions of kernels; `SPROCKETS` are those partners' bits."""
 
+    SPROCKETS: int
     near: wp.Function
     bar_of: wp.Function
     away_from: wp.Function
@@ -34,6 +35,7 @@ def block_near(kind: BlockKind) -> NearFunctions:
     row = block_rows(kind)
     place, X, Y, X_LOW, Y_LOW = row.place, row.X, row.Y, row.X_LOW, row.Y_LOW
     load_row, load_bar = accessors(Real).load_row, gears(kind).load_bar
+    SPROCKETS = wp.constant((1 << sprockets) - 1)
 
     @wp.func
     def by_profile(bar: kinds.Guide):
@@ -111,4 +113,4 @@ def block_near(kind: BlockKind) -> NearFunctions:
                         mask = mask | (1 << (wp.static(sprockets) + g))
         return wp.where(j < n, mask, 0)
 
-    return NearFunctions(near=near, bar_of=bar_of, away_from=away_from, in_carrier=in_carrier)
+    return NearFunctions(SPROCKETS=SPROCKETS, near=near, bar_of=bar_of, away_from=away_from, in_carrier=in_carrier)

@@ -13,13 +13,13 @@ import warp as wp
 from ..batches import NOTES
 from ..pairs import counted
 from ..physics.body import body_energy, held_by
-from ..physics.hub import hub_held, with_hub
+from ..physics.hub import hub_held, narrow_wrench, with_hub
 from ..physics.link import link_chain
 from ..physics.motion import load_moment_at_speed
 from ..physics.mount import mounted_energy
 from ..physics.roller import roller_energy
 from ..rows import accessors
-from ..structs import BodyState, Drive, Mount, Pose, SpinRates, SpinWrench, Wheel, Wrench, types
+from ..structs import BodyState, Drive, Mount, Pose, Wheel, Wrench, types
 from ..sum_structs import ChainNote, ContactSums, LinkTally, RollerTally, Sums, Tallies
 from ..sums import (
     add_displacement,
@@ -38,10 +38,10 @@ from ..sums import (
 from .block_bodies import Seen
 from .block_events import ENDS, START
 from .block_hub_sums import add_hub_sums
-from .block_kind import BlockKind, Mine, now_struct
+from .block_kind import WARP, BlockKind, Mine, now_struct
 from .block_rows import block_rows
 from .block_spin_sums import add_spin_powers, add_spin_speed
-from .exchange import WARP, add_to_link, add_to_roller, any_lane, extremes, lanes, seen_rows, unforeseen
+from .exchange import add_to_link, add_to_roller, any_lane, extremes, lanes, seen_rows, unforeseen
 
 SIGN_BITS = """
 #if defined(__CUDA_ARCH__)
@@ -277,14 +277,9 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         """
         s = mine.sprocket
         hub = shared.hubs[s]
-        body = SpinRates()
-        body.speed = seen.speed
-        body.velocity = seen.velocity
-        wrench = SpinWrench()
-        wrench.moment = acting[0] + seen.pushing[0]
-        wrench.force = wp.vec2f(acting[1] + seen.pushing[1], acting[2] + seen.pushing[2])
-        held, power = hub_held(counted(now.step, mine.step), before, body, hub, wrench, seen.turning)
-        shared.hub_sums[s] = add_hub_sums(shared.hub_sums[s], before, body, hub, held, power, now.weight)
+        wrench = narrow_wrench(acting + seen.pushing)
+        held, power = hub_held(counted(now.step, mine.step), before, seen, hub, wrench, seen.turning)
+        shared.hub_sums[s] = add_hub_sums(shared.hub_sums[s], before, seen, hub, held, power, now.weight)
         if now.flags & ENDS != 0:
             b = ensemble.drives[mine.variant].first_body + s
             whole_body = with_hub(BodyState(), before, hub)

@@ -6,10 +6,9 @@ from functools import cache
 import warp as wp
 
 from ..structs import types
-from .block_forces import block_forces
-from .block_kind import BlockKind, Mine, now_struct
+from .block_kind import WARP, BlockKind, Mine, now_struct
 from .block_near import block_near
-from .exchange import WARP, lowest_bit
+from .exchange import lowest_bit
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ def block_partners(kind: BlockKind) -> PartnerFunctions:
     whole_numbers = wp.types.vector(per, wp.int32)
     # on one warp threads have enough in registers: who was near what is read where it is shared
     shares = kind.measuring or threads == WARP
-    near, SPROCKETS = block_near(kind).near, block_forces(kind).SPROCKETS
+    near, SPROCKETS = block_near(kind).near, block_near(kind).SPROCKETS
 
     @wp.func
     def leave(state: kinds.State, memory: int, n: int, left: int):

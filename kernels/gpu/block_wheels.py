@@ -69,7 +69,7 @@ def whole_of(value: wp.float32) -> int:
 
 @wp.func
 def seen_wheel(rows: wp.array[wp.vec4f], s: int):
-    """What contacts want of sprocket s."""
+    """What contacts want of body s."""
     reach = load_four(rows, WHEEL_ROWS * s)
     center = load_four(rows, WHEEL_ROWS * s + 1)
     heading = load_four(rows, WHEEL_ROWS * s + 2)
@@ -87,14 +87,14 @@ def seen_wheel(rows: wp.array[wp.vec4f], s: int):
 
 @wp.func
 def velocity_of(rows: wp.array[wp.vec4f], s: int):
-    """Velocity of the center of sprocket s [m/s]."""
+    """Velocity of the center of body s [m/s]."""
     row = load_four(rows, WHEEL_ROWS * s + 5)
     return wp.vec2f(row[0], row[1])
 
 
 @wp.func
 def load_wheel(rows: wp.array[wp.vec4f], s: int):
-    """Sprocket s, but for the velocity of its center."""
+    """Body s, but for the velocity of its center."""
     wheel = seen_wheel(rows, s)
     lows = load_four(rows, WHEEL_ROWS * s + 3)
     angle = load_four(rows, WHEEL_ROWS * s + 4)
@@ -110,7 +110,7 @@ def load_wheel(rows: wp.array[wp.vec4f], s: int):
 
 @wp.func
 def store_turn(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
-    """What changes of sprocket s as it turns about a fixed center."""
+    """What changes of body s as it turns about a fixed center."""
     cosine, sine = wheel.reach_cosine, wheel.reach_sine
     store_four(rows, WHEEL_ROWS * s, wp.vec4f(cosine.high, cosine.low, sine.high, sine.low))
     heading = wp.vec4f(wheel.cosine.high, wheel.sine.high, wheel.speed.high, wheel.load)
@@ -123,7 +123,7 @@ def store_turn(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
 
 @wp.func
 def store_wheel(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
-    """Sprocket s."""
+    """Body s."""
     store_turn(rows, s, wheel)
     center, low = wheel.center, wheel.center_low
     store_four(rows, WHEEL_ROWS * s + 1, wp.vec4f(center[0], center[1], low[0], low[1]))

@@ -31,7 +31,7 @@ from ..structs import (
     types,
 )
 from ..sum_structs import LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
-from .block_kind import DECLARED, BlockKind
+from .block_kind import DECLARED, WARP, BlockKind
 from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
 
 ANY_LANE = """
@@ -276,10 +276,6 @@ def any_thread(flag: int) -> int:
     ...
 
 
-WARP = 32
-"""Threads of a warp on a GPU."""
-
-
 def extremes(kind: BlockKind) -> int:
     """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none,
     and what threads without a link are held against.
@@ -303,7 +299,7 @@ def parts_of_a_body(kind: BlockKind) -> int:
     A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many. What has
     no rollers has none.
     """
-    return kind.threads if kind.threads == WARP or kind.slots > ORDERED else kind.slots - WARP * kind.crewed
+    return kind.threads if kind.threads == WARP or kind.slots > ORDERED else kind.room
 
 
 @dataclass(frozen=True)
@@ -411,7 +407,7 @@ def exchange(kind: BlockKind) -> Exchange:
     of = room(kind)
     parts_at, rows_at, held_at, seen_at, end = of.asked
 
-    @wp.func_native(WARP_BARRIER if threads == 32 else BARRIER)
+    @wp.func_native(WARP_BARRIER if threads == WARP else BARRIER)
     def barrier():
         """Waits for all threads of the block."""
         ...
@@ -568,7 +564,7 @@ def exchange(kind: BlockKind) -> Exchange:
 
     @wp.func
     def of_plungers(shared: kinds.Shared):
-        """What is kept of arms and tensioners, at float32."""
+        """What is kept of arms, of tensioners and from stage to stage of rk4, at float32."""
         if wp.static(kind.tensioners > 0):
             shared.plungers = plungers(shared)
             shared.plunger_pushes = plunger_pushes(shared)

@@ -4,11 +4,13 @@ Center and velocity are pairs, whose increments are float32; forces and accelera
 `mount`.
 """
 
+from typing import Any
+
 import warp as wp
 
 from ..pairs import Pair, apart, exact_product, pair, pair_of, plus, rounded, settled, times, trimmed, whole
 from ..root import reciprocal
-from ..structs import BodyState, Hub, Mount, SpinRates, SpinWrench, Wheel, WheelStages
+from ..structs import BodyState, Hub, Mount, SpinWrench, Wheel, WheelStages
 from ..trigonometry import sine_cosine
 from .mount import PRESCRIBED, accelerations, holding_force, prescribing_power
 from .stages import staged
@@ -60,6 +62,15 @@ def hub_of(mount: Mount, body: BodyState):
 
 
 @wp.func
+def narrow_wrench(acting: wp.vec3f):
+    """A moment [N m] and a force (x, y) [N] as a wrench."""
+    wrench = SpinWrench()
+    wrench.moment = acting[0]
+    wrench.force = wp.vec2f(acting[1], acting[2])
+    return wrench
+
+
+@wp.func
 def prescribed_phase(time: Pair, hub: Hub):
     """Sine and cosine of where a prescribed center is in its motion."""
     return sine_cosine(plus(times(hub.frequency, time), hub.phase))
@@ -84,13 +95,13 @@ def off_home(wheel: Wheel, hub: Hub):
 
 
 @wp.func
-def hub_rates(time: Pair, wheel: Wheel, body: SpinRates, hub: Hub, wrench: SpinWrench, turning: wp.vec3f):
+def hub_rates(time: Pair, wheel: Wheel, body: Any, hub: Hub, wrench: SpinWrench, turning: wp.vec3f):
     """Accelerations of a sprocket's center [m/s^2] and angle [rad/s^2], as `mount.accelerations`, which has `turning`.
 
     Args:
         time: for a prescribed center [s].
         wheel: where the sprocket is.
-        body: its rates.
+        body: its rates (`structs.SpinRates`, or what has these too).
         hub: how its center is held.
         wrench: of the chain on it.
         turning: what its angle is led by.
@@ -104,7 +115,7 @@ def hub_rates(time: Pair, wheel: Wheel, body: SpinRates, hub: Hub, wrench: SpinW
 
 
 @wp.func
-def hub_held(time: Pair, wheel: Wheel, body: SpinRates, hub: Hub, wrench: SpinWrench, turning: wp.vec3f):
+def hub_held(time: Pair, wheel: Wheel, body: Any, hub: Hub, wrench: SpinWrench, turning: wp.vec3f):
     """Force [N] of what holds the center, and power [W] of what prescribes it and the angle, as `body.held_by`."""
     rates = hub_rates(time, wheel, body, hub, wrench, turning)
     heading = wp.vec2f(wheel.cosine.high, wheel.sine.high)

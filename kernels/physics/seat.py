@@ -19,7 +19,7 @@ from ..pairs import Pair, cross, fused, pair, pair_of, rounded_sum, two_differen
 from ..structs import Line, Wheel
 from .contact import turned
 from .guide import guide_gap
-from .tooth import nearest_seat, seat_step, tooth_gap, wrapped_seat
+from .tooth import seat_step, tooth_gap, wrapped_seat
 
 
 @wp.struct
@@ -105,17 +105,8 @@ def in_gap(p: Away, wheel: Wheel, direction: wp.vec4f):
 
 
 @wp.func
-def tracked_gap(p: Away, kept: int, wheel: Wheel, sprocket: Any, seats: wp.array[wp.vec4f]):
-    """The seat of a roller at `p` from the center of a sprocket, as `contact.tracked_seat`."""
-    number = kept
-    if number < 0:
-        number = nearest_seat(p.high, wheel.cosine.high, wheel.sine.high, sprocket.teeth)
-    return gap_from(p, number, load_split(seats, sprocket.first_seat + number), wheel, sprocket, seats)
-
-
-@wp.func
 def gap_from(p: Away, number: int, direction: wp.vec4f, wheel: Wheel, sprocket: Any, seats: wp.array[wp.vec4f]):
-    """As `tracked_gap`, from seat `number`, which points to `direction` at angle zero."""
+    """The seat of a roller at `p` from the center of a sprocket, as `contact.seat_from`."""
     gap = in_gap(p, wheel, direction)
     step = seat_step(sprocket.pitch_radius + gap.xi, gap.lateral, sprocket.half_pitch_tangent)
     if step != 0:

@@ -128,12 +128,6 @@ def wheel_of(pose: Pose, radius: wp.float64):
     wheel = Wheel()
     wheel.radius = pair_of(radius)
     wheel.grid = grid_of(wheel.radius.high)
-    return wheel_with(wheel, pose)
-
-
-@wp.func
-def wheel_with(wheel: Wheel, pose: Pose):
-    """A wheel where a pose in float64 has it."""
     wheel.angle = pair_of(pose.angle)
     wheel.speed = pair_of(pose.speed)
     wheel.exact_speed = wp.float32(pose.exact_speed)

@@ -19,9 +19,10 @@ from warpchain.kernels.physics.curve import integral_at, value_at
 from warpchain.kernels.physics.face import in_body, on_face, tracked_face
 from warpchain.kernels.physics.motion import load_moment, prescribed_at
 from warpchain.kernels.physics.profile import in_frame, on_profile, tracked_piece
-from warpchain.kernels.physics.seat import away, in_teeth_gap, line_of, on_line, tracked_gap
+from warpchain.kernels.physics.seat import away, gap_from, in_teeth_gap, line_of, load_split, on_line
 from warpchain.kernels.physics.spin import led_along, ramped_course, spin_load, spin_of, spun, wheel_at, wheel_of
 from warpchain.kernels.physics.table import table_at
+from warpchain.kernels.physics.tooth import nearest_seat
 from warpchain.kernels.structs import BodyState, Curves, Led, Motion, Piece, Spin, SplitTable, Tabulated, Wheel, types
 from warpchain.kernels.sum_structs import SprocketSums
 from warpchain.kernels.trigonometry import sine_cosine
@@ -153,7 +154,8 @@ def gaps(
     still = wp.vec2d()
     penetration, normal, relative = in_teeth(p, still, wp.float64(7.0), seat, exact)
     at = away(wp.vec2f(x.high, y.high), wp.vec2f(x.low, y.low), wheel.center, wheel.center_low)
-    gap = tracked_gap(at, -1, wheel, gear, split)
+    number = nearest_seat(at.high, wheel.cosine.high, wheel.sine.high, gear.teeth)
+    gap = gap_from(at, number, load_split(split, gear.first_seat + number), wheel, gear, split)
     ours, facing, moving = in_teeth_gap(at.high, wp.vec2f(), 7.0, gap, gear)
     out[i, 0] = wp.float64(wp.abs(gap.number - seat.number))
     out[i, 1] = wp.float64(ours) - penetration

@@ -6,7 +6,7 @@ import warp as wp
 from tensioner_rig import moved, tensioner
 
 from warpchain.engine.arrays import strokes
-from warpchain.kernels.gpu.block_lever_sums import flows_of, metered_plunger, plunger_of
+from warpchain.kernels.gpu.block_lever_sums import flows_of, plunger_of
 from warpchain.kernels.pairs import pair_of, rounded, whole
 from warpchain.kernels.physics.body import heading_of
 from warpchain.kernels.physics.plunger import lever_of, reached
@@ -21,6 +21,7 @@ from warpchain.kernels.physics.tensioner import (
     touch_of,
 )
 from warpchain.kernels.structs import BodyState, Plunger, PlungerMeter, Stroke, Tensioner
+from warpchain.kernels.sums import metered
 
 COLUMNS = ("force", "pressure", "energy", "leaked", "supplied", "leak_loss", "valve_loss", "work", "content")
 
@@ -49,7 +50,7 @@ def lead(
         rate = wp.float32((places[i] - places[i - 1]) / h)
         after, flows = tensioner_step(x, rate, wp.float32(h), state, t)
         state = after
-        meter = metered_plunger(meter, flows)
+        meter = metered(meter, flows)
         force, pressure = tensioner_force(x, rate, state, t)
         if i % every == 0:
             row = i // every - 1
