@@ -36,7 +36,20 @@ from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
 from warpchain.assembly.walk import Curve
 from warpchain.drive.copies import turned_on
-from warpchain.drive.each import along, columns, every, hypot, joined, many, power, same, some, table_of, where
+from warpchain.drive.each import (
+    Unlike,
+    along,
+    columns,
+    every,
+    hypot,
+    joined,
+    many,
+    power,
+    same,
+    some,
+    table_of,
+    where,
+)
 from warpchain.drive.mounts import initial_place, initial_velocity
 from warpchain.drive.profile import direction
 from warpchain.drive.stack import picked
@@ -139,7 +152,10 @@ def assemble_stack(drive: Drive) -> Assembly:
         for k, own in enumerate(links[like].tolist()):
             begin, end = int(last[like, k]), int(first[like, (k + 1) % len(first[like])])
             strand = path.strings[k] and loop.string(seating, k)
-            at.strand((begin, end, own), strain[alike], picked(strand, alike))
+            try:
+                at.strand((begin, end, own), strain[alike], picked(strand, alike))
+            except Unlike as parted:
+                raise parted.among(alike, variants) from None
         position[alike], velocity[alike] = at.position, at.velocity
     return Assembly(
         position=position,

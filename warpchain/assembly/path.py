@@ -152,6 +152,7 @@ def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> 
         return [(np.arange(count), worked_out(drive))]
     except Unlike as parted:
         way = parted.way
+    assert len(way) == count  # or variants would be lost
     found = []
     for value in np.unique(way):
         mine = np.flatnonzero(way == value)

@@ -33,6 +33,14 @@ class Unlike(Exception):
         super().__init__()
         self.way = way
 
+    def among(self, places: Any, count: int) -> Unlike:
+        """What parts `count` variants, of which those at `places` are the ones that this parts."""
+        import numpy as np
+
+        way = np.full(count, self.way[0])
+        way[places] = self.way
+        return Unlike(way)
+
 
 def same(value: Any) -> Any:
     """What decides about the way of a calculation, which all variants of a stack must share.
