@@ -222,3 +222,17 @@ def test_slack_chains_seated_unlike_are_each_told_apart():
     for found, drive in zip(states, drives, strict=True):
         assert_near(found, assemble(drive), drive.chain.pitch)
     assert min(state.strain for state in states) < 0.0 < max(state.strain for state in states)
+
+
+def test_where_a_slack_strand_hangs_from_hangs_on_no_round_off():
+    """Both ends of its longest straight part are rollers' places, to round-off: the strand hangs from them, always.
+
+    A center moved by 1e-13 m moves rollers by as much, a slack strand's by 1e-13 m / sqrt(strain) ~ 1e-11 m; hung from
+    the roller beside its end it would be off by a millimeter.
+    """
+    slack = car(**{"arms.arm.stops": (-3.0, 0.3), "chain.elongation": 0.004})
+    x, y = slack.sprockets[1].center
+    states = [assemble(slack.with_values({"sprockets.intake cam.center": (x + i * 1e-13, y)})) for i in range(8)]
+    assert states[0].strain < -1e-4
+    for state in states[1:]:
+        assert np.abs(state.position - states[0].position).max() < 1e-9

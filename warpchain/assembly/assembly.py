@@ -63,7 +63,7 @@ _STRAIGHT = 1e-12  # a strand this little slack is drawn straight
 _BALANCES = 12  # of arms
 _NEAR = 1e-8  # rad; an arm that has turned by no more is where secants leave round-off
 _ROUGH, _FINE = 1e-10, 1e-13  # pitches that a further laying of links may change, at first and at last
-_TIE = 1e-9  # of a pitch angle, or of gravity's direction: which way round-off must not decide
+_TIE = 1e-9  # of a pitch angle, gravity's direction or a strand's length: which way round-off must not decide
 
 
 @dataclass(frozen=True)
@@ -331,8 +331,8 @@ class _Around:
         curve, points = self.curve, _rows(self.curve.points(self.at), len(turning))
         if not same(self.scale < 1.0 - _STRAIGHT):
             return points
-        low = curve.begins[curve.longest]
-        high = low + curve.pieces[curve.longest].length
+        longest, near = curve.longest, _TIE * curve.length
+        low, high = curve.begins[longest] - near, curve.ends[longest] + near
         inner = np.atleast_2d(joined([(low <= s) & (s <= high) for s in self.at]))
         a, count = same(inner.argmax(axis=1)), same(inner.sum(axis=1))
         if count <= 2:
