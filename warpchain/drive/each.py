@@ -129,7 +129,6 @@ def _quick(function: Callable[..., float], name: str) -> Callable[..., Any]:
 
 quick_sin = _quick(math.sin, "sin")
 quick_cos = _quick(math.cos, "cos")
-quick_tan = _quick(math.tan, "tan")
 quick_arcsin = _quick(math.asin, "arcsin")
 quick_arctan2 = _quick(math.atan2, "arctan2")
 quick_hypot = _quick(math.hypot, "hypot")
