@@ -124,8 +124,7 @@ def simulate(
     kind = f"{precision} {devices[0].partition(':')[0]}"
     keeper = None if states is None else Keeper(states, chosen, schedules, kind)
     begin = time.monotonic()
-    recording = replace(recording, memory=memory // len(parts))
-    recorder = share.recorder(info, recording)
+    recorder = share.recorder(info, recording, len(chosen))
     try:
         with reporter(progress) as report, interruptible() as stop:
             if len(parts) == 1:
@@ -136,7 +135,7 @@ def simulate(
                     layouts = share.layouts
                     for part in parts[1:]:
                         share = Share(part, frame)
-                        shares.add(share, share.recorder(info, recording))
+                        shares.add(share, share.recorder(info, recording, len(chosen)))
                         layouts = [*layouts, *share.layouts]
                     _warn(LayoutWarning, layout_line(layouts))
                     outcome = shares.outcome()
