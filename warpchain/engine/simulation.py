@@ -114,7 +114,7 @@ def simulate(
     stacks = stacks_of(chosen)
     schedules = schedules_of(chosen, duration, step, recording.record, window, stacks)
     cores = workers or available_cores()
-    types(real_of(precision))  # an unknown precision ends here
+    types(real_of(precision))  # an unknown precision ends here; made before threads of shares ask for them
     members, frame = Members(chosen, schedules, stacks), frame_of(recording.record.channels)
     whole = states is not None or archive is not None or bool(recording.record.indices(len(chosen)))
     parts, share, (devices, why) = begun(members, frame, device, (precision, cores), whole)
