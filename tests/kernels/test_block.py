@@ -13,6 +13,7 @@ from drives import timing, two_sprockets
 from warpchain import Drive, load_drive
 from warpchain.assembly.timestep import step_limit
 from warpchain.drive.examples import drive_path
+from warpchain.drive.stack import stacks_of
 from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import BlockShape, block_shape, room_for
 from warpchain.engine.buckets import curved
@@ -470,7 +471,7 @@ def test_block_kernel_settles_an_arm(fibers):
     drive = timing()
     packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
     cushion(packed)
-    quickened(packed, [drive])
+    quickened(packed, stacks_of([drive]))
     start = np.zeros(1, dtype=Settling.numpy_dtype())
     start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 20_000
     serial = CpuEngine(packed, 1)
