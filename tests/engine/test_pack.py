@@ -1,17 +1,10 @@
 """Packing: a mixed ensemble is its variants' own packs one after the other, to the last bit."""
 
-import math
-
-import numpy as np
 from drives import two_sprockets
 
 from warpchain import load_drive
 from warpchain.drive.examples import drive_path, example_names
-from warpchain.drive.stack import picked
-from warpchain.engine.fill_tensioner import fill_element
 from warpchain.engine.pack import pack
-from warpchain.engine.packed import dtype_of
-from warpchain.kernels import structs
 from warpchain.results.schedule import Schedule
 
 PLACES = ("first_roller", "first_sprocket", "first_guide", "first_contact", "first_tally")
@@ -83,18 +76,3 @@ def test_each_variant_is_packed_as_if_alone():
         for own, single in zip(part.sprockets, alone.sprockets, strict=True):
             teeth, first, other = int(own["teeth"]), int(own["first_seat"]), int(single["first_seat"])
             assert_same(packed.seats[first : first + teeth], alone.seats[other : other + teeth])
-
-
-def test_tensioners_of_a_stack_have_their_rows_to_the_bit():
-    """At angles whose tangent numpy rounds otherwise than Python, mostly one in 240."""
-    car, angles = load_drive(drive_path("car")), np.linspace(20.0, 70.0, 4001)
-    otherwise = [math.tan(math.radians(a)) != t for a, t in zip(angles, np.tan(np.radians(angles)), strict=True)]
-    angles = np.append(angles[::400], angles[otherwise])
-    tensioner = car.tensioners[0]
-    stack = tensioner.model_copy(update={"valve": tensioner.valve.model_copy(update={"seat_angle": angles})})
-    rows = np.zeros(len(angles), dtype=dtype_of(structs.Tensioner))
-    fill_element(rows, car, stack)
-    for v in range(len(angles)):
-        alone = np.zeros(1, dtype=rows.dtype)
-        fill_element(alone, car, picked(stack, v))
-        assert_same(rows[v : v + 1], alone)
