@@ -201,7 +201,7 @@ class Plan:
 
     Raises:
         DriveError: where pitch circles overlap; of the first such variant.
-        Unlike: a stack of which some go around guides.
+        Unlike: a stack of which some go around a bar, or around guides in unlike ways; a small one with such guides.
     """
 
     def __init__(self, drive: Drive) -> None:
