@@ -144,6 +144,16 @@ def test_two_arms_of_a_drive_that_is_its_own_mirror_image():
         assert still.moment(float(path.arm_angle[a])) == pytest.approx(-pull, rel=1e-7)
 
 
+def test_an_arm_that_nothing_turns_stands_as_drawn():
+    """Without weight, spring and chain its moment is 0 at every angle; the other arm is in balance as if alone."""
+    spring = {"stiffness": 2000.0, "stops": [-20.0, 20.0], "free_angle": 8.0}
+    alone = armed(**spring)
+    beside = alone.with_values({"arms": [lever(**spring), lever("idle", -1.0)]})
+    found = chain_path(beside).arm_angle
+    assert found[1] == 0.0
+    assert found[0] == pytest.approx(chain_path(alone).arm_angle[0], abs=1e-11)
+
+
 def test_links_of_a_slack_guided_strand_are_unstrained():
     """Their rollers stand on the face or above it, a pitch apart, to round-off."""
     drive = two_sprockets(links=62).with_values({"contact.guide": GUIDE, "guides": [blade()]})

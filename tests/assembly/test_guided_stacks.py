@@ -5,6 +5,8 @@ lever of 0.3 m is 3e-17 m; 100 links and three steps of secants add up. An arm t
 known to 1e-15: 2e-14 rad at 0.1 m are 2e-15 m. 1e-12 of a pitch, 1e-14 m, is above both.
 """
 
+import math
+
 import numpy as np
 import pytest
 
@@ -16,8 +18,11 @@ from warpchain.assembly.together import assemble_all
 from warpchain.drive import load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.drive.stack import picked, stacks_of
+from warpchain.engine.fill_tensioner import fill_element
 from warpchain.engine.pack import pack
+from warpchain.engine.packed import dtype_of
 from warpchain.errors import DriveError
+from warpchain.kernels import structs
 from warpchain.results.schedule import Schedule
 
 NEAR = 1e-12  # of a pitch
@@ -164,6 +169,21 @@ def test_cars_are_packed_together():
                     np.testing.assert_allclose(found[key], value, rtol=1e-13, err_msg=f"{name}.{key}")
 
 
+def test_valves_of_a_stack_have_their_rows_to_the_bit():
+    """At angles whose tangent numpy rounds otherwise than Python, mostly one in 240."""
+    angles = np.linspace(20.0, 70.0, 4001)
+    otherwise = [math.tan(math.radians(a)) != t for a, t in zip(angles, np.tan(np.radians(angles)), strict=True)]
+    angles = np.append(angles[::400], angles[otherwise])
+    base, tensioner = car(), car().tensioners[0]
+    stack = tensioner.model_copy(update={"valve": tensioner.valve.model_copy(update={"seat_angle": angles})})
+    rows = np.zeros(len(angles), dtype=dtype_of(structs.Tensioner))
+    fill_element(rows, base, stack)
+    for v in range(len(angles)):
+        alone = np.zeros(1, dtype=rows.dtype)
+        fill_element(alone, base, picked(stack, v))
+        assert all(rows[name][v] == alone[name][0] for name in ("seat_width", "seat_growth", "rest", "leak"))
+
+
 def test_only_what_stands_on_its_stop_or_is_not_touched_is_suspect():
     drives = [*cars(6), *(drive.with_values({"arms.arm.stops": (-8.0, -7.0)}) for drive in cars(3))]
     (stack,) = stacks_of(drives)
@@ -190,3 +210,49 @@ def test_a_few_are_worked_out_one_by_one(monkeypatch):
     states = assemble_all(stacks_of(drives))
     assert len(states.blocks) == len(drives)
     assert np.array_equal(states[3].position, assemble(drives[3]).position)
+
+
+def slack_cars(count, seed=3):
+    """Cars whose arms come to their stops, so that some chains hang slack on the guides, on seats numbered unlike."""
+    random, base, found = np.random.default_rng(seed), car(), []
+
+    def between(low, high):
+        return float(random.uniform(low, high))
+
+    for _ in range(count):
+        values = {
+            "arms.arm.stops": (-3.0, between(0.1, 0.5)),
+            "chain.elongation": between(0.0, 0.006),
+            "sprockets.intake cam.center": (-0.062 * between(0.9, 1.1), 0.3008 * between(0.999, 1.001)),
+            "sprockets.exhaust cam.center": (0.062 * between(0.9, 1.1), 0.3008 * between(0.97, 1.03)),
+        }
+        drive = base.with_values(values)
+        try:
+            assemble(drive)
+        except DriveError:  # worn and far apart, one of them does not fit
+            continue
+        found.append(drive)
+    return found
+
+
+def test_slack_chains_seated_unlike_are_each_told_apart():
+    """Strands that hang are laid for those alone whose rollers sit alike: which of these part is told of the whole."""
+    drives = slack_cars(24)
+    states = assemble_all(stacks_of(drives))
+    for found, drive in zip(states, drives, strict=True):
+        assert_near(found, assemble(drive), drive.chain.pitch)
+    assert min(state.strain for state in states) < 0.0 < max(state.strain for state in states)
+
+
+def test_where_a_slack_strand_hangs_from_hangs_on_no_round_off():
+    """Both ends of its longest straight part are rollers' places, to round-off: the strand hangs from them, always.
+
+    A center moved by 1e-13 m moves rollers by as much, a slack strand's by 1e-13 m / sqrt(strain) ~ 1e-11 m; hung from
+    the roller beside its end it would be off by a millimeter.
+    """
+    slack = car(**{"arms.arm.stops": (-3.0, 0.3), "chain.elongation": 0.004})
+    x, y = slack.sprockets[1].center
+    states = [assemble(slack.with_values({"sprockets.intake cam.center": (x + i * 1e-13, y)})) for i in range(8)]
+    assert states[0].strain < -1e-4
+    for state in states[1:]:
+        assert np.abs(state.position - states[0].position).max() < 1e-9

@@ -141,6 +141,15 @@ def test_zeros_given_values_and_counts_make_kinds():
     assert max(len(stack.members) for stack in stacks_of([drives[0], drives[1]] * LARGEST)) == LARGEST
 
 
+def test_drives_of_unlike_sprockets_may_each_have_a_phase():
+    """Phases part drives with tables alone, which are looked for in drives of a kind."""
+    engine = load_drive(drive_path("engine"))
+    drives = [of.with_values({"run.phase": 0.1 * k}) for k in range(1, 3) for of in (marine(), engine)]
+    assert [stack.members.tolist() for stack in stacks_of(drives)] == [[0, 2], [1, 3]]
+    table = {"sprockets.camshaft.load.table": {"time": [0.0, 1.0], "torque": [0.0, 5.0]}}
+    assert len(stacks_of([*drives, *(drive.with_values(table) for drive in drives[::2])])) == 4
+
+
 def test_a_tail_of_one_is_assembled_as_if_alone():
     """Of one more drive than a stack holds, and of two of which one chain goes around a bar, one stays by itself."""
     base = marine()

@@ -15,7 +15,9 @@ from drives import MARINE, two_sprockets
 from warpchain import Record, load_drive, read_archive, simulate
 from warpchain.drive.stack import stacks_of
 from warpchain.engine import devices, gpu, share, shares
+from warpchain.engine.arrays import sums_bytes
 from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.pack import pack
 from warpchain.engine.share import Members
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
@@ -120,6 +122,19 @@ def test_what_is_recorded_goes_in_one_share_with_the_same_frames(gpus, monkeypat
             for name, values in one[v].channels().items():
                 np.testing.assert_array_equal(values, getattr(of[v], name), err_msg=name)
         assert of.metrics.equals(one.metrics)
+
+
+def test_shares_have_their_variants_part_of_the_memory(gpus):
+    """What is enough for a run at once is enough for its shares, here of one long drive and of three short ones.
+
+    But for 1 kB each: a pack without guides counts one.
+    """
+    drives = [short(duration=0.008, step=1e-6), *[short(step=1e-6)] * 3]
+    taken = sums_bytes(pack(drives, schedules_of(drives, None, None, NONE, None)))
+    found, _ = run(drives, device="cuda", memory=taken + 4 * 1000, workers=1)
+    assert found.info.ended == "complete"
+    with pytest.raises(SimulationError, match=r"the statistics of 1 variants take .* has for them"):
+        run(drives, device="cuda", memory=taken - 4 * 1000, workers=1)
 
 
 def test_the_second_share_is_packed_before_the_first_has_ended(gpus, monkeypatch):

@@ -20,6 +20,7 @@ from blocks import (
 from drives import timing, two_sprockets
 
 from warpchain.assembly.timestep import step_limit
+from warpchain.drive.stack import stacks_of
 from warpchain.engine.arrays import empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import BlockShape
 from warpchain.engine.cpu import CpuEngine
@@ -88,7 +89,7 @@ def test_block_kernel_settles_an_arm(fibers):
     drive = timing()
     packed = elastic(pack([drive], [Schedule(1e-6, 10, 1, 10, 0)]))
     cushion(packed)
-    quickened(packed, [drive])
+    quickened(packed, stacks_of([drive]))
     start = np.zeros(1, dtype=Settling.numpy_dtype())
     start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 20_000
     serial = CpuEngine(packed, 1)

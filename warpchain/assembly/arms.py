@@ -129,8 +129,14 @@ class StillArm:
 
 def stop_of(drive: Drive, a: int, angle: float) -> str | None:
     """The stop on which arm a stands at an angle [rad], "lower" or "upper"; None in between."""
-    low, high = drive.arms[a].stops_rad
-    return "lower" if angle <= low + AT_STOP else "upper" if angle >= high - AT_STOP else None
+    lower, upper = on_stops(drive.arms[a], angle)
+    return "lower" if lower else "upper" if upper else None
+
+
+def on_stops(arm: Arm, angle: Any) -> tuple[Any, Any]:
+    """Whether an arm stands on its lower and on its upper stop at an angle [rad], or at those of a stack (V,)."""
+    low, high = arm.stops_rad
+    return angle <= low + AT_STOP, angle >= high - AT_STOP
 
 
 def chain_moment(drive: Drive, path: ChainPath | Course, a: int, beyond: Any = 0.0) -> Any:
@@ -233,8 +239,8 @@ def _secant(moment: Callable[[Any], Any], near: Any, slope: Any = None) -> tuple
     """
     try:
         before, here = near, moment(near)
-        change = copysign(_FIRST, here) if slope is None else _toward(here, slope)
-        angle, done = near + change, slope is not None and abs(change) <= _NEAR
+        change = where(here == 0.0, 0.0, copysign(_FIRST, here)) if slope is None else _toward(here, slope)
+        angle, done = near + change, abs(change) <= _NEAR
         low, high = where(here > 0.0, near, -math.inf), where(here < 0.0, near, math.inf)
         steps = [math.inf, abs(change)]
         for _ in range(_SECANTS):

@@ -36,7 +36,20 @@ from warpchain.assembly.tables import initial_speed
 from warpchain.assembly.taut import Taut
 from warpchain.assembly.walk import Curve
 from warpchain.drive.copies import turned_on
-from warpchain.drive.each import along, columns, every, hypot, joined, many, power, same, some, table_of, where
+from warpchain.drive.each import (
+    Unlike,
+    along,
+    columns,
+    every,
+    hypot,
+    joined,
+    many,
+    power,
+    same,
+    some,
+    table_of,
+    where,
+)
 from warpchain.drive.mounts import initial_place, initial_velocity
 from warpchain.drive.profile import direction
 from warpchain.drive.stack import picked
@@ -50,7 +63,7 @@ _STRAIGHT = 1e-12  # a strand this little slack is drawn straight
 _BALANCES = 12  # of arms
 _NEAR = 1e-8  # rad; an arm that has turned by no more is where secants leave round-off
 _ROUGH, _FINE = 1e-10, 1e-13  # pitches that a further laying of links may change, at first and at last
-_TIE = 1e-9  # of a pitch angle, or of gravity's direction: which way round-off must not decide
+_TIE = 1e-9  # of a pitch angle, gravity's direction or a strand's length: which way round-off must not decide
 
 
 @dataclass(frozen=True)
@@ -139,7 +152,10 @@ def assemble_stack(drive: Drive) -> Assembly:
         for k, own in enumerate(links[like].tolist()):
             begin, end = int(last[like, k]), int(first[like, (k + 1) % len(first[like])])
             strand = path.strings[k] and loop.string(seating, k)
-            at.strand((begin, end, own), strain[alike], picked(strand, alike))
+            try:
+                at.strand((begin, end, own), strain[alike], picked(strand, alike))
+            except Unlike as parted:
+                raise parted.among(alike, variants) from None
         position[alike], velocity[alike] = at.position, at.velocity
     return Assembly(
         position=position,
@@ -315,8 +331,8 @@ class _Around:
         curve, points = self.curve, _rows(self.curve.points(self.at), len(turning))
         if not same(self.scale < 1.0 - _STRAIGHT):
             return points
-        low = curve.begins[curve.longest]
-        high = low + curve.pieces[curve.longest].length
+        longest, near = curve.longest, _TIE * curve.length
+        low, high = curve.begins[longest] - near, curve.ends[longest] + near
         inner = np.atleast_2d(joined([(low <= s) & (s <= high) for s in self.at]))
         a, count = same(inner.argmax(axis=1)), same(inner.sum(axis=1))
         if count <= 2:

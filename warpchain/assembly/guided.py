@@ -44,12 +44,9 @@ def turned(profile: Profile, pivot: Point, angle: float) -> Profile:
     """A face turned about a pivot by an angle [rad]."""
     if angle == 0.0:
         return profile
-    cosine, sine = direction(angle)
 
     def moved(piece: Piece) -> Piece:
-        x, y = piece.start[0] - pivot[0], piece.start[1] - pivot[1]
-        start = (pivot[0] + cosine * x - sine * y, pivot[1] + sine * x + cosine * y)
-        return replace(piece, start=start, heading=piece.heading + angle)
+        return replace(piece, start=_about(pivot, piece.start, angle), heading=piece.heading + angle)
 
     return replace(profile, pieces=tuple(moved(piece) for piece in profile.pieces))
 
@@ -243,10 +240,13 @@ def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def _turned(arc: Arc, pivot: Point, angle: float) -> Arc:
+def _turned(arc: Arc, pivot: Point, angle: Any) -> Arc:
     """An arc turned about a pivot by an angle [rad]."""
+    return replace(arc, center=_about(pivot, arc.center, angle), begin=arc.begin + angle, end=arc.end + angle)
+
+
+def _about(pivot: Point, place: Point, angle: Any) -> tuple[Any, Any]:
+    """A place turned about a pivot by an angle [rad]."""
     cosine, sine = direction(angle)
-    x, y = arc.center[0] - pivot[0], arc.center[1] - pivot[1]
-    center = (pivot[0] + cosine * x - sine * y, pivot[1] + sine * x + cosine * y)
-    begin, end = arc.begin + angle, arc.end + angle
-    return Arc(center, arc.radius, arc.sign, begin, end, arc.guide, arc.place, arc.slope, arc.before, arc.after)
+    x, y = place[0] - pivot[0], place[1] - pivot[1]
+    return pivot[0] + cosine * x - sine * y, pivot[1] + sine * x + cosine * y

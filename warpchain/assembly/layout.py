@@ -26,13 +26,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.assembly.arms import AT_STOP, stop_of
+from warpchain.assembly.arms import on_stops, stop_of
 from warpchain.assembly.guided import BEHIND, OWN, cross, dot, nearest_strand
 from warpchain.assembly.path import ChainPath
 from warpchain.assembly.route import chain_path
 from warpchain.drive.each import along, joined
 
 if TYPE_CHECKING:
+    from warpchain.assembly.taut import Touch
     from warpchain.drive import Drive, Guide
 
 Point = tuple[float, float]
@@ -84,20 +85,22 @@ def suspects(drive: Drive, path: ChainPath) -> NDArray[np.bool_]:
         else:
             found |= ~_touched(drive, path, g)
     for a, arm in enumerate(drive.arms):
-        low, high = arm.stops_rad
-        found |= (path.arm_angle[:, a] <= low + AT_STOP) | (path.arm_angle[:, a] >= high - AT_STOP)
+        lower, upper = on_stops(arm, path.arm_angle[:, a])
+        found |= lower | upper
     return found
 
 
 def _touched(drive: Drive, path: ChainPath, g: int) -> Any:
     """Whether a chain touches guide g between its rounded ends; of a stack's variants, (V,)."""
     length, found = drive.profile(g).face_length, False
-    for string in path.strings:
-        for touch in () if string is None else string.touches:
-            if touch.arc.guide == g:
-                first, last = touch.places
-                found = found | ((last > 0.0) & (first < length))
+    for first, last in (touch.places for touch in _touches(path, g)):
+        found = found | ((last > 0.0) & (first < length))
     return np.asarray(found)
+
+
+def _touches(path: ChainPath, g: int) -> list[Touch]:
+    """Where a chain touches guide g."""
+    return [touch for string in path.strings if string is not None for touch in string.touches if touch.arc.guide == g]
 
 
 def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -126,13 +129,10 @@ def _bar_suspects(drive: Drive, g: int, start: NDArray[np.float64], end: NDArray
 
 def _of_face(drive: Drive, path: ChainPath, g: int, strands: list[Strand]) -> list[str]:
     """What is wrong with a curved or carried guide."""
-    guide, profile = drive.guides[g], drive.profile(g)
-    touches = [
-        touch for string in path.strings if string is not None for touch in string.touches if touch.arc.guide == g
-    ]
     if _touched(drive, path, g):
         return []
-    hollow = sum(piece.curvature * piece.length for piece in profile.face) > 0.0
+    guide, touches = drive.guides[g], _touches(path, g)
+    hollow = sum(piece.curvature * piece.length for piece in drive.profile(g).face) > 0.0
     nearest = nearest_strand(drive, g, strands)
     if hollow and nearest is not None and (touches or nearest[2] < 0.0):
         other = "left" if guide.side == "right" else "right"

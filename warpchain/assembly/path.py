@@ -152,6 +152,7 @@ def in_parts(drive: Drive, count: int, worked_out: Callable[[Drive], Found]) -> 
         return [(np.arange(count), worked_out(drive))]
     except Unlike as parted:
         way = parted.way
+    assert len(way) == count  # or variants would be lost
     found = []
     for value in np.unique(way):
         mine = np.flatnonzero(way == value)
@@ -200,7 +201,7 @@ class Plan:
 
     Raises:
         DriveError: where pitch circles overlap; of the first such variant.
-        Unlike: a stack of which some go around guides.
+        Unlike: a stack of which some go around a bar, or around guides in unlike ways; a small one with such guides.
     """
 
     def __init__(self, drive: Drive) -> None:

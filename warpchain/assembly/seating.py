@@ -295,16 +295,10 @@ class Loop:
             except TautError as error:
                 raise DriveError(f"guides.{self.guides[error.guide]}: {error}") from None
             except Unlike as parted:
-                raise self._parted(parted) from None
+                raise parted.among(self.members, self.whole) from None
             self.strings[k], self.touched[k] = (ends, string), string.numbers
         string = self.strings[k][1]
         return string if string.touches else None
-
-    def _parted(self, parted: Unlike) -> Unlike:
-        """What parts these variants, of the whole stack's."""
-        way = np.full(self.whole, parted.way[0])
-        way[self.members] = parted.way
-        return Unlike(way)
 
     def _seat(self, s: int, polar: Number) -> tuple[Number, Number]:
         radius, (x, y) = self.radius[s], direction(polar)
@@ -335,7 +329,7 @@ class Loop:
         try:
             roller, links = same(seating.last[k]), same(seating.links[k])
         except Unlike as parted:
-            raise self._parted(parted) from None
+            raise parted.among(self.members, self.whole) from None
         own = np.take(self.links, np.arange(roller, roller + links) % self.links.shape[1], axis=1)
         own = own[0] if len(own) == 1 else own
         scale = Curve(string.pieces).scale(own, self.scales.get(k))

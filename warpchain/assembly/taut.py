@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -195,7 +195,7 @@ def obstacle(profile: Profile, offset: float, guide: int, along: bool) -> tuple[
         begin, end = (begin + 0.4 * math.pi * (i == 0), end - 0.4 * math.pi * (i == last))  # rounded ends go on
         start = place + (begin - piece.heading) / piece.curvature
         if arcs and gap is not None:
-            arcs[-1] = _with(arcs[-1], after=gap)
+            arcs[-1] = replace(arcs[-1], after=gap)
         arcs.append(Arc(center, offset - reach, -1.0, begin, end, guide, start, 1.0 / piece.curvature, gap))
         gap = 0.0
     return tuple(arcs) if along else tuple(_turned(arc) for arc in reversed(arcs))
@@ -256,12 +256,6 @@ def _shorter(bend: Any) -> Any:
     bends = (bend > 0.0) & (bend < 1.0)
     safe = where(bends, bend, 1.0)
     return where(bends, safe / quick_arcsin(safe), 1.0)
-
-
-def _with(arc: Arc, **changes: float | None) -> Arc:
-    from dataclasses import replace
-
-    return replace(arc, **changes)  # type: ignore[arg-type]
 
 
 def _turned(arc: Arc) -> Arc:

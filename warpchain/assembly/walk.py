@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
@@ -67,7 +68,6 @@ class Curve:
         self.length = self.begins.pop()
         self.ends = [begin + piece.length for begin, piece in zip(self.begins, self.pieces, strict=True)]
         self.stacked = many(self.length)
-        self._tables: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     @property
     def longest(self) -> int:
@@ -75,14 +75,12 @@ class Curve:
         straight = [0.0 if some(piece.curvature != 0.0) else piece.length for piece in self.pieces]
         return int(same(first_largest(straight)))
 
-    @property
+    @cached_property
     def tables(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(P, V, 6) start, heading, curvature, length and begin of the pieces, (P, V) where they end."""
-        if self._tables is None:
-            columns = zip(*((*p.start, p.heading, p.curvature, p.length) for p in self.pieces), strict=True)
-            tables = np.broadcast_arrays(*map(_table, columns), _table(self.begins))
-            self._tables = np.stack(tables, axis=-1), _table(self.ends)
-        return self._tables
+        columns = zip(*((*p.start, p.heading, p.curvature, p.length) for p in self.pieces), strict=True)
+        tables = np.broadcast_arrays(*map(_table, columns), _table(self.begins))
+        return np.stack(tables, axis=-1), _table(self.ends)
 
     def _index(self, s: Any) -> Any:
         """The piece on which the arc length s lies."""

@@ -33,6 +33,14 @@ class Unlike(Exception):
         super().__init__()
         self.way = way
 
+    def among(self, places: Any, count: int) -> Unlike:
+        """What parts `count` variants, of which those at `places` are the ones that this parts."""
+        import numpy as np
+
+        way = np.full(count, self.way[0])
+        way[places] = self.way
+        return Unlike(way)
+
 
 def same(value: Any) -> Any:
     """What decides about the way of a calculation, which all variants of a stack must share.
@@ -79,15 +87,6 @@ cbrt = each(math.cbrt)
 radians = each(math.radians)
 
 
-def sqrt(value: Any) -> Any:
-    """Square root, which numpy rounds as Python does."""
-    if not many(value):
-        return math.sqrt(value)
-    import numpy as np
-
-    return np.sqrt(value)
-
-
 def _rounded_as_numpy(name: str) -> Callable[..., Any]:
     """A function of numpy's, which a number goes through too, since Python's own may round otherwise."""
 
@@ -106,8 +105,8 @@ arctan2 = _rounded_as_numpy("arctan2")
 rint = _rounded_as_numpy("rint")
 
 
-def _quick(function: Callable[..., float], name: str) -> Callable[..., Any]:
-    """A function of Python's for numbers, numpy's of that name for arrays, which may round otherwise."""
+def _either(function: Callable[..., float], name: str) -> Callable[..., Any]:
+    """A function of Python's for numbers, numpy's of that name for arrays."""
 
     def over(*values: Any) -> Any:
         if not many(*values):
@@ -119,13 +118,13 @@ def _quick(function: Callable[..., float], name: str) -> Callable[..., Any]:
     return over
 
 
-quick_sin = _quick(math.sin, "sin")
-quick_cos = _quick(math.cos, "cos")
-quick_tan = _quick(math.tan, "tan")
-quick_arcsin = _quick(math.asin, "arcsin")
-quick_arctan2 = _quick(math.atan2, "arctan2")
-quick_hypot = _quick(math.hypot, "hypot")
-copysign = _quick(math.copysign, "copysign")
+sqrt = _either(math.sqrt, "sqrt")  # these two numpy rounds as Python does
+copysign = _either(math.copysign, "copysign")
+quick_sin = _either(math.sin, "sin")
+quick_cos = _either(math.cos, "cos")
+quick_arcsin = _either(math.asin, "arcsin")
+quick_arctan2 = _either(math.atan2, "arctan2")
+quick_hypot = _either(math.hypot, "hypot")
 
 
 def floor(value: Any) -> Any:

@@ -67,7 +67,7 @@ def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], share: int) -> 
     """Stacks of some drives: as if they were of a kind; then, where they are not, of each kind."""
     columns = _Columns(share)
     drive = columns.of([drives[v] for v in members.tolist()])
-    if many(drive.run.phase) and _turns_tables(drive):
+    if not columns.kinds and many(drive.run.phase) and _turns_tables(drive):
         columns.kinds.append([drives[v].run.phase for v in members.tolist()])
     if not columns.kinds:
         for begin in range(0, len(members), LARGEST):

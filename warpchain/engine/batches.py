@@ -29,14 +29,14 @@ def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
         drives: (V,) `kernels.structs.Drive`.
     """
     batches, every = int(BATCHES), int(STRAND_EVERY)
-    start, noted, end = batch_edges(drives)
+    start, noted, end = _edges(drives)
     half = 0.5  # the first and the last step of a window stand for half a step
     steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
     steps[((end - start) < batches * every)[:, 0]] = np.nan
     return steps * drives["step"][:, None]
 
 
-def batch_edges(drives: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+def _edges(drives: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Steps at which windows begin (V, 1), notes are taken (V, notes) and windows end (V, 1)."""
     start, end = drives["window_start"].astype(np.int64)[:, None], drives["window_end"].astype(np.int64)[:, None]
     return start, note_steps(drives["window_start"], drives["window_end"]), end
@@ -45,7 +45,7 @@ def batch_edges(drives: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int
 def watched_in_batches(drives: NDArray[Any]) -> NDArray[np.float64]:
     """(V, batches) how long each batch is, over the time that its watched steps stand for."""
     every = int(WATCH_EVERY)
-    start, noted, end = batch_edges(drives)
+    start, noted, end = _edges(drives)
     before = -(-np.concatenate([noted, end + 1], axis=1) // every)  # multiples of `every` before the batch's end
     watched = np.diff(np.concatenate([start // every, before], axis=1), axis=1)
     return np.asarray(batch_durations(drives) / (every * np.maximum(watched, 1) * drives["step"][:, None]))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from warpchain.drive import Drive
-from warpchain.drive.each import joined, largest, power, quick_cos, quick_sin, quick_tan, sqrt, where
+from warpchain.drive.each import each, joined, largest, power, sqrt, where
 from warpchain.drive.oil import LAMINAR_DROP, bottom_place, static_pressure
 from warpchain.drive.tensioners import VAPOR_PRESSURE, Tensioner
 
@@ -58,6 +59,6 @@ def _fill_oil(row: Any, tensioner: Tensioner) -> None:
     # without a spring it opens all the way
     row["valve_stiffness"] = where(valve.stiffness > 0.0, valve.stiffness, 1e-300)
     angle = valve.seat_angle_rad
-    row["seat_width"] = 2.0 * valve.ball_radius * quick_tan(angle)
-    row["seat_growth"] = quick_sin(angle) / power(quick_cos(angle), 2)
+    row["seat_width"] = 2.0 * valve.ball_radius * each(math.tan)(angle)
+    row["seat_growth"] = each(math.sin)(angle) / power(each(math.cos)(angle), 2)
     row["discharge"], row["laminar_limit"] = valve.discharge, LAMINAR_DROP

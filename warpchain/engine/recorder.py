@@ -59,7 +59,7 @@ def _beside_statistics(packed: Packed, memory: int) -> int:
     if taken > memory:
         raise SimulationError(
             f"the statistics of {packed.variants} variants take {taken / 2**30:.3g} GiB, more than the memory budget "
-            f"of {memory / 2**30:.3g} GiB; simulate fewer variants at a time, or raise memory"
+            f"has for them, {memory / 2**30:.3g} GiB; simulate fewer variants at a time, or raise memory"
         )
     return memory - taken
 

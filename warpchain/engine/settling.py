@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from warpchain.assembly.timestep import highest_frequency, moving_bodies, step_limit
 from warpchain.drive import Drive
+from warpchain.drive.each import largest, power, table_of, where
 from warpchain.drive.stack import Stack, picked, stacks_of
 from warpchain.engine.devices import engine_on
 from warpchain.engine.fill import FORMS, escape, widen_box
@@ -82,21 +83,18 @@ def cushion(still: Packed) -> None:
         laws["damping"][armed] = damping[owner[armed]]
 
 
-def quickened(packed: Packed, drives: Sequence[Drive]) -> None:
+def quickened(packed: Packed, stacks: Sequence[Stack]) -> None:
     """Gives arms, for settling, as little inertia as lets the fastest of them oscillate half as fast, in omega^2, as
     the rollers do: nothing waits for them then, and the step of `SETTLE_STEP` stays stable.
     """
-    known: dict[int, list[float]] = {}
-    for v, drive in enumerate(drives):
-        if drive.arms:
-            if id(drive) not in known:
-                bodies = moving_bodies(drive)
-                other = highest_frequency(drive, damped_links=False) ** 2 - max(body.square for body in bodies)
-                squares = [body.square for body in bodies[-len(drive.arms) :]]
-                known[id(drive)] = [0.5 * other / square if square > 0.0 else 1.0 for square in squares]
-            first = int(packed.drives["first_arm"][v])
-            arms = packed.arms["inverse_inertia"][first : first + len(drive.arms)]
-            arms *= np.maximum(known[id(drive)], 1.0)
+    for stack in stacks:
+        drive, count = stack.drive, len(stack.drive.arms)
+        if count:
+            squares = [body.square for body in moving_bodies(drive)]
+            other = power(highest_frequency(drive, damped_links=False), 2) - largest(*squares)
+            lighter = [where(of > 0.0, 0.5 * other / where(of > 0.0, of, 1.0), 1.0) for of in squares[-count:]]
+            arms = spread(packed.drives["first_arm"][stack.members], count)
+            packed.arms["inverse_inertia"][arms] *= np.maximum(table_of(lighter, len(arms)), 1.0)
 
 
 def settle(
@@ -133,7 +131,7 @@ def settle(
     rollers = packed.drives["rollers"].astype(float)
     still = elastic(packed)
     cushion(still)
-    quickened(still, drives)
+    quickened(still, stacks)
     engine = engine_on(devices, still, cores)
 
     def done() -> tuple[float, float]:

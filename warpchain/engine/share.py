@@ -123,9 +123,11 @@ class Share:
         self.packed = replace(pack(drives, members.schedules, stacks, members.first), frame=frame)
         self.layouts = layouts_of(drives, self.packed.assemblies, stacks)
 
-    def recorder(self, info: RunInfo, recording: Recording) -> Recorder:
-        """Takes their frames."""
-        return Recorder(self.members.drives, self.members.schedules, self.packed, info, recording)
+    def recorder(self, info: RunInfo, recording: Recording, count: int) -> Recorder:
+        """Takes their frames; of the memory of `count` variants they have their part."""
+        drives, schedules = self.members.drives, self.members.schedules
+        recording = replace(recording, memory=recording.memory * len(drives) // count)
+        return Recorder(drives, schedules, self.packed, info, recording)
 
     def run(self, how: How, recorder: Recorder, report: Report, stop: Stop, keeper: Keeper | None = None) -> Outcome:
         """Settles the variants, steps them to their ends or until a stop is asked for, and tells what they came to."""

@@ -58,7 +58,8 @@ def simulate(
     """Simulates drives, all at once, and returns their metrics and the recorded trajectories.
 
     The drives may differ in every value, in the number of links, teeth, sprockets and guide-bars. A variant's result
-    depends neither on the others nor on the number of threads; on a GPU last digits may (`docs/devices.md`).
+    depends neither on the others nor on the number of threads; on a GPU, and where guides bend chains, last digits may
+    (`docs/devices.md`).
 
     Args:
         drives: one drive or many.
@@ -113,7 +114,7 @@ def simulate(
     stacks = stacks_of(chosen)
     schedules = schedules_of(chosen, duration, step, recording.record, window, stacks)
     cores = workers or available_cores()
-    types(real_of(precision))  # an unknown precision ends here
+    types(real_of(precision))  # an unknown precision ends here; made before threads of shares ask for them
     members, frame = Members(chosen, schedules, stacks), frame_of(recording.record.channels)
     whole = states is not None or archive is not None or bool(recording.record.indices(len(chosen)))
     parts, share, (devices, why) = begun(members, frame, device, (precision, cores), whole)
@@ -124,8 +125,7 @@ def simulate(
     kind = f"{precision} {devices[0].partition(':')[0]}"
     keeper = None if states is None else Keeper(states, chosen, schedules, kind)
     begin = time.monotonic()
-    recording = replace(recording, memory=memory // len(parts))
-    recorder = share.recorder(info, recording)
+    recorder = share.recorder(info, recording, len(chosen))
     try:
         with reporter(progress) as report, interruptible() as stop:
             if len(parts) == 1:
@@ -136,7 +136,7 @@ def simulate(
                     layouts = share.layouts
                     for part in parts[1:]:
                         share = Share(part, frame)
-                        shares.add(share, share.recorder(info, recording))
+                        shares.add(share, share.recorder(info, recording, len(chosen)))
                         layouts = [*layouts, *share.layouts]
                     _warn(LayoutWarning, layout_line(layouts))
                     outcome = shares.outcome()
