@@ -77,6 +77,7 @@ power = each(pow)
 hypot = each(math.hypot)
 cbrt = each(math.cbrt)
 radians = each(math.radians)
+arcsin = each(math.asin)
 
 
 def sqrt(value: Any) -> Any:

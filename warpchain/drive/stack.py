@@ -6,8 +6,8 @@ numbers in which they differ are arrays (V,); what all share is a plain number. 
 by the functions of `warpchain.drive.each` then gives all of them at once, a drive alone being a stack of one.
 
 Guides that are no straight bars on the ground are the same in all drives of a stack, and so are what their faces hang
-on and the pivots of arms. Chains of unlike links are calculated number by number: of drives with these a stack differs
-in their sprockets' loads alone.
+on and the pivots of arms. Links may be unlike, those of each variant in their own way: how many are worn is of the
+kind, which ones and by how much is not, not even by nothing.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from warpchain.drive.arms import Arm
 from warpchain.drive.drive import Drive
 from warpchain.drive.each import many
-from warpchain.drive.motion import Load
 from warpchain.drive.part import Part
-from warpchain.drive.parts import Chain
+from warpchain.drive.parts import Chain, WornLink
 from warpchain.drive.table import Table
 from warpchain.errors import DriveError
 
@@ -33,10 +32,11 @@ Value = TypeVar("Value")
 
 _PLAIN = frozenset((float, int, str, bool, type(None)))
 
-NOTHING, FACES, ALL = range(3)
-"""What drives share with the others of a stack: no number, those that guides' faces hang on, all but loads'."""
-
 _OF_FACES = {(Drive, "guides"), (Chain, "pitch"), (Chain, "roller_radius"), (Arm, "pivot")}
+"""The numbers that guides' faces hang on."""
+
+_FREE = {WornLink}
+"""Parts whose numbers, whole ones among them, and which of them are 0, decide nothing."""
 
 LARGEST = 1024
 """Most variants of a stack: more are several, so that what is worked on stays in the processor's caches."""
@@ -57,15 +57,15 @@ class Stack:
 
 def stacks_of(drives: Sequence[Drive]) -> list[Stack]:
     """Drives sorted into stacks, in the order of their first members."""
-    shares = np.array(_shares(drives))
-    groups = [(np.flatnonzero(shares == share), share) for share in (NOTHING, FACES, ALL)]
-    found = [stack for members, share in groups if len(members) for stack in _stacks(drives, members, share)]
+    bent = np.array(_bent(drives), dtype=bool)
+    groups = [(np.flatnonzero(bent == faces), faces) for faces in (False, True)]
+    found = [stack for members, faces in groups if len(members) for stack in _stacks(drives, members, faces)]
     return sorted(found, key=lambda stack: int(stack.members[0]))
 
 
-def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], share: int) -> Iterator[Stack]:
+def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], faces: bool) -> Iterator[Stack]:
     """Stacks of some drives: as if they were of a kind; then, where they are not, of each kind."""
-    columns = _Columns(share)
+    columns = _Columns(faces)
     drive = columns.of([drives[v] for v in members.tolist()])
     if many(drive.run.phase) and _turns_tables(drive):
         columns.kinds.append([drives[v].run.phase for v in members.tolist()])
@@ -78,7 +78,7 @@ def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], share: int) -> 
     for v, key in zip(members.tolist(), zip(*columns.kinds, strict=True), strict=True):
         kinds.setdefault(key, []).append(v)
     for alike in kinds.values():
-        yield from _stacks(drives, np.array(alike, dtype=np.int64), share)
+        yield from _stacks(drives, np.array(alike, dtype=np.int64), faces)
 
 
 def _turns_tables(drive: Drive) -> bool:
@@ -88,35 +88,31 @@ def _turns_tables(drive: Drive) -> bool:
     )
 
 
-def _shares(drives: Sequence[Drive]) -> list[int]:
-    """What drives share with those of their stack."""
+def _bent(drives: Sequence[Drive]) -> list[bool]:
+    """Which drives have guides that are no straight bars on the ground, arms, or tensioners."""
     fields = [drive.__dict__ for drive in drives]
     faces = {id(guide): guide for of in fields for guide in of["guides"]}
     bars = {key for key, guide in faces.items() if guide.straight and guide.arm is None}
-    return [_share(of, len(bars) == len(faces), bars) for of in fields]
-
-
-def _share(drive: Mapping[str, Any], straight: bool, bars: set[int]) -> int:
-    chain = drive["chain"].__dict__
-    if chain["outer"] is not None or chain["play"] is not None or chain["worn_links"]:
-        return ALL
-    bent = drive["arms"] or drive["tensioners"] or not (straight or all(id(g) in bars for g in drive["guides"]))
-    return FACES if bent else NOTHING
+    straight = len(bars) == len(faces)
+    return [
+        bool(of["arms"] or of["tensioners"] or not (straight or all(id(guide) in bars for guide in of["guides"])))
+        for of in fields
+    ]
 
 
 class _Columns:
     """Puts parts or values together, column by column.
 
     Args:
-        share: what must be the same within a kind: `ALL` numbers but those of loads, what `FACES` of guides hang on, or
-            `NOTHING`. Which numbers are 0 always is.
+        faces: whether what guides' faces hang on must be the same within a kind. Which numbers are 0 always must, but
+            for those of worn links.
 
     Attributes:
         kinds: columns of values that differ among kinds; without any, all were of one.
     """
 
-    def __init__(self, share: int) -> None:
-        self.exact, self.faces = share == ALL, share == FACES
+    def __init__(self, faces: bool) -> None:
+        self.exact, self.faces = False, faces
         self.kinds: list[Sequence[Hashable]] = []
 
     def of(self, values: Sequence[Any]) -> Any:
@@ -145,20 +141,26 @@ class _Columns:
         exact, columns, kind = self.exact, {}, type(first)
         for name in fields[0]:
             if name != "nudge":
-                self.exact = kind is not Load and (exact or (self.faces and (kind, name) in _OF_FACES))
-                columns[name] = self.of(list(map(itemgetter(name), fields)))
+                self.exact = exact or (self.faces and (kind, name) in _OF_FACES)
+                values = list(map(itemgetter(name), fields))
+                columns[name] = self._column(values) if kind in _FREE else self.of(values)
         self.exact = exact
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
 
     def _numbers(self, values: Sequence[float]) -> float | NDArray[np.float64]:
-        column = np.array(values)
-        bits = column.view(np.int64)
-        if (bits == bits[0]).all():
-            return values[0]
+        column = self._column(values)
+        if column is values[0]:
+            return column
         zero = column == 0.0
         if self.exact or (zero.any() and not zero.all()):
-            self._differ(bits.tolist() if self.exact else zero.tolist())
+            self._differ(column.view(np.int64).tolist() if self.exact else zero.tolist())
         return column
+
+    def _column(self, values: Sequence[Any]) -> Any:
+        """Numbers as an array (V,); the first of them where all have the same bits."""
+        column = np.array(values)
+        bits = column.view(np.int64)
+        return values[0] if (bits == bits[0]).all() else column
 
     def _differ(self, kinds: Sequence[Hashable]) -> None:
         self.kinds.append(kinds)
@@ -173,7 +175,7 @@ def _mark(value: Any) -> Hashable:
 
 def stacked(values: Sequence[Value]) -> Value:
     """Drives or parts of a kind as one."""
-    found: Value = _Columns(NOTHING).of(values)
+    found: Value = _Columns(faces=False).of(values)
     return found
 
 
