@@ -36,7 +36,7 @@ _OF_FACES = {(Drive, "guides"), (Chain, "pitch"), (Chain, "roller_radius"), (Arm
 """The numbers that guides' faces hang on."""
 
 _FREE = {WornLink}
-"""Parts whose numbers, whole ones among them, and which of them are 0, decide nothing."""
+"""Parts, of numbers, whole ones among them, that decide nothing, and so may be 0 in some of a stack only."""
 
 LARGEST = 1024
 """Most variants of a stack: more are several, so that what is worked on stays in the processor's caches."""
@@ -132,6 +132,8 @@ class _Columns:
         if isinstance(first, tuple):
             if len(set(map(len, values))) > 1:
                 return self._differ([len(value) for value in values])
+            if first and type(first[0]) in _FREE:
+                return _same(first, _free(values))
             return _same(first, tuple(map(self.of, zip(*values, strict=True))))
         changed = self._fields(first, [value.__dict__ for value in values])
         return first.model_copy(update=changed) if changed else first
@@ -142,28 +144,35 @@ class _Columns:
         for name in fields[0]:
             if name != "nudge":
                 self.exact = exact or (self.faces and (kind, name) in _OF_FACES)
-                values = list(map(itemgetter(name), fields))
-                columns[name] = self._column(values) if kind in _FREE else self.of(values)
+                columns[name] = self.of(list(map(itemgetter(name), fields)))
         self.exact = exact
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
 
     def _numbers(self, values: Sequence[float]) -> float | NDArray[np.float64]:
-        column = self._column(values)
-        if column is values[0]:
-            return column
-        zero = column == 0.0
-        if self.exact or (zero.any() and not zero.all()):
-            self._differ(column.view(np.int64).tolist() if self.exact else zero.tolist())
-        return column
-
-    def _column(self, values: Sequence[Any]) -> Any:
-        """Numbers as an array (V,); the first of them where all have the same bits."""
         column = np.array(values)
         bits = column.view(np.int64)
-        return values[0] if (bits == bits[0]).all() else column
+        if (bits == bits[0]).all():
+            return values[0]
+        zero = column == 0.0
+        if self.exact or (zero.any() and not zero.all()):
+            self._differ(bits.tolist() if self.exact else zero.tolist())
+        return column
 
     def _differ(self, kinds: Sequence[Hashable]) -> None:
         self.kinds.append(kinds)
+
+
+def _free(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
+    """As many parts of numbers that decide nothing of each variant, as those of a stack."""
+    first, fields = values[0], [part.__dict__ for parts in values for part in parts]
+    changed: list[dict[str, Any]] = [{} for _ in first]
+    for name in fields[0]:
+        table = np.array(list(map(itemgetter(name), fields))).reshape(len(values), len(first)).T.copy()
+        bits = table.view(np.int64)
+        for i in np.flatnonzero((bits != bits[:, :1]).any(axis=1)).tolist():
+            changed[i][name] = table[i]
+    pairs = zip(first, changed, strict=True)
+    return tuple(part.model_copy(update=update) if update else part for part, update in pairs)
 
 
 def _mark(value: Any) -> Hashable:
