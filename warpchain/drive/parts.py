@@ -248,16 +248,16 @@ class Chain(Part):
         import numpy as np
 
         inner, outer = self.pitch * (1.0 + self.elongation), self.outer_pitch
-        worn = [(worn.link, self.pitch * (1.0 + worn.elongation)) for worn in self.worn_links]
-        values: list[Any] = [inner, outer, *(value for pair in worn for value in pair)]
-        variants = next((len(value) for value in values if many(value)), 0)
-        lengths = np.empty((variants, self.links) if variants else self.links)
-        lengths[:] = along(inner)
+        links = self.worn_links[0].link if self.worn_links else 0  # of a stack, arrays of all worn ones or of none
+        columns: tuple[Any, ...] = inner, outer, links
+        variants = next((len(column) for column in columns if many(column)), None)
+        lengths = np.empty(self.links if variants is None else (variants, self.links))
+        rows, own = lengths.T, np.arange(variants) if many(links) else None
+        rows[:] = inner
         if self.outer is not None:
-            lengths[..., ::2] = along(outer)
-        rows = (np.arange(variants),) if variants else ()
-        for link, length in worn:
-            lengths[(*rows, link)] = length
+            rows[::2] = outer
+        for worn in self.worn_links:
+            rows[worn.link if own is None else (worn.link, own)] = self.pitch * (1.0 + worn.elongation)
         return lengths
 
     @property

@@ -133,7 +133,7 @@ class _Columns:
             if len(set(map(len, values))) > 1:
                 return self._differ([len(value) for value in values])
             if first and type(first[0]) in _FREE:
-                return _same(first, _free(values))
+                return _free(values)
             return _same(first, tuple(map(self.of, zip(*values, strict=True))))
         changed = self._fields(first, [value.__dict__ for value in values])
         return first.model_copy(update=changed) if changed else first
@@ -163,16 +163,17 @@ class _Columns:
 
 
 def _free(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
-    """As many parts of numbers that decide nothing of each variant, as those of a stack."""
+    """As many parts of numbers that decide nothing of each variant as those of a stack: all are arrays, or none."""
     first, fields = values[0], [part.__dict__ for parts in values for part in parts]
-    changed: list[dict[str, Any]] = [{} for _ in first]
+    tables = {}
     for name in fields[0]:
-        table = np.array(list(map(itemgetter(name), fields))).reshape(len(values), len(first)).T.copy()
-        bits = table.view(np.int64)
-        for i in np.flatnonzero((bits != bits[:, :1]).any(axis=1)).tolist():
-            changed[i][name] = table[i]
-    pairs = zip(first, changed, strict=True)
-    return tuple(part.model_copy(update=update) if update else part for part, update in pairs)
+        table = np.array(list(map(itemgetter(name), fields))).reshape(len(values), len(first))
+        tables[name] = table.T.copy()
+    if all((bits == bits[:, :1]).all() for bits in (table.view(np.int64) for table in tables.values())):
+        return first
+    return tuple(
+        part.model_copy(update={name: table[i] for name, table in tables.items()}) for i, part in enumerate(first)
+    )
 
 
 def _mark(value: Any) -> Hashable:
