@@ -3,20 +3,23 @@
     python scripts/bench_assembly.py                       # marine, engine, car; 10,000, 10,000 and 1,000 variants
     python scripts/bench_assembly.py --count 2000 --drives marine
     python scripts/bench_assembly.py --kinds 224           # the marine drive with as many numbers of teeth and links
+    python scripts/bench_assembly.py --drives marine --count 1000 --links worn each outer play
 
 Stages: `made` by `Drive.with_values`, and by `Changes` as studies make them; `adjusted` as studies do, the second
 sprocket moved along x for the strain that the drive file has; `sorted` into stacks; `steps` resolved; `assembled`;
 `packed` into arrays (without assembling); `layouts` looked at; `metrics` formed of a run of a few steps. CPU time
 counts, the least of some rounds, as other work on the machine disturbs that less; beside it what one variant takes
 alone: to sort and pack (`alone`), to assemble and to fit. Five values differ: stiffness, speed, the place of a
-sprocket, a load, an inertia.
+sprocket, a load, an inertia; of unlike links (`--links`) also what they have of their own: three worn links which ones
+and by how much, every link's own wear, outer links' length and stiffness, the play.
 """
 
 import argparse
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from itertools import product
 from typing import Any
 from unittest import mock
 
@@ -41,8 +44,34 @@ from warpchain.study.spec.parts import Adjust
 STAGES = ("made", "by changes", "adjusted", "sorted", "steps", "assembled", "packed", "layouts")
 ALONE = ("alone", "assembled alone", "fit alone")
 NONE = Record("none")
+LINKS: dict[str, Callable[[Drive], dict[str, Any]]] = {
+    "worn": lambda drive: {"chain.worn_links": _worn((5, 40, 90))},
+    "each": lambda drive: {"chain.worn_links": _worn(range(drive.chain.links))},
+    "outer": lambda drive: {"chain.outer": {"elongation": 0.003, "stiffness": 1.2 * drive.chain.stiffness}},
+    "play": lambda drive: {"chain.play": 1e-3 * drive.chain.pitch},
+}
+"""How links are unlike."""
+
 SLOW = 10
 """Laying chains around guides takes its time: so many times fewer variants of a drive with arms."""
+
+
+def _worn(links: Iterable[int]) -> list[dict[str, Any]]:
+    return [{"link": link, "elongation": 0.003} for link in links]
+
+
+def links_of(drive: Drive, about: Callable[[float], float], random: np.random.Generator) -> dict[str, Any]:
+    """Values of what a variant's links have of their own: of a few worn ones also which they are."""
+    chain, found = drive.chain, dict[str, Any]()
+    if chain.worn_links:
+        worn = len(chain.worn_links)
+        places = random.choice(chain.links, worn, replace=False).tolist() if worn < chain.links else range(worn)
+        found["chain.worn_links"] = [{"link": link, "elongation": about(0.003)} for link in places]
+    if chain.outer is not None and chain.outer.stiffness is not None:
+        found |= {"chain.outer.elongation": about(0.003), "chain.outer.stiffness": about(chain.outer.stiffness)}
+    if chain.play is not None:
+        found["chain.play"] = about(chain.play)
+    return found
 
 
 def values_of(drive: Drive, random: np.random.Generator) -> dict[str, Any]:
@@ -59,6 +88,7 @@ def values_of(drive: Drive, random: np.random.Generator) -> dict[str, Any]:
         f"sprockets.{drive.sprockets[1].name}.center.0": x + 0.02 * drive.chain.pitch * float(random.random() - 0.5),
         f"sprockets.{last.name}.load.torque": about(last.load.torque if last.load else 1.0),
         f"sprockets.{last.name}.inertia": about(last.inertia or 1.0),
+        **links_of(drive, about, random),
     }
 
 
@@ -152,6 +182,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--drives", nargs="*", default=["marine", "engine", "car"])
     made.add_argument("--count", type=int, default=10_000, help="variants (of the car, a tenth of them)")
     made.add_argument("--kinds", type=int, default=0, help="kinds of the marine drive among them")
+    made.add_argument("--links", nargs="*", default=[], choices=list(LINKS), help="how links of the drives are unlike")
     made.add_argument("--rounds", type=int, default=3)
     made.add_argument("--metrics", action="store_true", help="simulate 2,000 variants for a few steps, too")
     return made
@@ -162,16 +193,19 @@ def main() -> None:
     arguments = parser().parse_args()
     start_warp()
     warnings.simplefilter("ignore")
-    print("us a variant  " + "".join(f"{stage:>16}" for stage in (*STAGES, "all packing", *ALONE)))
-    for name in ["marine"] if arguments.kinds else arguments.drives:
+    print("us a variant      " + "".join(f"{stage:>16}" for stage in (*STAGES, "all packing", *ALONE)))
+    names = ["marine"] if arguments.kinds else arguments.drives
+    for name, links in product(names, arguments.links or [""]):
         base = load_drive(drive_path(name))
+        base = base.with_values(LINKS[links](base)) if links else base
         bases = kinds_of(base, arguments.kinds) if arguments.kinds else [base]
         count = max(20, arguments.count // SLOW) if base.arms else arguments.count
         times = stages(bases, count, arguments.rounds)
         whole = sum(times[stage] for stage in ("sorted", "steps", "assembled", "packed"))
         row = [times[stage] for stage in STAGES] + [whole, *(times[stage] for stage in ALONE)]
-        title = f"{name} {count}" + (f" of {len(bases)}" if arguments.kinds else "")
-        print(f"{title:14}" + "".join(f"{value:16.1f}" for value in row), flush=True)
+        title = f"{name} {links} {count}" if links else f"{name} {count}"
+        title += f" of {len(bases)}" if arguments.kinds else ""
+        print(f"{title:18}" + "".join(f"{value:16.1f}" for value in row), flush=True)
     if arguments.metrics:
         print(f"metrics of 2000 marine variants: {metrics(load_drive(drive_path('marine')), 2000):.1f} us each")
 

@@ -1,5 +1,7 @@
 """What tests read off an assembled chain."""
 
+from dataclasses import fields
+
 import numpy as np
 
 
@@ -19,3 +21,15 @@ def strand_rollers(assembly, k):
     """The positions of strand k's rollers, both end seats included."""
     index = (assembly.strand_first[k] + np.arange(assembly.strand_links[k] + 1)) % len(assembly.position)
     return assembly.position[index]
+
+
+def assert_same(found, expected):
+    """That all of an assembly, its path included, has the same bits."""
+    for field in fields(expected):
+        mine, other = getattr(found, field.name), getattr(expected, field.name)
+        if hasattr(other, "__dataclass_fields__"):
+            assert_same(mine, other)
+        elif isinstance(other, tuple):
+            assert repr(mine) == repr(other)
+        else:
+            assert np.array_equal(mine, other) and np.shape(mine) == np.shape(other), field.name

@@ -1,10 +1,10 @@
 """Drives assembled and packed together, a stack of a kind at once: each as if it were alone, to the last bit."""
 
 import warnings
-from dataclasses import fields
 
 import numpy as np
 import pytest
+from assemblies import assert_same
 
 from warpchain.assembly import assemble
 from warpchain.assembly.layout import findings, suspects
@@ -41,17 +41,6 @@ def scattered(name, count, seed=1):
             values["chain.outer"] = {"elongation": 0.002}
         found.append(base.with_values(values))
     return found
-
-
-def assert_same(found, expected):
-    for field in fields(expected):
-        mine, other = getattr(found, field.name), getattr(expected, field.name)
-        if hasattr(other, "__dataclass_fields__"):
-            assert_same(mine, other)
-        elif isinstance(other, tuple):
-            assert repr(mine) == repr(other)
-        else:
-            assert np.array_equal(mine, other) and np.shape(mine) == np.shape(other), field.name
 
 
 @pytest.mark.parametrize("name", [name for name in example_names() if name != "car"])

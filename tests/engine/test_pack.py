@@ -22,7 +22,13 @@ def mixed():
     worn = marine.with_values({"chain.elongation": 0.002})
     stiff = marine.with_values({"sprockets.camshaft.inertia": 9.0})
     others = [load_drive(drive_path(name)) for name in example_names()]
-    return [torque[0], two_sprockets(), worn, torque[1], *others, stiff, *others[::-1], *torque[2:], two_sprockets()]
+    own = [[{"link": 3 + v, "elongation": 1e-3 * v}, {"link": 9, "elongation": 2e-3}] for v in range(3)]
+    unlike = [
+        marine.with_values({"chain.worn_links": own[v], "chain.play": 1e-4 * (1.0 + v), "chain.outer": outer})
+        for v, outer in enumerate({"stiffness": k, "elongation": 1e-3} for k in (1e9, marine.chain.stiffness, 2e9))
+    ]
+    some = [torque[0], two_sprockets(), worn, unlike[0], torque[1], *others, unlike[1], stiff, *others[::-1]]
+    return [*some, *torque[2:], two_sprockets(), unlike[2]]
 
 
 def schedules(count):
@@ -62,7 +68,7 @@ def test_each_variant_is_packed_as_if_alone():
         rollers, wheels, bars = (int(row[name]) for name in ("rollers", "sprockets", "guides"))
         steps = (rollers, wheels, bars, rollers * (wheels + bars), rollers * (wheels + 1))
         at = {name: at[name] + more for name, more in zip(PLACES, steps, strict=True)}
-        for name in ("drives", "chains", "lengths", "mounts", "rollers", "bodies", "strands", "seat"):
+        for name in ("drives", "chains", "links", "lengths", "mounts", "rollers", "bodies", "strands", "seat"):
             assert_same(getattr(part, name), getattr(alone, name))
         if bars:
             assert_same(part.guides, alone.guides)
@@ -76,3 +82,17 @@ def test_each_variant_is_packed_as_if_alone():
         for own, single in zip(part.sprockets, alone.sprockets, strict=True):
             teeth, first, other = int(own["teeth"]), int(own["first_seat"]), int(single["first_seat"])
             assert_same(packed.seats[first : first + teeth], alone.seats[other : other + teeth])
+
+
+def test_outer_links_as_stiff_as_inner_ones_are_packed_as_alike():
+    """Of a stack as alone: rows of links stay zero where all are the same spring."""
+    marine = load_drive(drive_path("marine"))
+    stiffness, damping = marine.chain.stiffness, marine.chain.damping
+    drives = [
+        marine.with_values({"chain.stiffness": k, "chain.outer": {"stiffness": stiffness, "damping": damping}})
+        for k in (stiffness, 0.9 * stiffness)
+    ]
+    links = pack(drives, schedules(2)).links
+    assert links["uneven"].tolist() == [0, 1] and links["play"].tolist() == [0.0, 0.0]
+    assert links["outer_stiffness"].tolist() == [0.0, stiffness]
+    assert links["outer_damping"].tolist() == [0.0, damping]

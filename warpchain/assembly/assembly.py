@@ -207,7 +207,7 @@ class _Placement:
         """Places the rollers that sit on sprocket s, each on its seat (K, rollers)."""
         sprocket = self.drive.sprockets[s]
         forth = np.where(np.arange(rollers.start, rollers.stop) % 2, 1.0, -1.0)
-        lean = sprocket.sign * self.drive.riding_lean(s) * forth
+        lean = self._own(sprocket.sign * self.drive.riding_lean(s)) * forth
         polar = angle[:, None] + seat * (2.0 * math.pi / sprocket.teeth) + lean
         radius = self.radius[:, s, None]
         (x, y), velocity = initial_place(sprocket), initial_velocity(sprocket)

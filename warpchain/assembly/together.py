@@ -18,7 +18,7 @@ from warpchain.errors import DriveError
 Places = NDArray[np.int64]
 
 PULLS = "stiffness", "roller_mass", "mass_per_length"
-"""Values of a chain that pull an arm, or make its stops as stiff as they are."""
+"""Values of a chain that pull an arm, or make its stops as stiff as they are; outer links' stiffness does, too."""
 
 
 @dataclass(frozen=True)
@@ -139,12 +139,15 @@ def _hung_on(drive: Drive) -> dict[str, Any]:
     def some(part: Any, *names: str) -> dict[str, Any]:
         return {name: getattr(part, name) for name in names}
 
-    lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "outer", "play", "roller_radius"
+    lengths: tuple[str, ...] = "pitch", "links", "elongation", "worn_links", "play", "roller_radius"
     if drive.arms:
         lengths = (*lengths, *PULLS)
+    outer = drive.chain.outer
+    if outer is not None:
+        outer = outer.model_copy(update={"damping": None} if drive.arms else {"damping": None, "stiffness": None})
     places = "name", "center", "teeth", "pitch", "wrap", "prescribed", "mount"
     return {
-        "chain": some(drive.chain, *lengths),
+        "chain": some(drive.chain, *lengths) | {"outer": outer},
         "sprockets": [some(sprocket, *places) for sprocket in drive.sprockets],
         "run": some(drive.run, "gravity", "phase"),
     }

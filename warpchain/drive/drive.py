@@ -27,7 +27,7 @@ from warpchain.drive.contact import (
     GuideContact,
     merged,
 )
-from warpchain.drive.each import hypot, largest, power, radians, where
+from warpchain.drive.each import arcsin, hypot, largest, power, radians, sqrt, where
 from warpchain.drive.guides import Guide, guide_profile
 from warpchain.drive.part import (
     Allowed,
@@ -152,12 +152,13 @@ class Drive(Part):
         Links of the length l that take a tooth each span the pitch angle at l / (2 sin(pi/z)); an outer and an inner
         link of unlike lengths l, l' span two of them, a = 4 pi/z, at sqrt(l^2 + l'^2 + 2 l l' cos(a/2)) / (2 sin(a/2)).
         """
-        inner, outer = self.chain.pulled_pair
         half = math.pi / self.sprockets[s].teeth
-        if self.chain.outer is None or inner == outer:
-            return largest(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
-        over_both = math.sqrt(inner**2 + outer**2 + 2.0 * inner * outer * math.cos(2.0 * half))
-        return max(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half)))
+        alone = largest(self.sprocket_pitch(s), self.chain.worn_pitch) / (2.0 * math.sin(half))
+        if self.chain.outer is None:
+            return alone
+        inner, outer = self.chain.pulled_pair
+        over_both = sqrt(power(inner, 2) + power(outer, 2) + 2.0 * inner * outer * math.cos(2.0 * half))
+        return where(inner == outer, alone, largest(self.pitch_radius(s), over_both / (2.0 * math.sin(2.0 * half))))
 
     def riding_lean(self, s: int) -> float:
         """Angle [rad] by which outer links on sprocket s reach beyond a tooth at either end, and inner ones fall short.
@@ -169,9 +170,8 @@ class Drive(Part):
             return 0.0
         inner, outer = self.chain.pulled_pair
         radius = self.riding_radius(s)
-        if inner == outer or radius <= self.pitch_radius(s):
-            return 0.0
-        return 0.5 * (math.asin(0.5 * outer / radius) - math.asin(0.5 * inner / radius))
+        lean = 0.5 * (arcsin(0.5 * outer / radius) - arcsin(0.5 * inner / radius))
+        return where((inner == outer) | (radius <= self.pitch_radius(s)), 0.0, lean)
 
     def tooth(self, s: int) -> Tooth:
         """The tooth gap of sprocket s: the contact's own, or that of ISO 606 for its teeth."""

@@ -85,6 +85,7 @@ power = each(pow)
 hypot = each(math.hypot)
 cbrt = each(math.cbrt)
 radians = each(math.radians)
+arcsin = each(math.asin)
 
 
 def _rounded_as_numpy(name: str) -> Callable[..., Any]:

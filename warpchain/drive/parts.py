@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field
 
 from warpchain.drive.catalogue import CHAINS
-from warpchain.drive.each import many, some, sqrt
+from warpchain.drive.each import along, many, some, sqrt, where
 from warpchain.drive.motion import BalanceWheel, FixedMount, Load, Mount, Prescribed
 from warpchain.drive.part import (
     BARE,
@@ -214,23 +214,27 @@ class Chain(Part):
     @property
     def mean_stiffness(self) -> float:
         """Stiffness of like links [N/m] that would make as stiff a chain: an outer and an inner one in series."""
-        if self.outer is None or self.outer_stiffness == self.stiffness:
+        if self.outer is None:
             return self.stiffness
-        return 2.0 / (1.0 / self.stiffness + 1.0 / self.outer_stiffness)
+        series: float = 2.0 / (1.0 / self.stiffness + 1.0 / self.outer_stiffness)
+        return where(self.outer_stiffness == self.stiffness, self.stiffness, series)
 
     @property
     def uneven(self) -> bool:
         """Whether links differ in more than their length, or have play."""
-        own = self.outer
-        alike = own is None or (self.outer_stiffness == self.stiffness and self.outer_damping == self.link_damping)
-        return not alike or (self.play is not None and self.play > 0.0)
+        played = self.play is not None and some(self.play > 0.0)
+        if self.outer is None:
+            return played
+        alike = (self.outer_stiffness == self.stiffness) & (self.outer_damping == self.link_damping)
+        return played | (alike ^ True)
 
     @property
     def worn_pitch(self) -> float:
         """Mean length at which a pulled link that has no elongation of its own begins to carry tension [m]."""
         inner = self.pitch * (1.0 + self.elongation)
-        alike = self.outer is None or self.outer_pitch == inner
-        return (inner if alike else 0.5 * (inner + self.outer_pitch)) + self.link_play
+        if self.outer is None:
+            return inner + self.link_play
+        return where(self.outer_pitch == inner, inner, 0.5 * (inner + self.outer_pitch)) + self.link_play
 
     @property
     def pulled_pair(self) -> tuple[float, float]:
@@ -240,23 +244,26 @@ class Chain(Part):
 
     @property
     def link_lengths(self) -> NDArray[np.float64]:
-        """(N,) unloaded lengths of the links [m]."""
+        """(N,) unloaded lengths of the links [m]; of a stack (V, N), where they are not those of all."""
         import numpy as np
 
-        length: Any = self.pitch * (1.0 + self.elongation)
-        if many(length):
-            return np.repeat(length[:, None], self.links, axis=1)  # of a stack, (V, N)
-        lengths = np.full(self.links, length)
+        inner, outer = self.pitch * (1.0 + self.elongation), self.outer_pitch
+        links = self.worn_links[0].link if self.worn_links else 0  # of a stack, arrays of all worn ones or of none
+        columns: tuple[Any, ...] = inner, outer, links
+        variants = next((len(column) for column in columns if many(column)), None)
+        lengths = np.empty(self.links if variants is None else (variants, self.links))
+        rows, own = lengths.T, np.arange(variants) if many(links) else None
+        rows[:] = inner
         if self.outer is not None:
-            lengths[::2] = self.outer_pitch
+            rows[::2] = outer
         for worn in self.worn_links:
-            lengths[worn.link] = self.pitch * (1.0 + worn.elongation)
+            rows[worn.link if own is None else (worn.link, own)] = self.pitch * (1.0 + worn.elongation)
         return lengths
 
     @property
     def pulled_lengths(self) -> NDArray[np.float64]:
-        """(N,) lengths at which pulled links begin to carry tension [m]: unloaded, and drawn out by the play."""
-        return self.link_lengths + self.link_play
+        """(N,) or (V, N) lengths at which pulled links begin to carry tension [m]: unloaded, and drawn out by play."""
+        return self.link_lengths + along(self.link_play)
 
     @property
     def rubs(self) -> bool:

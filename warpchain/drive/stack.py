@@ -6,8 +6,8 @@ numbers in which they differ are arrays (V,); what all share is a plain number. 
 by the functions of `warpchain.drive.each` then gives all of them at once, a drive alone being a stack of one.
 
 Guides that are no straight bars on the ground are the same in all drives of a stack, and so are what their faces hang
-on and the pivots of arms. Chains of unlike links are calculated number by number: of drives with these a stack differs
-in their sprockets' loads alone.
+on and the pivots of arms. Links may be unlike, those of each variant in their own way: how many are worn is of the
+kind, which ones and by how much is not, not even by nothing.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from warpchain.drive.arms import Arm
 from warpchain.drive.drive import Drive
 from warpchain.drive.each import many
-from warpchain.drive.motion import Load
 from warpchain.drive.part import Part
-from warpchain.drive.parts import Chain
+from warpchain.drive.parts import Chain, WornLink
 from warpchain.drive.table import Table
 from warpchain.errors import DriveError
 
@@ -33,10 +32,11 @@ Value = TypeVar("Value")
 
 _PLAIN = frozenset((float, int, str, bool, type(None)))
 
-NOTHING, FACES, ALL = range(3)
-"""What drives share with the others of a stack: no number, those that guides' faces hang on, all but loads'."""
-
 _OF_FACES = {(Drive, "guides"), (Chain, "pitch"), (Chain, "roller_radius"), (Arm, "pivot")}
+"""The numbers that guides' faces hang on."""
+
+_FREE = {WornLink}
+"""Parts, of numbers, whole ones among them, that decide nothing, and so may be 0 in some of a stack only."""
 
 LARGEST = 1024
 """Most variants of a stack: more are several, so that what is worked on stays in the processor's caches."""
@@ -57,15 +57,15 @@ class Stack:
 
 def stacks_of(drives: Sequence[Drive]) -> list[Stack]:
     """Drives sorted into stacks, in the order of their first members."""
-    shares = np.array(_shares(drives))
-    groups = [(np.flatnonzero(shares == share), share) for share in (NOTHING, FACES, ALL)]
-    found = [stack for members, share in groups if len(members) for stack in _stacks(drives, members, share)]
+    bent = np.array(_bent(drives), dtype=bool)
+    groups = [(np.flatnonzero(bent == faces), faces) for faces in (False, True)]
+    found = [stack for members, faces in groups if len(members) for stack in _stacks(drives, members, faces)]
     return sorted(found, key=lambda stack: int(stack.members[0]))
 
 
-def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], share: int) -> Iterator[Stack]:
+def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], faces: bool) -> Iterator[Stack]:
     """Stacks of some drives: as if they were of a kind; then, where they are not, of each kind."""
-    columns = _Columns(share)
+    columns = _Columns(faces)
     drive = columns.of([drives[v] for v in members.tolist()])
     if not columns.kinds and many(drive.run.phase) and _turns_tables(drive):
         columns.kinds.append([drives[v].run.phase for v in members.tolist()])
@@ -78,7 +78,7 @@ def _stacks(drives: Sequence[Drive], members: NDArray[np.int64], share: int) -> 
     for v, key in zip(members.tolist(), zip(*columns.kinds, strict=True), strict=True):
         kinds.setdefault(key, []).append(v)
     for alike in kinds.values():
-        yield from _stacks(drives, np.array(alike, dtype=np.int64), share)
+        yield from _stacks(drives, np.array(alike, dtype=np.int64), faces)
 
 
 def _turns_tables(drive: Drive) -> bool:
@@ -88,35 +88,31 @@ def _turns_tables(drive: Drive) -> bool:
     )
 
 
-def _shares(drives: Sequence[Drive]) -> list[int]:
-    """What drives share with those of their stack."""
+def _bent(drives: Sequence[Drive]) -> list[bool]:
+    """Which drives have guides that are no straight bars on the ground, arms, or tensioners."""
     fields = [drive.__dict__ for drive in drives]
     faces = {id(guide): guide for of in fields for guide in of["guides"]}
     bars = {key for key, guide in faces.items() if guide.straight and guide.arm is None}
-    return [_share(of, len(bars) == len(faces), bars) for of in fields]
-
-
-def _share(drive: Mapping[str, Any], straight: bool, bars: set[int]) -> int:
-    chain = drive["chain"].__dict__
-    if chain["outer"] is not None or chain["play"] is not None or chain["worn_links"]:
-        return ALL
-    bent = drive["arms"] or drive["tensioners"] or not (straight or all(id(g) in bars for g in drive["guides"]))
-    return FACES if bent else NOTHING
+    straight = len(bars) == len(faces)
+    return [
+        bool(of["arms"] or of["tensioners"] or not (straight or all(id(guide) in bars for guide in of["guides"])))
+        for of in fields
+    ]
 
 
 class _Columns:
     """Puts parts or values together, column by column.
 
     Args:
-        share: what must be the same within a kind: `ALL` numbers but those of loads, what `FACES` of guides hang on, or
-            `NOTHING`. Which numbers are 0 always is.
+        faces: whether what guides' faces hang on must be the same within a kind. Which numbers are 0 always must, but
+            for those of worn links.
 
     Attributes:
         kinds: columns of values that differ among kinds; without any, all were of one.
     """
 
-    def __init__(self, share: int) -> None:
-        self.exact, self.faces = share == ALL, share == FACES
+    def __init__(self, faces: bool) -> None:
+        self.exact, self.faces = False, faces
         self.kinds: list[Sequence[Hashable]] = []
 
     def of(self, values: Sequence[Any]) -> Any:
@@ -136,6 +132,8 @@ class _Columns:
         if isinstance(first, tuple):
             if len(set(map(len, values))) > 1:
                 return self._differ([len(value) for value in values])
+            if first and type(first[0]) in _FREE:
+                return _free(values)
             return _same(first, tuple(map(self.of, zip(*values, strict=True))))
         changed = self._fields(first, [value.__dict__ for value in values])
         return first.model_copy(update=changed) if changed else first
@@ -145,7 +143,7 @@ class _Columns:
         exact, columns, kind = self.exact, {}, type(first)
         for name in fields[0]:
             if name != "nudge":
-                self.exact = kind is not Load and (exact or (self.faces and (kind, name) in _OF_FACES))
+                self.exact = exact or (self.faces and (kind, name) in _OF_FACES)
                 columns[name] = self.of(list(map(itemgetter(name), fields)))
         self.exact = exact
         return {name: value for name, value in columns.items() if value is not first.__dict__[name]}
@@ -164,6 +162,20 @@ class _Columns:
         self.kinds.append(kinds)
 
 
+def _free(values: Sequence[tuple[Part, ...]]) -> tuple[Part, ...]:
+    """As many parts of numbers that decide nothing of each variant as those of a stack: all are arrays, or none."""
+    first, fields = values[0], [part.__dict__ for parts in values for part in parts]
+    tables = {}
+    for name in fields[0]:
+        table = np.array(list(map(itemgetter(name), fields))).reshape(len(values), len(first))
+        tables[name] = table.T.copy()
+    if all((bits == bits[:, :1]).all() for bits in (table.view(np.int64) for table in tables.values())):
+        return first
+    return tuple(
+        part.model_copy(update={name: table[i] for name, table in tables.items()}) for i, part in enumerate(first)
+    )
+
+
 def _mark(value: Any) -> Hashable:
     """What tells a value of several types, or one that is no number, from others."""
     if isinstance(value, Table):
@@ -173,7 +185,7 @@ def _mark(value: Any) -> Hashable:
 
 def stacked(values: Sequence[Value]) -> Value:
     """Drives or parts of a kind as one."""
-    found: Value = _Columns(NOTHING).of(values)
+    found: Value = _Columns(faces=False).of(values)
     return found
 
 

@@ -15,7 +15,7 @@ from warpchain.assembly.path import MAX_STRAIN
 from warpchain.assembly.tables import TableList, shaft_ratio
 from warpchain.drive import Drive, ElasticMount, Harmonic, ImpactLaw, PrescribedMount, SliderMount, Sprocket
 from warpchain.drive.copies import turned_on
-from warpchain.drive.each import along, joined, largest, power
+from warpchain.drive.each import along, joined, largest, power, where
 from warpchain.drive.laws import LAWS
 from warpchain.drive.mounts import (
     active,
@@ -320,7 +320,7 @@ def fill_joint(row: Any, drive: Drive) -> None:
 
 def fill_links(row: Any, drive: Drive) -> None:
     """Fills the chain's `kernels.structs.Links`; it stays zero where links are all the same spring."""
-    chain = drive.chain
-    if chain.uneven:
-        row["uneven"], row["play"] = 1, chain.link_play
-        row["outer_stiffness"], row["outer_damping"] = chain.outer_stiffness, chain.outer_damping
+    chain, uneven = drive.chain, drive.chain.uneven
+    row["uneven"], row["play"] = where(uneven, 1, 0), where(uneven, chain.link_play, 0.0)
+    row["outer_stiffness"] = where(uneven, chain.outer_stiffness, 0.0)
+    row["outer_damping"] = where(uneven, chain.outer_damping, 0.0)
