@@ -96,7 +96,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         w: wp.array[Real],
         steps: int,
     ):
-        """One variant: up to `steps` steps of relaxation. A function, of which the kernel's two forms share the code."""
+        """One variant: up to `steps` steps of relaxation; a function, for what `serial.march` is one."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         joint = kinds.Joint()  # no friction while settling
