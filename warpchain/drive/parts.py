@@ -252,7 +252,7 @@ class Chain(Part):
         columns: tuple[Any, ...] = inner, outer, links
         variants = next((len(column) for column in columns if many(column)), None)
         lengths = np.empty(self.links if variants is None else (variants, self.links))
-        rows, own = lengths.T, np.arange(variants) if many(links) else None
+        rows, own = lengths.T, None if variants is None or not many(links) else np.arange(variants)
         rows[:] = inner
         if self.outer is not None:
             rows[::2] = outer
