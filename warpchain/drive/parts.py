@@ -248,11 +248,11 @@ class Chain(Part):
         import numpy as np
 
         inner, outer = self.pitch * (1.0 + self.elongation), self.outer_pitch
-        links = self.worn_links[0].link if self.worn_links else 0  # of a stack, arrays of all worn ones or of none
+        links: Any = self.worn_links[0].link if self.worn_links else 0  # of a stack, arrays of all worn ones or of none
         columns: tuple[Any, ...] = inner, outer, links
         variants = next((len(column) for column in columns if many(column)), None)
         lengths = np.empty(self.links if variants is None else (variants, self.links))
-        rows, own = lengths.T, None if variants is None or not many(links) else np.arange(variants)
+        rows, own = lengths.T, np.arange(len(links)) if many(links) else None
         rows[:] = inner
         if self.outer is not None:
             rows[::2] = outer
