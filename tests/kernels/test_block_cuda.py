@@ -17,14 +17,14 @@ from warpchain.results.channels import FRAME, NAMES, frame_of
     ("form", "blocks"), [((640, 1, 3, 1, True, True), 1), ((768, 1, 2, 0), 1), ((192, 1, 31, 0, False, True), 4)]
 )
 def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, blocks):
-    kernel = block_kernel(BlockKind(wp.float64, *form), blocks, FRAME)  # ptxas refuses what asks for more than 48 KiB
+    kernel = block_kernel(BlockKind(wp.float64, *form, curved=False), blocks, FRAME)  # ptxas refuses more than 48 KiB
     wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     assert [path for path in tmp_path.iterdir() if path.suffix == ".cubin"]
 
 
 def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
     # 1,024 rollers at float64: 6 rows of 8 bytes and an integer of 4, which no kernel may declare
-    kind = BlockKind(wp.float64, 256, 4, 2, 0, shared_bytes=232_448)
+    kind = BlockKind(wp.float64, 256, 4, 2, 0, shared_bytes=232_448, curved=False)
     *starts, end = room(kind).asked
     assert room(kind).shares_rows and end >= 1024 * 52 and all(start % 16 == 0 for start in starts)
     assert room(replace(kind, shared_bytes=DECLARED)).asked == (None,) * 5
