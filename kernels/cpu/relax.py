@@ -87,17 +87,16 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         stiffness = wp.float64(chain.stiffness)
         return relative_residual(wp.float64(worst), wp.float64(tension), wp.float64(chain.mass), gravity, stiffness)
 
-    @wp.kernel(enable_backward=False, module=own_module("relax", Real, capacity, plain))
-    def relax(
+    @wp.func(inline=False)
+    def settle(
         ensemble: kinds.Ensemble,
         state: kinds.State,
         settling: wp.array[Settling],
+        variant: int,
         w: wp.array[Real],
-        first: int,
         steps: int,
     ):
-        """Variants `first` + thread: up to `steps` steps of relaxation."""
-        variant = first + wp.tid()
+        """One variant: up to `steps` steps of relaxation; a function, for what `serial.march` is one."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
         joint = kinds.Joint()  # no friction while settling
@@ -125,5 +124,17 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
                 s.steps = s.steps + 1
         settling[variant] = s
         part.put_back(state.rollers, w, STATE_ROWS * drive.first_roller, n)
+
+    @wp.kernel(enable_backward=False, module=own_module("relax", Real, capacity, plain))
+    def relax(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        settling: wp.array[Settling],
+        w: wp.array[Real],
+        first: int,
+        steps: int,
+    ):
+        """Variants `first` + thread: up to `steps` steps of relaxation."""
+        settle(ensemble, state, settling, first + wp.tid(), w, steps)
 
     return relax
