@@ -3,8 +3,9 @@
     python scripts/bench_start.py [../before] [--empty 3] [--compiled 4]
 
 Runs `warpchain run industrial --duration 0.001` in all trees at once with empty kernel caches, so that what else the
-machine does slows all of them alike, then in turns with these caches. Prints the least CPU time, of all cores, and the
-least by the clock; the latter counts little with an empty cache where trees and others share few cores.
+machine does slows all of them alike, then in turns with these caches. Python, too, keeps what it compiles there, as it
+does for users. Prints the least CPU time, of all cores, and the least by the clock; the latter counts little with an
+empty cache where trees and others share few cores.
 """
 
 import argparse
@@ -31,7 +32,8 @@ print(of.ru_utime + of.ru_stime, took)
 def seconds(tree: Path, folder: Path) -> tuple[float, float]:
     """CPU and clock seconds of the command in a tree, whose kernels are cached in `folder`."""
     command = [sys.executable, "-m", "warpchain", *COMMAND, "-o", str(folder / "run.mcap")]
-    environment = os.environ | {"PYTHONPATH": str(tree), "WARP_CACHE_PATH": str(folder / "kernels")}
+    caches = {"WARP_CACHE_PATH": str(folder / "kernels"), "PYTHONPYCACHEPREFIX": str(folder / "python")}
+    environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "", **caches}
     done = subprocess.run(
         [sys.executable, "-c", CALL, *command], cwd=tree, env=environment, capture_output=True, text=True
     )

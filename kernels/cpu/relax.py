@@ -87,7 +87,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         stiffness = wp.float64(chain.stiffness)
         return relative_residual(wp.float64(worst), wp.float64(tension), wp.float64(chain.mass), gravity, stiffness)
 
-    @wp.func
+    @wp.func(inline=False)
     def settle(
         ensemble: kinds.Ensemble,
         state: kinds.State,

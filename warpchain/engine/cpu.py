@@ -62,7 +62,7 @@ class CpuEngine:
         """The compiled kernel, loaded before any thread launches it."""
         if name not in self._kernels:
             kernel = kernel_of(name, self.packed, self.packed.precision)
-            wp.load_module(kernel.module, device="cpu")
+            wp.load_module(kernel.module, device="cpu", block_dim=1)
             self._kernels[name] = kernel
         return self._kernels[name]
 
@@ -75,7 +75,7 @@ class CpuEngine:
             scratch = self._scratch.get()
             try:
                 count = min(group, self.variants - first)
-                wp.launch(kernel, dim=count, inputs=[*before, scratch, first, *after], device="cpu")
+                wp.launch(kernel, dim=count, inputs=[*before, scratch, first, *after], device="cpu", block_dim=1)
             finally:
                 self._scratch.put(scratch)
 

@@ -163,7 +163,7 @@ def loading(devices: Sequence[str], packed: Packed, precision: str) -> Iterator[
 
     kernel = kernel_of("advance", packed, precision)
     with ThreadPoolExecutor(1) as pool:
-        loaded = pool.submit(wp.load_module, kernel.module, device="cpu")
+        loaded = pool.submit(wp.load_module, kernel.module, device="cpu", block_dim=1)
         yield
         loaded.result()
 

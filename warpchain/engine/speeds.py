@@ -306,7 +306,7 @@ def _compile_seconds(device: str, precision: str) -> float:
         return class_speed(device, precision, 1).compiling
     begin = time.perf_counter()
     if device == "cpu":
-        wp.load_module(kernel_of("advance", packed, precision).module, device=device)
+        wp.load_module(kernel_of("advance", packed, precision).module, device=device, block_dim=1)
     else:
         from warpchain.engine.buckets import GpuKernels
 
