@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pytest
 import warp as wp
 from drives import timing, two_sprockets
 
@@ -274,13 +275,22 @@ EVERY = [(many, precision) for many in (False, True) for precision in ("float64"
 """Few and many variants at both precisions."""
 
 
-def ways(thorough, others):
-    """Cases of `assert_steps_of_the_cpu`: some drives in all ways, of others either number at one precision each.
+def ways(*drives):
+    """Cases of `assert_steps_of_the_cpu`: the first drives in all ways; the others take turns, but in thorough runs.
 
-    What numbers and precisions change the thorough ones show; the others take turns.
+    What numbers and precisions change the first ones show, and a kernel takes 10 s to compile.
     """
-    turns = [(drives, EVERY) for drives in thorough]
-    turns += [(drives, EVERY[1:3] if k % 2 else EVERY[::3]) for k, drives in enumerate(others)]
-    cases = [(drives, *way) for drives, each in turns for way in each]
-    names = [f"{drives.__name__}-{'many' if many else 'few'}-{precision}" for drives, many, precision in cases]
-    return {"argnames": ("drives", "many", "precision"), "argvalues": cases, "ids": names}
+    cases = [(of, *way) for of in drives for way in EVERY]
+    usual = cases[: len(EVERY)] + [(of, *EVERY[TURNS[k % 4]]) for k, of in enumerate(drives[1:])]
+    names = [f"{of.__name__}-{'many' if many else 'few'}-{precision}" for of, many, precision in cases]
+    return {"argnames": ("drives", "many", "precision"), "argvalues": some_of(cases, usual), "ids": names}
+
+
+TURNS = 0, 3, 2, 1
+"""Which of `EVERY`, one drive after the other: numbers change each time, precisions too but once in four."""
+
+
+def some_of(cases, usual):
+    """Cases of which those that are not usual are run where `-m thorough` asks for them."""
+    assert all(case in cases for case in usual)
+    return [pytest.param(*case, marks=() if case in usual else pytest.mark.thorough) for case in cases]

@@ -15,6 +15,7 @@ from blocks import (
     rubbing,
     run_blocks,
     shape_of,
+    some_of,
     uneven,
     unusual_contacts,
     ways,
@@ -28,14 +29,20 @@ from warpchain.results.schedule import Schedule
 FOREVER = 10**8
 
 
-@pytest.mark.parametrize(**ways([marine, equal_sprockets, rubbing, bending], [long_chains, unusual_contacts, uneven]))
+@pytest.mark.parametrize(**ways(marine, equal_sprockets, rubbing, bending, long_chains, unusual_contacts, uneven))
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     assert_steps_of_the_cpu(drives, many, precision)
 
 
+MARINE = [(marine, 1, "float64"), (marine, 8, "float32")]
+
+
 @pytest.mark.parametrize(
     ("drives", "each", "precision"),  # alone, so few that there is room for two contacts at once, many
-    [*product([equal_sprockets], [1, 8, 100], ["float64", "float32"]), (marine, 1, "float64"), (marine, 8, "float32")],
+    some_of(
+        [*product([equal_sprockets], [1, 8, 100], ["float64", "float32"]), *MARINE],
+        [(equal_sprockets, 1, "float32"), (equal_sprockets, 8, "float64"), (equal_sprockets, 100, "float64"), *MARINE],
+    ),
 )
 def test_bare_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, each, precision):
     variants = drives()

@@ -2,9 +2,11 @@
 
 import json
 from dataclasses import replace
+from itertools import product
 
 import pytest
 import warp as wp
+from blocks import some_of
 
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
@@ -12,10 +14,10 @@ from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.exchange import room
 from warpchain.results.channels import FRAME, NAMES, frame_of
 
+LARGE = [((640, 1, 3, 1, True, True), 1), ((768, 1, 2, 0), 1), ((192, 1, 31, 0, False, True), 4)]
 
-@pytest.mark.parametrize(
-    ("form", "blocks"), [((640, 1, 3, 1, True, True), 1), ((768, 1, 2, 0), 1), ((192, 1, 31, 0, False, True), 4)]
-)
+
+@pytest.mark.parametrize(("form", "blocks"), some_of(LARGE, LARGE[:1]))
 def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, blocks):
     kernel = block_kernel(BlockKind(wp.float64, *form, curved=False), blocks, FRAME)  # ptxas refuses more than 48 KiB
     wp.compile_aot_module(kernel.module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
@@ -45,15 +47,13 @@ FORMS = {
     ),
     "relax": lambda real: block_relax_kernel(BlockKind(real, 128, 1, 2, 1), 4),
 }
-COMPILED = {
-    75: [("many", wp.float32), ("moving", wp.float64)],  # for the oldest: what it takes, newer ones take
-    90: [("many", wp.float64), ("moving", wp.float32), ("few", wp.float64), ("rk4, bending", wp.float64)],
-    89: [("relax", wp.float64)],
-}
-"""Forms by architecture; each takes up to a minute, and `test_pairs` compiles others at float32."""
+CASES = [*product([75, 90], FORMS, ["float64", "float32"])]
+USUAL = [(75, "few", "float32"), (75, "moving", "float64"), (90, "rk4, bending", "float64"), (90, "relax", "float64")]
+"""What the oldest takes newer ones take; each takes up to a minute, and `test_pairs` compiles more at float32."""
 
 
-@pytest.mark.parametrize(("arch", "form", "real"), [(arch, *of) for arch, forms in COMPILED.items() for of in forms])
-def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, arch, form, real):
-    wp.compile_aot_module(FORMS[form](real).module, device=None, arch=arch, module_dir=str(tmp_path))
+@pytest.mark.parametrize(("arch", "form", "precision"), some_of(CASES, USUAL))
+def test_block_kernel_compiles_for_cuda_without_a_gpu(tmp_path, arch, form, precision):
+    module = FORMS[form](getattr(wp, precision)).module
+    wp.compile_aot_module(module, device=None, arch=arch, module_dir=str(tmp_path))
     assert [path for path in tmp_path.iterdir() if path.suffix in (".cubin", ".ptx")]

@@ -5,6 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import warp as wp
+from blocks import some_of
 from ptx import compiled, float64_arithmetic, largest_part_without_float64, loop_without_float64, time_loop
 
 from warpchain.engine.arrays import split, split_pieces, split_seats, split_tables
@@ -432,6 +433,11 @@ def test_moments_and_works_of_many_steps():
     assert np.abs(found / exact - 1.0).max() < 32 * EPS / np.sqrt(100_005 / 32)
 
 
+def each_of(kinds, usual):
+    """Names of kinds; the compiler takes half a minute to a minute and a half for each."""
+    return some_of([(name,) for name in kinds], [(name,) for name in usual])
+
+
 LOOPS = {
     "plain": BlockKind(wp.float32, 32, 4, 2, 0, roomy=True, curved=False, stribeck=False, linear=True),
     "friction": BlockKind(wp.float32, 32, 6, 2, 1, sliding=True, bending=True, uneven=True, curved=False),
@@ -443,7 +449,7 @@ LOOPS = {
 """Each has what others lack; together they have all that drives may have."""
 
 
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("name", each_of(LOOPS, ["plain", "few", "pushed, rk4"]))
 def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
     every, loop = time_loop(compiled(block_kernel(LOOPS[name], 16, FRAME), tmp_path))
     assert len(loop) > 0.4 * len(every)  # the time loop, not one of those before and after it
@@ -455,13 +461,14 @@ def test_no_float64_in_the_time_loop_at_float32(tmp_path, name):
 
 
 MEASURING = {
+    "plain": BlockKind(wp.float32, 32, 4, 2, 0, measuring=True, curved=False),
     "friction": BlockKind(wp.float32, 32, 6, 2, 1, measuring=True, sliding=True, bending=True, curved=False),
     "arm": BlockKind(wp.float32, 32, 4, 2, 1, measuring=True, arms=1, tensioners=1, profiles=True, curved=False),
     "rk4": BlockKind(wp.float32, 32, 4, 2, 0, measuring=True, rk4=True, curved=False),
 }
 
 
-@pytest.mark.parametrize("name", MEASURING)
+@pytest.mark.parametrize("name", each_of(MEASURING, ["plain", "rk4"]))
 def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
     ptx = compiled(block_kernel(MEASURING[name], 12, FRAME), tmp_path)
     every, loop = time_loop(ptx)
