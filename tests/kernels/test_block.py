@@ -29,7 +29,7 @@ from warpchain.results.schedule import Schedule
 FOREVER = 10**8
 
 
-@pytest.mark.parametrize(**ways(marine, equal_sprockets, rubbing, bending, long_chains, unusual_contacts, uneven))
+@pytest.mark.parametrize(**ways(marine, rubbing, bending, equal_sprockets, long_chains, unusual_contacts, uneven))
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
     assert_steps_of_the_cpu(drives, many, precision)
 

@@ -18,13 +18,13 @@ from blocks import (
 @pytest.mark.parametrize(
     **ways(
         moving_sprockets,
-        pushed_slider,
         arms,
         arms_rk4,
         rubbing_on_moving_sprockets,
-        rk4,
+        pushed_slider,
         bending_rk4,
         rubbing_rk4,
+        rk4,
     )
 )
 def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, precision):
