@@ -1,7 +1,6 @@
 """What is left of a cut archive: whole chunks come back bitwise, nothing is made up, and nothing is silently empty."""
 
 import os
-import resource
 import signal
 import struct
 import subprocess
@@ -14,6 +13,7 @@ from archives import assert_same
 from command import run as command
 from drives import two_sprockets
 from rerun_check import rerun_accepts
+from small_disk import small_disk
 from waiting import bytes_in, wait_for
 
 from warpchain import Record, read_archive, simulate, write_archive
@@ -385,31 +385,24 @@ def test_a_killed_process_leaves_what_it_had_written(tmp_path, options):
     assert all(rerun_accepts(file) for file in back.files)
 
 
-@pytest.fixture
-def small_disk():
-    """No file may grow past 400 kB: the system answers as a full disk does."""
-    kept = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, kept[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, kept)
-
-
-def test_full_disk_when_written_afterwards_leaves_nothing(run, tmp_path, small_disk):
-    with pytest.raises(ArchiveError, match=r"a\.mcap: cannot be written \(File too large\)"):
+def test_full_disk_when_written_afterwards_leaves_nothing(run, tmp_path):
+    with (
+        small_disk(400_000),
+        pytest.raises(ArchiveError, match=r"a\.mcap: cannot be written \(File too large\)"),
+    ):
         write_archive(run, tmp_path / "a.mcap")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, small_disk, monkeypatch):
+def test_full_disk_while_running_keeps_what_was_written(run, tmp_path, monkeypatch):
     monkeypatch.setattr("warpchain.archive.write.CHUNK", 2**16)
-    with pytest.raises(ArchiveError) as caught:
+    with small_disk(400_000), pytest.raises(ArchiveError) as caught:
         simulate(run.drives[0], record=Record(rate=1e5), archive=tmp_path / "a.mcap")
     (left,) = tmp_path.iterdir()
     assert str(caught.value).startswith(f"{tmp_path / 'a.mcap'}: cannot be written (File too large); what was written")
     assert str(left) in str(caught.value)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2 * soft, hard))  # the mended file needs a little room of its own
-    (frames,) = frames_of(recover_archive(left, tmp_path / "fixed.mcap").path, run)
+    with small_disk(800_000):  # the mended file needs a little room of its own
+        (frames,) = frames_of(recover_archive(left, tmp_path / "fixed.mcap").path, run)
     assert 0 < frames < len(run[0].time)
 
 

@@ -3,7 +3,6 @@
 import datetime
 import os
 import resource
-import signal
 import struct
 import subprocess
 import sys
@@ -17,6 +16,7 @@ import zstandard
 from command import run as command
 from drives import two_sprockets
 from pyarrow import parquet
+from small_disk import small_disk
 from study_helpers import write_study
 
 from warpchain import Record, read_archive, simulate, write_archive
@@ -95,22 +95,12 @@ def test_an_output_that_is_no_file_is_refused_and_stays(capsys, archive, tmp_pat
         assert target.lstat().st_ino == before.st_ino
 
 
-@pytest.fixture
-def small_disk():
-    """No file may grow past 20 kB: the system answers as a full disk does."""
-    kept = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, kept[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, kept)
-    signal.signal(signal.SIGXFSZ, handler)
-
-
 @pytest.mark.parametrize("verb", ["view", "export", "recover", "plot"])
-def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, archive, tmp_path, small_disk, verb):
+def test_a_full_disk_is_one_line_and_leaves_nothing(capsys, archive, tmp_path, verb):
     target = tmp_path / ("new.npz" if verb == "export" else "new")
     words = {"view": ["view", archive, "--save", target], "plot": ["plot", archive, "-o", target]}
-    line = refused(capsys, *words.get(verb, [verb, archive, "-o", target]), limit=60.0)
+    with small_disk(20_000):
+        line = refused(capsys, *words.get(verb, [verb, archive, "-o", target]), limit=60.0)
     assert "cannot be written (File too large)" in line
     assert [file.name for file in tmp_path.rglob("*") if file.is_file()] == ["a.mcap"]
 
