@@ -34,7 +34,7 @@ def strand_frequency(direction, k, tension=2000.0):
             out[step] = w[row * 264 + watched] - wp.where(row == 0, wp.float64(watched) * base, wp.float64(0.0))
 
     spacing = PITCH * (1 + tension / (STIFFNESS * PITCH))
-    rows = np.zeros((20, 264))
+    rows = np.zeros((len(ROWS), 264))
     rows[ROWS.index("length")] = PITCH
     rows[0, : M + 2] = spacing * np.arange(M + 2)
     shape = 1e-7 * np.sin(k * np.pi * np.arange(M + 2) / (M + 1))
