@@ -133,9 +133,12 @@ def test_ten_thousand_variants_are_judged_in_little_time():
         "diverged": False, "diverged_time": 0.0, "energy_residual_relative": 0.5, "tension_max": 1e6,
         "driver.slips": 1.0, "driver.engaged": 1.1, "driven.engaged": 1.1,
     }.items()}  # fmt: skip
-    begin = time.perf_counter()
-    found = judge([SIZED] * count, columns, np.ones(count, dtype=bool), None, [()] * count)
-    assert time.perf_counter() - begin < 5e-5 * count
+    took = []
+    for _ in range(3):
+        begin = time.process_time()
+        found = judge([SIZED] * count, columns, np.ones(count, dtype=bool), None, [()] * count)
+        took.append(time.process_time() - begin)
+    assert min(took) < 5e-5 * count
     assert set(found.status) == {"suspect"} and found.reason[0].count("; ") == 2
 
 
