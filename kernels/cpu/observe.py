@@ -124,7 +124,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         for p in range(drive.sprockets + drive.guides):
             total += state.totals[drive.first_sprocket + drive.first_guide + p].energy
         for b in range(drive.first_body, drive.first_body + drive.bodies):
-            body = body_now(ensemble, state, drive, b, at.time, at.lag)
+            body = body_now(ensemble, state, b, at.time, at.lag)
             arm = arm_of(drive, b)
             if arm < 0:
                 total += body_energy(body, ensemble.motions[b], ensemble.mounts[b])
@@ -150,7 +150,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         motion = ensemble.motions[b]
         mount = ensemble.mounts[b]
         wrench = state.wrenches[b]
-        body = body_now(ensemble, state, drive, b, at.time, at.lag)
+        body = body_now(ensemble, state, b, at.time, at.lag)
         before = state.bodies[b].speed
         load_part = load_moment(at.time, body.angle, before, motion, ensemble.curves)
         load_part = load_moment_at_speed(at.time, load_part, before, body.speed, motion)
@@ -167,7 +167,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         """Adds arm a of the drive to the sums of the window."""
         b = drive.first_body + drive.bodies - drive.arms + a
         i = drive.first_arm + a
-        body = body_now(ensemble, state, drive, b, at.time, at.lag)
+        body = body_now(ensemble, state, b, at.time, at.lag)
         power = arm_dissipation(body, ensemble.arms[i])
         sums.arm[i] = add_arm(sums.arm[i], body, state.wrenches[b].moment, power, at.weight)
 
@@ -176,7 +176,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         """Adds tensioner t of all to the sums of the window, and at its ends what its meter says."""
         tensioner = ensemble.tensioners[t]
         push = state.pushes[t]
-        body = body_now(ensemble, state, drive, drive.first_body + tensioner.body, at.time, at.lag)
+        body = body_now(ensemble, state, drive.first_body + tensioner.body, at.time, at.lag)
         x, rate = stroke_of(body, tensioner)
         power = lost_power(push, rate, state.tensioners[t], tensioner)
         added = add_tensioner(sums.tensioner[t], push, power, at.weight)
@@ -311,12 +311,12 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
             write_roller(frames, begin, n, i, position, velocity, extra)
         for s in range(drive.sprockets):
             b = drive.first_body + s
-            body = body_now(ensemble, state, drive, b, at.time, at.lag)
+            body = body_now(ensemble, state, b, at.time, at.lag)
             write_sprocket(frames, begin, n, s, body, state.wrenches[b].moment)
         if wp.static(not plain):
             for a in range(drive.arms):
                 b = drive.first_body + drive.bodies - drive.arms + a
-                arm = body_now(ensemble, state, drive, b, at.time, at.lag)
+                arm = body_now(ensemble, state, b, at.time, at.lag)
                 write.write_arm(frames, begin, drive, a, arm, state.wrenches[b].moment)
             for t in range(drive.tensioners):
                 write.write_tensioner(frames, begin, drive, t, state.pushes[drive.first_tensioner + t])

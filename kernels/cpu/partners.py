@@ -39,6 +39,7 @@ def with_reaction(wrench: Wrench, force: wp.vec2d, moment: wp.float64):
 class Partners:
     """What meets the partners of one variant."""
 
+    memory_of: wp.Function
     see_bodies: wp.Function
     look_around: wp.Function
     meet_all: wp.Function
@@ -153,14 +154,20 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
             face.leave_bar(first, count, near, memory)
         return seated
 
-    @wp.func(inline=False)
-    def look_around(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, w: wp.array[Real]):
-        """Finds anew which rollers can come near each partner soon; of a guide that moves, all can."""
-        n = drive.rollers
+    @wp.func
+    def memory_of(state: kinds.State, drive: Drive):
+        """What contacts with the first partner of a drive keep."""
         memory = kinds.Memory()
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
         memory.first = drive.first_contact
+        return memory
+
+    @wp.func(inline=False)
+    def look_around(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, w: wp.array[Real]):
+        """Finds anew which rollers can come near each partner soon; of a guide that moves, all can."""
+        n = drive.rollers
+        memory = memory_of(state, drive)
         margin = soon.margin(w)
         see_bodies(state, drive)
         for p in range(drive.sprockets + drive.guides):
@@ -319,4 +326,4 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
                 visit.run = 0
                 visit.partner += 1
 
-    return Partners(see_bodies=see_bodies, look_around=look_around, meet_all=meet_all)
+    return Partners(memory_of=memory_of, see_bodies=see_bodies, look_around=look_around, meet_all=meet_all)

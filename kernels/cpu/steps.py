@@ -42,7 +42,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
     """
     kinds = types(Real)
     link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity, plain)
-    see_bodies, meet_all = meet.see_bodies, meet.meet_all
+    memory_of, see_bodies, meet_all = meet.memory_of, meet.see_bodies, meet.meet_all
     clear_sizes = contacts(Real, capacity).clear_sizes
     joints = joint_passes(Real, capacity)
 
@@ -78,10 +78,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
             clear_sizes(w, n)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
-        memory = kinds.Memory()
-        memory.seat = state.seat
-        memory.impact_speed = state.impact_speed
-        memory.first = drive.first_contact
+        memory = memory_of(state, drive)
         memory.stage = stage
         memory.wanted = wanted
         if drive.integrator == 0:
@@ -189,7 +186,7 @@ def moving(Real: type, plain: bool) -> BodyFunctions:
                 flow(ensemble, state, drive)
 
     @wp.func
-    def body_now(ensemble: kinds.Ensemble, state: kinds.State, drive: Drive, b: int, time: wp.float64, lag: wp.float64):
+    def body_now(ensemble: kinds.Ensemble, state: kinds.State, b: int, time: wp.float64, lag: wp.float64):
         """Body `b` of all with its rates at `time`, `lag` after their own instant; its accelerations are found."""
         motion = ensemble.motions[b]
         driven = wp.float64(0.0)
