@@ -57,19 +57,16 @@ def plan_cost():
 def test_the_cost_is_about_what_the_study_takes(tmp_path):
     source = write_study(tmp_path, points=8, shard=100)
     source.write_text(source.read_text().replace("duration = 0.0005", "duration = 0.5"))
-    ratios = []
-    for attempt in range(3):  # 50,000 steps a run; other programs that come and go may make one of the two slow
-        begin = time.perf_counter()
-        plan = plan_study(source, workers=1)
-        planned = time.perf_counter() - begin
-        begin = time.perf_counter()
-        run_study(source, tmp_path / f"out{attempt}", workers=1)
-        took = time.perf_counter() - begin
-        assert plan.cost.measured
-        ratios.append(plan.cost.seconds / took)
-        if 1.0 / 4.0 < ratios[-1] < 4.0 and planned < took:
-            return
-    raise AssertionError(f"estimates are {ratios} of what the study took")
+    begin = time.perf_counter()
+    plan = plan_study(source, workers=1)
+    planned = time.perf_counter() - begin
+    begin = time.perf_counter()
+    run_study(source, tmp_path / "out", workers=1)
+    took = time.perf_counter() - begin
+    assert plan.cost.measured
+    # 50,000 steps a run; other processes share the machine, and its clock goes up and down
+    assert took / 4.0 < plan.cost.seconds < 4.0 * took
+    assert planned < took
 
 
 def table_of(path, deviation=2.0, window=0.2):
