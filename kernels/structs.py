@@ -577,6 +577,7 @@ def types(Real: type) -> SimpleNamespace:
         mass: Real  # m of a roller [kg]
         inverse_mass: Real  # 1 / m [1/kg]
         gravity: vec2  # [m/s^2]
+        length: Real  # of each link, unloaded, where they are alike; else of the first [m]
 
     @wp.struct
     class Links:

@@ -18,7 +18,7 @@ from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_observe import collect
-from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.gpu.block_room import room
 from warpchain.kernels.tension_bins import BINS
 from warpchain.results.channels import NAMES, Sizes, frame_of, frame_width
 from warpchain.results.schedule import Schedule
@@ -112,6 +112,7 @@ def kind_of(packed, shape, measuring=True):
         profiles=bool(packed.drives["pieces"].any()),
         curved=bool(curved(packed).any()),
         linear=bool(packed.linear.all()),
+        regular=bool(packed.regular.all()),
     )
 
 
@@ -188,16 +189,17 @@ def rubbing_on_moving_sprockets():
     return [drive.with_values(teeth) for drive in moving_sprockets()]
 
 
-def run_blocks(packed, shape, blocks, order, frames, measuring=True):
-    """The ensemble on blocks of fibers: its state, its sums, and its frames."""
+def run_blocks(packed, shape, blocks, order, frames, measuring=True, abreast=1):
+    """The ensemble on blocks of fibers, each of `abreast` variants: its state and its sums."""
     ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large(packed, shape, len(order)))
     sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
     threads = shape.threads
-    kernel = block_kernel(kind_of(packed, shape, measuring), 4, packed.frame)
+    kind = replace(kind_of(packed, shape, measuring), abreast=abreast)
+    kernel = block_kernel(kind, 4, packed.frame)
     turn = wp.array(order, dtype=wp.int32, device="cpu")
     for block in blocks:
         inputs = [ensemble, state, sums, tallies, frames, turn, block, 0]
-        wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=threads, device="cpu")
+        wp.launch(kernel, dim=len(order) * threads, inputs=inputs, block_dim=kind.block_threads, device="cpu")
     wp.launch(collect, dim=packed.variants, inputs=[ensemble.drives, tallies, sums], device="cpu")
     return state, sums
 

@@ -1,8 +1,11 @@
 """The block kernel: one block of threads a variant, the whole time loop inside.
 
 Thread i has the rollers i, i + threads, ...: one each where variants are few, all of the chain on one warp where they
-are many, which then never waits for another. Rollers lie in shared rows. A few threads also take a body each on.
+are many, which then waits for no other. Rollers lie in shared rows. A few threads also take a body each on.
 Whatever does not happen every step waits for the next event. One kernel is made for each `BlockKind`.
+
+Where the code is long, several variants of a warp each lie abreast in one block. Each is worked out as by itself; but
+now and then they wait for each other, so that code which does not fit the instruction caches is fetched once for all.
 """
 
 from functools import cache
@@ -36,9 +39,9 @@ from .block_wrench import block_wrench
 def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     """The kernel for drives of a kind.
 
-    Launch it with `dim` = variants * threads and `block_dim` = threads. `blocks` is how many blocks the compiler is to
-    make room for on a multiprocessor; it bounds the registers of a thread. Frames lie as `frame` says
-    (`frames.frame_writers`).
+    Launch it with `dim` = variants * threads and `block_dim` = threads of all variants abreast. `blocks` is how many
+    variants the compiler is to make room for on a multiprocessor; it bounds the registers of a thread. Frames lie as
+    `frame` says (`frames.frame_writers`).
     """
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
@@ -325,6 +328,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         advance_rollers(state, shared, mine, now)
 
     @wp.func
+    def wait_for_others(now: Now):
+        """Waits now and then for the variants abreast, so that all go through the same code at the same time."""
+        if wp.static(kind.abreast > 1) and now.step % wp.static(4 if kind.paired else 32) == 0:
+            row.sharing.together()
+
+    @wp.func
     def instant(state: kinds.State, mine: Mine, since: int):
         """Where a launch begins, `since` steps after the frames' buffer."""
         now = Now()
@@ -405,7 +414,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
 
     module = own_module("advance_block", kind, blocks, frame)
 
-    @wp.kernel(enable_backward=False, module=module, grid_stride=False, launch_bounds=(threads, blocks))
+    bounds = kind.block_threads, max(blocks // kind.abreast, 1)
+
+    @wp.kernel(enable_backward=False, module=module, grid_stride=False, launch_bounds=bounds)
     def advance_block(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -416,7 +427,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         steps: int,
         since: int,
     ):
-        """Variants `order[b]`, one a block of threads: `steps` steps on, sums and frames written on the way.
+        """Variants `order[b]`, each on threads of its own: `steps` steps on, sums and frames written on the way.
 
         The frames' buffer was begun `since` steps before this launch.
         """
@@ -442,6 +453,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
             held, touch = look(ensemble, state, shared, mine, now, held)
         while now.step < end and now.diverged == 0:
+            wait_for_others(now)
             if wp.static(splitting) and now.step != now.event:
                 now.summed = now.driven
                 if i < wp.static(threads - WARP):

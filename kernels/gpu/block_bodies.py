@@ -31,9 +31,10 @@ from ..trigonometry import sine_cosine
 from .block_geometry import geometry_sharing
 from .block_hub_sums import hub_sums_of, mount_sums_of
 from .block_kind import BlockKind, Mine, now_struct
+from .block_room import COURSE
 from .block_spin_sums import spin_sums_of, sprocket_sums_of
 from .block_wheels import load_wheel, store_turn, store_wheel, velocity_of, within
-from .exchange import COURSE, lanes
+from .exchange import lanes
 
 
 @dataclass(frozen=True)

@@ -342,6 +342,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         first: Real  # v0 [m/s]
         moment: Real  # on the sprocket [N m]
         force: vec2  # on the roller [N]
+        size: Real  # of it without friction [N], for metrics as what follows
+        damper: vec2  # its part that dissipates [N]
+        drag: vec2  # friction [N]
+        relative: vec2  # velocity of the sprocket less the roller's [m/s]
 
     @wp.func
     def answer_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, j: int, grip: Grip):
@@ -362,20 +366,40 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         answer.first = first
         answer.force = size * normal
         if wp.static(sliding):
-            answer.force = answer.force + drag_of(size, normal, relative, shared.sliding[s])
+            drag = drag_of(size, normal, relative, shared.sliding[s])
+            answer.force = answer.force + drag
+            answer.drag = drag
+        if wp.static(kind.measuring):
+            answer.size = size
+            answer.damper = (size - teeth.law.stiffness * penetration) * normal
+            answer.relative = relative
         answer.moment = reaction(arm, answer.force)
         answer.closed = int(penetration > Real(0.0))
         answer.usual = wp.where(seat < 0, 0, usual)
         return answer
 
     @wp.func
-    def answered(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now, j: int, s: int, answer: Answer):
+    def answered(
+        state: kinds.State,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        mine: Mine,
+        now: Now,
+        j: int,
+        s: int,
+        answer: Answer,
+    ):
         """Does what sprocket s answers roller j."""
         if answer.closed != 0:
             if is_summed(now, s):
                 add_wrench(shared, mine, s, j, answer.moment, answer.force, now.watched)
             set_force(shared, j, force_on(shared, j) + answer.force)
             keep(state, now, answer.at, answer.before, answer.first)
+            if wp.static(kind.measuring) and now.measured != 0:
+                a = acceleration(shared, j)
+                damped = dissipated(answer.damper, answer.relative, a, lag(mine))
+                rubbed = dissipated(answer.drag, answer.relative, a, lag(mine))
+                measure(tallies, now, answer.at, answer.before, answer.size, damped, rubbed, True)
         else:
             put(state, now, answer.at, answer.before, after_teeth(answer.before))
 
@@ -571,7 +595,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if now.flags == 0 and (now.usual >> s) & 1 != 0:
                     one = answer_of(ensemble, state, shared, mine, j, grip)
             if one.usual != 0:
-                answered(state, shared, mine, now, j, s, one)
+                answered(state, tallies, shared, mine, now, j, s, one)
             else:
                 at_sprocket(ensemble, state, tallies, shared, mine, now, j, grip)
             if wp.static(gripping):
@@ -607,14 +631,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             one.usual = one.usual & (now.usual >> s)
             other.usual = other.usual & (now.usual >> other_s)
             if one.usual & other.usual & 1 != 0:
-                answered(state, shared, mine, now, j, s, one)
+                answered(state, tallies, shared, mine, now, j, s, one)
                 if two != 0:
-                    answered(state, shared, mine, now, other_j, other_s, other)
+                    answered(state, tallies, shared, mine, now, other_j, other_s, other)
             else:
                 q = int(0)
                 while q <= two:  # a loop, which stands once in the code
                     if one.usual & 1 != 0:
-                        answered(state, shared, mine, now, j, s, one)
+                        answered(state, tallies, shared, mine, now, j, s, one)
                     else:
                         at_sprocket(
                             ensemble, state, tallies, shared, mine, now, j, grip_of(ensemble, state, shared, mine, j, s)

@@ -15,8 +15,8 @@ from ..physics.joint import couple_force, joint_friction_power, joint_moment, ru
 from ..rows import accessors
 from ..structs import types
 from .block_kind import WARP, BlockKind, Mine, now_struct
+from .block_room import seen_rows, shared_rows
 from .block_rows import block_rows
-from .exchange import seen_rows, shared_rows
 
 
 @wp.func_native("union { double one; float two[2]; } of; of.two[0] = x; of.two[1] = y; return of.one;")
@@ -49,7 +49,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
     of_each = wp.types.vector(per, Real)
     row = block_rows(kind)
     barrier, link_of, across, before = row.sharing.barrier, row.link_of, row.across, row.before
-    link_between = row.link_between
+    link_between, length_of = row.link_between, row.length_of
     force_on, set_force, acceleration, velocity = row.force_on, row.set_force, row.acceleration, row.velocity
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     alone = threads == WARP
@@ -123,7 +123,7 @@ def block_joints(kind: BlockKind) -> JointFunctions:
         for k in range(wp.static(per)):
             j = k * wp.static(threads) + i
             d, w = across(shared, j, n)
-            tension_k, rate_k, force = link_between(shared, j, d, w, load_row(lengths, j))
+            tension_k, rate_k, force = link_between(shared, j, d, w, length_of(shared, lengths, j))
             lever, turn = turning(d, w)
             store_row(rows, TENSION + j, tension_k)
             store_row(rows, TURN + j, turn)

@@ -21,7 +21,7 @@ class BlockKind:
 
     Attributes:
         Real: wp.float64 or wp.float32.
-        threads: of a block, whole warps.
+        threads: of a variant, whole warps; a block's unless variants are abreast.
         per: rollers of a thread, which has i, i + threads, ... of the chain.
         sprockets, guides: of each drive.
         moving: sprockets' centers may move, or have balance wheels.
@@ -30,6 +30,8 @@ class BlockKind:
         sliding: rollers rub on teeth or guide-bars.
         bending: the joints rub.
         linear: all contacts' forces are linear in the penetration but for damping.
+        regular: a chain's links are of one length.
+        abreast: variants of a block, a warp each, which wait for each other now and then (`block`).
         stribeck: a coefficient of friction may depend on the speed.
         uneven: links differ, or have play.
         arms, tensioners: of each drive.
@@ -60,6 +62,8 @@ class BlockKind:
     curved: bool = True
     stribeck: bool = True
     linear: bool = False
+    regular: bool = False
+    abreast: int = 1
 
     @property
     def paired(self) -> bool:
@@ -90,9 +94,10 @@ class BlockKind:
     def quick(self) -> bool:
         """Whether usual contacts are worked out without branches, in kernels of one length of chain all or none.
 
+        So metrics leave a variant its bits.
         Of more than 192 links not all kernels gave the same bits with it (docs/performance.md).
         """
-        return not self.measuring and self.room <= 192
+        return self.room <= 192
 
     @property
     def gripping(self) -> bool:
@@ -103,6 +108,11 @@ class BlockKind:
     def handing(self) -> bool:
         """Whether the last warp alone moves the bodies, and goes on as soon as the contacts' moments stand there."""
         return self.crewed and self.bodies <= 4 and self.room <= 192
+
+    @property
+    def block_threads(self) -> int:
+        """Threads of a block."""
+        return self.threads * self.abreast
 
     @property
     def slots(self) -> int:

@@ -39,9 +39,10 @@ from .block_bodies import Seen
 from .block_events import ENDS, START
 from .block_hub_sums import add_hub_sums
 from .block_kind import WARP, BlockKind, Mine, now_struct
+from .block_room import extremes, seen_rows
 from .block_rows import block_rows
 from .block_spin_sums import add_spin_powers, add_spin_speed
-from .exchange import add_to_link, add_to_roller, any_lane, extremes, lanes, seen_rows, unforeseen
+from .exchange import add_to_link, add_to_roller, any_lane, lanes, unforeseen
 
 SIGN_BITS = """
 #if defined(__CUDA_ARCH__)

@@ -10,7 +10,8 @@ from ..physics.roller import roller_acceleration, two_sum
 from ..rows import STATE_ROWS, accessors
 from ..structs import types
 from .block_kind import BlockKind, Mine
-from .exchange import Exchange, exchange, room
+from .block_room import room
+from .exchange import Exchange, exchange
 
 
 def _less(subtract: str) -> str:
@@ -41,6 +42,7 @@ class RowFunctions:
     across: wp.Function
     link_between: wp.Function
     link_of: wp.Function
+    length_of: wp.Function
     before: wp.Function
     pull: wp.Function
     force_on: wp.Function
@@ -128,6 +130,14 @@ def block_rows(kind: BlockKind) -> RowFunctions:
             return tension, rate, tension * u
 
     @wp.func
+    def length_of(shared: kinds.Shared, lengths: wp.array[Real], j: int):
+        """Unloaded length of link j [m], the first of `lengths` being that of link 0."""
+        if wp.static(kind.regular):
+            return shared.chain[0].length
+        else:
+            return load_row(lengths, j)
+
+    @wp.func
     def link_of(shared: kinds.Shared, j: int, n: int, length: Real):
         """The same, of where the rollers are."""
         d, v = across(shared, j, n)
@@ -166,9 +176,9 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         rate = of_each()
         if wp.static(per == 1):
             if i < n:
-                tension_i, rate_i, force = link_of(shared, i, n, load_row(lengths, i))
+                tension_i, rate_i, force = link_of(shared, i, n, length_of(shared, lengths, i))
                 h = before(i, n)
-                tension_h, rate_h, force_h = link_of(shared, h, n, load_row(lengths, h))
+                tension_h, rate_h, force_h = link_of(shared, h, n, length_of(shared, lengths, h))
                 set_force(shared, i, vec2(less(force[0], force_h[0]), less(force[1], force_h[1])))
                 tension[0] = tension_i
                 rate[0] = rate_i
@@ -177,7 +187,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
             pull_y = of_each()
             for k in range(wp.static(per)):
                 j = k * wp.static(threads) + i
-                tension_k, rate_k, force = link_of(shared, j, n, load_row(lengths, j))
+                tension_k, rate_k, force = link_of(shared, j, n, length_of(shared, lengths, j))
                 set_force(shared, j, force)
                 tension[k] = tension_k
                 rate[k] = rate_k
@@ -283,6 +293,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         across=across,
         link_between=link_between,
         link_of=link_of,
+        length_of=length_of,
         before=before,
         pull=pull,
         force_on=force_on,

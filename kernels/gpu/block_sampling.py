@@ -21,7 +21,6 @@ from .block_rows import block_rows
 from .block_spin_sums import with_recent
 from .block_statistics import block_statistics
 from .block_wheels import within
-from .exchange import any_thread
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,8 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     statistics, joint_power = block_statistics(kind), block_joints(kind).joint_power
     frame_at, write = block_events(Real, sprockets, frame).frame_at, frame_writers(Real, frame)
     load_row, position = accessors(Real).load_row, row.position
-    barrier, place, link_of = row.sharing.barrier, row.place, row.link_of
+    barrier, any_thread, place = row.sharing.barrier, row.sharing.any_thread, row.place
+    link_of, length_of = row.link_of, row.length_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
     step_of = row.step_of
     body_gone, set_heading, plan = bodies.body_gone, bodies.set_heading, bodies.plan
@@ -143,7 +143,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         if now.flags & EXTRA != 0:
             j = int(mine.thread)
             while j < n:
-                tension_j, rate_j, force = link_of(shared, j, n, load_row(lengths, j))
+                tension_j, rate_j, force = link_of(shared, j, n, length_of(shared, lengths, j))
                 extra = kinds.Extra()
                 extra.tension = tension_j
                 extra.rate = rate_j

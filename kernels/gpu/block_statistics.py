@@ -6,7 +6,6 @@ from functools import cache
 import warp as wp
 
 from ..batches import NOTES, notes_due
-from ..rows import accessors
 from ..slip import follow_slip, mid_wrap
 from ..structs import Drive, types
 from ..sum_structs import ChainNote, StrandNote, Sums, Tallies
@@ -42,7 +41,7 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
     """The functions that take one variant's statistics on a block."""
     Real, threads, sprockets, moving = kind.Real, kind.threads, kind.sprockets, kind.moving
     kinds, row, observe = types(Real), block_rows(kind), block_observing(kind)
-    link_of, load_row = row.link_of, accessors(Real).load_row
+    link_of, length_of, view = row.link_of, row.length_of, row.sharing.view
 
     @wp.func
     def look(
@@ -52,9 +51,10 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
         n = mine.rollers
         drive = ensemble.drives[mine.variant]
         per_force = bins_per_force(drive.tension_scale)
+        lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
         j = int(mine.thread)
         while j < n:
-            tension, rate, force = link_of(shared, j, n, load_row(ensemble.lengths, mine.first + j))
+            tension, rate, force = link_of(shared, j, n, length_of(shared, lengths, j))
             strand = observe.add_link(tallies, drive, shared, j, tension)
             at = (drive.first_sprocket + mine.variant + strand) * BINS
             count_tension(sums.tension_counts, at, tension, per_force)

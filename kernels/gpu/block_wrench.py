@@ -8,8 +8,9 @@ import warp as wp
 from ..rows import accessors
 from ..structs import Wrench, types
 from .block_kind import BlockKind, Mine
+from .block_room import parts_of_a_body
 from .block_rows import block_rows
-from .exchange import group, lanes, parts_of_a_body, unforeseen
+from .exchange import group, lanes, unforeseen
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ two barriers touches nothing that another one reads.
 """
 
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
+from functools import cache, partial
 
 import warp as wp
 
@@ -31,8 +30,8 @@ from ..structs import (
     types,
 )
 from ..sum_structs import LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
-from .block_kind import DECLARED, WARP, BlockKind
-from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
+from .block_kind import WARP, BlockKind
+from .block_room import ALIGNED, Room, room, size_of
 
 ANY_LANE = """
 #if defined(__CUDA_ARCH__)
@@ -73,21 +72,6 @@ OWN = "assert(first >= 0 && first + count <= all.shape[0]); return {all.data + f
 """A view of `count` values of a global array from `first` on."""
 
 
-def _shared_snippet(field: str, count: int, at: int | None = None) -> str:
-    """An array of the block's own shared memory; `at` bytes from the start of what each launch asks for, if given."""
-    memory = f"__shared__ __align__(16) char memory[{count} * sizeof(*like.{field}.data)];"
-    if at is not None:
-        memory = f"extern __shared__ __align__(16) char of_launch[]; char* const memory = of_launch + {at};"
-    return f"""
-#if defined(__CUDA_ARCH__)
-    {memory}
-#else
-    static char memory[{count} * sizeof(*like.{field}.data)];
-#endif
-    return {{(decltype(like.{field}.data))memory, {count}}};
-"""
-
-
 BARRIER = "WP_TILE_SYNC();"
 
 WARP_BARRIER = """
@@ -110,25 +94,6 @@ def _named(what: str, number: int, threads: int, elsewhere: str = "") -> str:
     {elsewhere}
 #endif
 """
-
-
-COURSE = 32
-"""Steps that prescribed motion is worked out for at a time, one a thread of a warp."""
-
-
-def shared_rows(Real: type) -> int:
-    """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y.
-
-    Where joints rub there are more (`joint_rows`).
-    """
-    return 8 if Real == wp.float32 else 6
-
-
-def joint_rows(kind: BlockKind) -> int:
-    """Rows beside these for the friction of joints (`block_joints`)."""
-    if not kind.bending or (kind.threads == WARP and not kind.measuring):
-        return 0
-    return 1 if kind.threads == WARP and kind.Real == wp.float64 else 2
 
 
 @wp.func_native("""
@@ -258,9 +223,18 @@ def any_lane(flag: int) -> int:
     ...
 
 
-@wp.func_native("""
+BLOCK_OR = """
 #if defined(__CUDA_ARCH__)
     return __syncthreads_or(flag);
+"""
+
+WARP_OR = """
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+    return __any_sync(0xffffffffu, flag);
+"""
+
+FIBERS_OR = """
 #else
     static int any;
     WP_TILE_SYNC();
@@ -270,117 +244,28 @@ def any_lane(flag: int) -> int:
     WP_TILE_SYNC();
     return any;
 #endif
-""")
-def any_thread(flag: int) -> int:
-    """Whether `flag` is not zero in any thread of the block; a barrier."""
-    ...
+"""
 
 
-def extremes(kind: BlockKind) -> int:
-    """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none,
-    and what threads without a link are held against.
-    """
-    return 2 * (kind.sprockets + 2)
-
-
-def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
-    """Where, after the extremes, each link's squared rates and each thread's friction begin, and where they end."""
-    first = kind.threads // WARP * extremes(kind)
-    return first, first + kind.slots, first + kind.slots + kind.bending * kind.threads
-
-
-ORDERED = 512
-"""Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
-
-
-def parts_of_a_body(kind: BlockKind) -> int:
-    """Into how many parts the sum over all rollers of what acts on a body is taken apart.
-
-    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many. What has
-    no rollers has none.
-    """
-    return kind.threads if kind.threads == WARP or kind.slots > ORDERED else kind.room
-
-
-@dataclass(frozen=True)
-class Room:
-    """How much of what a block's threads share there is, and what of it lies in shared memory.
-
-    A kernel declares up to `DECLARED` bytes of it; where that is not enough and the GPU has more, launches ask for it.
-    """
-
-    parts: int  # values
-    rows: int  # values
-    held: int
-    seen: int  # values: extremes of tension, each link's squared rates, the work of each roller's joint friction
-    strand_of: int  # bytes
-    size: int  # of a value [bytes]
-    shares_rows: bool  # and held
-    shares_parts: bool
-    shares_seen: bool
-    asks: bool  # each launch asks for what is shared of these
-
-    @property
-    def part_values(self) -> int:
-        """Values of `parts` of a block in global memory."""
-        return self.parts * (not self.shares_parts)
-
-    @property
-    def values(self) -> int:
-        """Values of a block in global memory, at the kernel's precision."""
-        return self.rows * (not self.shares_rows) + self.seen * (not self.shares_seen)
-
-    @property
-    def integers(self) -> int:
-        """Integers of a block in global memory."""
-        return self.held * (not self.shares_rows)
-
-    @property
-    def asked(self) -> tuple[int | None, ...]:
-        """Where parts, rows, held, seen and their end lie in what a launch asks for [bytes]; None if it does not."""
-        sizes = [self.size * self.parts * self.shares_parts, self.size * self.rows * self.shares_rows]
-        sizes += [4 * self.held * self.shares_rows, self.size * self.seen * self.shares_seen]
-        return tuple(sum(sizes[:k]) if self.asks else None for k in range(5))
-
-
-def _bytes(struct: Any) -> int:
-    """Size of a struct."""
-    return int(wp.types.type_size_in_bytes(struct))
-
-
-def room(kind: BlockKind) -> Room:
-    """What a block of a kind needs."""
-    kinds = types(kind.Real)
-    size = wp.types.type_size_in_bytes(kind.Real)
-    parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
-    rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.slots
-    seen = seen_rows(kind)[-1] if kind.measuring else 1
-    strand_of = kind.slots if kind.measuring else 1
-    of_each = [kinds.Sprocket, kinds.Band]
-    of_each += [Strand, SprocketSums, StrandSums] if kind.measuring else []
-    of_each += ([Hub, HubSums] if kind.paired else [Mount, MountSums]) if kind.moving else []
-    of_each += [wp.vec4f] * GEAR_ROWS if kind.paired else []
-    of_each += [Spin, *([Led] * COURSE)] if kind.paired else [Motion]
-    used = kind.sprockets * (16 * COURSE * (not kind.paired) + sum(map(_bytes, of_each)))
-    used += (kind.bodies + kind.profiles) * _bytes(Pose) * (not kind.paired)
-    if kind.sliding:
-        used += (kind.sprockets + kind.guides) * kinds.Sliding.numpy_dtype()["itemsize"]
-    # and the chain, alignment, what stands for no mount
-    used += max(kind.guides, 1) * kinds.Guide.numpy_dtype()["itemsize"] + strand_of + 1000
-    if kind.paired:
-        used += (kind.guides * LINE_ROWS + kind.wheels * WHEEL_ROWS) * _bytes(wp.vec4f)
-        used += kind.tensioners * sum(map(_bytes, (PlungerState, PlungerPush)))
-        used += kind.bodies * _bytes(WheelStages) * kind.rk4
-        if kind.measuring:
-            used += kind.arms * _bytes(LeverSums) + kind.tensioners * sum(map(_bytes, (PlungerMeter, PlungerSums)))
-    needs = (rows * size + 4 * kind.slots, size * parts, seen * size)
-    asks = used + sum(needs) > DECLARED and kind.shared_bytes > DECLARED
-    used += 4 * kind.threads * asks  # Warp's own
-    fits = []
-    for needed in needs:
-        fits.append(used + needed <= kind.shared_bytes)
-        used += needed * fits[-1]
-    return Room(parts, rows, kind.slots, seen, strand_of, size, *fits, asks=asks)
+def _snippet(kind: BlockKind, of: Room, name: str) -> str:
+    """An array of the block's own shared memory, or of the variant's part of it."""
+    count, element = of.shared.get(name, 1), f"*like.{name}.data"
+    size = size_of(types(kind.Real).Shared.vars[name].type.dtype)
+    memory = f"__shared__ __align__({ALIGNED}) char memory[{count * size}];"
+    if name in of.places:
+        place = f"place * {of.asked} + " if kind.abreast > 1 else ""
+        memory = f"""extern __shared__ __align__({ALIGNED}) char of_launch[];
+    char* const memory = of_launch + {place}{of.places[name]};"""
+    return f"""
+    static_assert(sizeof({element}) == {size}, "of this size the arrays are laid out");
+#if defined(__CUDA_ARCH__)
+    {memory}
+#else
+    static char memories[{kind.abreast}][{count * size}];
+    char* const memory = memories[place];
+#endif
+    return {{(decltype(like.{name}.data))memory, {count}}};
+"""
 
 
 @dataclass(frozen=True)
@@ -388,6 +273,8 @@ class Exchange:
     """What a block's threads do together, as functions of kernels."""
 
     barrier: wp.Function
+    together: wp.Function
+    any_thread: wp.Function
     hand_over: wp.Function
     taken_over: wp.Function
     among_rollers: wp.Function
@@ -401,15 +288,23 @@ class Exchange:
 @cache
 def exchange(kind: BlockKind) -> Exchange:
     """What the threads of a block of a kind share."""
-    Real, threads, slots, sprockets = kind.Real, kind.threads, kind.slots, kind.sprockets
-    guides, moving = kind.guides, kind.moving
-    kinds = types(Real)
-    of = room(kind)
-    parts_at, rows_at, held_at, seen_at, end = of.asked
+    Real, threads, slots = kind.Real, kind.threads, kind.slots
+    kinds, of = types(Real), room(kind)
+    snippet = partial(_snippet, kind, of)
 
     @wp.func_native(WARP_BARRIER if threads == WARP else BARRIER)
     def barrier():
-        """Waits for all threads of the block."""
+        """Waits for all threads of the variant."""
+        ...
+
+    @wp.func_native(BARRIER)
+    def together():
+        """Waits for all threads of the block, of all the variants abreast in it."""
+        ...
+
+    @wp.func_native((WARP_OR if threads == WARP else BLOCK_OR) + FIBERS_OR)
+    def any_thread(flag: int) -> int:
+        """Whether `flag` is not zero in any thread of the variant; a barrier."""
         ...
 
     @wp.func_native(_named("arrive", 1, threads))
@@ -442,18 +337,6 @@ def exchange(kind: BlockKind) -> Exchange:
         """Largest `value` of the threads of this warp."""
         ...
 
-    @wp.func_native(_shared_snippet("rows", of.rows, rows_at))
-    def rows(like: kinds.Shared) -> wp.array[Real]: ...
-
-    @wp.func_native(_shared_snippet("held", slots, held_at))
-    def held(like: kinds.Shared) -> wp.array[wp.int32]: ...
-
-    @wp.func_native(_shared_snippet("seen", of.seen, seen_at))
-    def seen(like: kinds.Shared) -> wp.array[Real]: ...
-
-    @wp.func_native(_shared_snippet("strand_of", of.strand_of))
-    def strand_of(like: kinds.Shared) -> wp.array[wp.uint8]: ...
-
     @wp.func_native(OWN)
     def view(all: wp.array[Real], first: int, count: int) -> wp.array[Real]:
         """`count` values from `first` on."""
@@ -462,182 +345,211 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(OWN)
     def own_held(all: wp.array[wp.int32], first: int, count: int) -> wp.array[wp.int32]: ...
 
-    @wp.func_native(_shared_snippet("poses", kind.bodies + kind.profiles))
-    def poses(like: kinds.Shared) -> wp.array[Pose]: ...
+    @wp.func_native(snippet("rows"))
+    def rows(like: kinds.Shared, place: int) -> wp.array[Real]: ...
 
-    @wp.func_native(_shared_snippet("wheels", WHEEL_ROWS * kind.wheels))
-    def wheels(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
+    @wp.func_native(snippet("held"))
+    def held(like: kinds.Shared, place: int) -> wp.array[wp.int32]: ...
 
-    @wp.func_native(_shared_snippet("gears", GEAR_ROWS * sprockets))
-    def gears(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
+    @wp.func_native(snippet("parts"))
+    def parts(like: kinds.Shared, place: int) -> wp.array[Real]: ...
 
-    @wp.func_native(_shared_snippet("spins", sprockets))
-    def spins(like: kinds.Shared) -> wp.array[Spin]: ...
+    @wp.func_native(snippet("seen"))
+    def seen(like: kinds.Shared, place: int) -> wp.array[Real]: ...
 
-    @wp.func_native(_shared_snippet("led", COURSE * sprockets))
-    def led(like: kinds.Shared) -> wp.array[Led]: ...
+    @wp.func_native(snippet("strand_of"))
+    def strand_of(like: kinds.Shared, place: int) -> wp.array[wp.uint8]: ...
 
-    @wp.func_native(_shared_snippet("wheel_stages", kind.bodies))
-    def wheel_stages(like: kinds.Shared) -> wp.array[WheelStages]: ...
+    @wp.func_native(snippet("teeth"))
+    def teeth(like: kinds.Shared, place: int) -> wp.array[kinds.Sprocket]: ...
 
-    @wp.func_native(_shared_snippet("lever_sums", kind.arms))
-    def lever_sums(like: kinds.Shared) -> wp.array[LeverSums]: ...
+    @wp.func_native(snippet("bands"))
+    def bands(like: kinds.Shared, place: int) -> wp.array[kinds.Band]: ...
 
-    @wp.func_native(_shared_snippet("plungers", kind.tensioners))
-    def plungers(like: kinds.Shared) -> wp.array[PlungerState]: ...
+    @wp.func_native(snippet("bars"))
+    def bars(like: kinds.Shared, place: int) -> wp.array[kinds.Guide]: ...
 
-    @wp.func_native(_shared_snippet("plunger_pushes", kind.tensioners))
-    def plunger_pushes(like: kinds.Shared) -> wp.array[PlungerPush]: ...
+    @wp.func_native(snippet("lines"))
+    def lines(like: kinds.Shared, place: int) -> wp.array[wp.vec4f]: ...
 
-    @wp.func_native(_shared_snippet("plunger_meters", kind.tensioners))
-    def plunger_meters(like: kinds.Shared) -> wp.array[PlungerMeter]: ...
+    @wp.func_native(snippet("box"))
+    def box(like: kinds.Shared, place: int) -> wp.array[wp.vec4f]: ...
 
-    @wp.func_native(_shared_snippet("plunger_sums", kind.tensioners))
-    def plunger_sums(like: kinds.Shared) -> wp.array[PlungerSums]: ...
+    @wp.func_native(snippet("sliding"))
+    def sliding(like: kinds.Shared, place: int) -> wp.array[kinds.Sliding]: ...
 
-    @wp.func_native(_shared_snippet("lines", LINE_ROWS * max(guides, 1)))
-    def lines(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
+    @wp.func_native(snippet("chain"))
+    def chain(like: kinds.Shared, place: int) -> wp.array[kinds.Chain]: ...
 
-    @wp.func_native(_shared_snippet("box", 1))
-    def box(like: kinds.Shared) -> wp.array[wp.vec4f]: ...
+    @wp.func_native(snippet("joint"))
+    def joint(like: kinds.Shared, place: int) -> wp.array[kinds.Joint]: ...
 
-    @wp.func_native(_shared_snippet("teeth", sprockets))
-    def teeth(like: kinds.Shared) -> wp.array[kinds.Sprocket]: ...
+    @wp.func_native(snippet("links"))
+    def links(like: kinds.Shared, place: int) -> wp.array[kinds.Links]: ...
 
-    @wp.func_native(_shared_snippet("bands", sprockets))
-    def bands(like: kinds.Shared) -> wp.array[kinds.Band]: ...
+    @wp.func_native(snippet("motions"))
+    def motions(like: kinds.Shared, place: int) -> wp.array[Motion]: ...
 
-    @wp.func_native(_shared_snippet("bars", max(guides, 1)))
-    def bars(like: kinds.Shared) -> wp.array[kinds.Guide]: ...
+    @wp.func_native(snippet("course"))
+    def course(like: kinds.Shared, place: int) -> wp.array[wp.float64]: ...
 
-    @wp.func_native(_shared_snippet("sliding", sprockets + guides))
-    def sliding(like: kinds.Shared) -> wp.array[kinds.Sliding]: ...
+    @wp.func_native(snippet("poses"))
+    def poses(like: kinds.Shared, place: int) -> wp.array[Pose]: ...
 
-    @wp.func_native(_shared_snippet("chain", 1))
-    def chain(like: kinds.Shared) -> wp.array[kinds.Chain]: ...
+    @wp.func_native(snippet("mounts"))
+    def mounts(like: kinds.Shared, place: int) -> wp.array[Mount]: ...
 
-    @wp.func_native(_shared_snippet("joint", 1))
-    def joint(like: kinds.Shared) -> wp.array[kinds.Joint]: ...
+    @wp.func_native(snippet("wheels"))
+    def wheels(like: kinds.Shared, place: int) -> wp.array[wp.vec4f]: ...
 
-    @wp.func_native(_shared_snippet("links", 1))
-    def links(like: kinds.Shared) -> wp.array[kinds.Links]: ...
+    @wp.func_native(snippet("gears"))
+    def gears(like: kinds.Shared, place: int) -> wp.array[wp.vec4f]: ...
 
-    @wp.func_native(_shared_snippet("parts", of.parts, parts_at))
-    def parts(like: kinds.Shared) -> wp.array[Real]: ...
+    @wp.func_native(snippet("spins"))
+    def spins(like: kinds.Shared, place: int) -> wp.array[Spin]: ...
 
-    @wp.func_native(_shared_snippet("motions", sprockets))
-    def motions(like: kinds.Shared) -> wp.array[Motion]: ...
+    @wp.func_native(snippet("led"))
+    def led(like: kinds.Shared, place: int) -> wp.array[Led]: ...
 
-    @wp.func_native(_shared_snippet("course", 2 * COURSE * sprockets))
-    def course(like: kinds.Shared) -> wp.array[wp.float64]: ...
+    @wp.func_native(snippet("hubs"))
+    def hubs(like: kinds.Shared, place: int) -> wp.array[Hub]: ...
 
-    @wp.func_native(_shared_snippet("strands", sprockets))
-    def strands(like: kinds.Shared) -> wp.array[Strand]: ...
+    @wp.func_native(snippet("wheel_stages"))
+    def wheel_stages(like: kinds.Shared, place: int) -> wp.array[WheelStages]: ...
 
-    @wp.func_native(_shared_snippet("hubs", sprockets))
-    def hubs(like: kinds.Shared) -> wp.array[Hub]: ...
+    @wp.func_native(snippet("plungers"))
+    def plungers(like: kinds.Shared, place: int) -> wp.array[PlungerState]: ...
 
-    @wp.func_native(_shared_snippet("hub_sums", sprockets))
-    def hub_sums(like: kinds.Shared) -> wp.array[HubSums]: ...
+    @wp.func_native(snippet("plunger_pushes"))
+    def plunger_pushes(like: kinds.Shared, place: int) -> wp.array[PlungerPush]: ...
 
-    @wp.func_native(_shared_snippet("mounts", sprockets if moving else 1))
-    def mounts(like: kinds.Shared) -> wp.array[Mount]: ...
+    @wp.func_native(snippet("plunger_meters"))
+    def plunger_meters(like: kinds.Shared, place: int) -> wp.array[PlungerMeter]: ...
 
-    @wp.func_native(_shared_snippet("mount_sums", sprockets if moving else 1))
-    def mount_sums(like: kinds.Shared) -> wp.array[MountSums]: ...
+    @wp.func_native(snippet("plunger_sums"))
+    def plunger_sums(like: kinds.Shared, place: int) -> wp.array[PlungerSums]: ...
 
-    @wp.func_native(_shared_snippet("spin_sums", sprockets))
-    def spin_sums(like: kinds.Shared) -> wp.array[SpinSums]: ...
+    @wp.func_native(snippet("lever_sums"))
+    def lever_sums(like: kinds.Shared, place: int) -> wp.array[LeverSums]: ...
 
-    @wp.func_native(_shared_snippet("sprocket_sums", sprockets))
-    def sprocket_sums(like: kinds.Shared) -> wp.array[SprocketSums]: ...
+    @wp.func_native(snippet("hub_sums"))
+    def hub_sums(like: kinds.Shared, place: int) -> wp.array[HubSums]: ...
 
-    @wp.func_native(_shared_snippet("strand_sums", sprockets))
-    def strand_sums(like: kinds.Shared) -> wp.array[StrandSums]: ...
+    @wp.func_native(snippet("mount_sums"))
+    def mount_sums(like: kinds.Shared, place: int) -> wp.array[MountSums]: ...
+
+    @wp.func_native(snippet("spin_sums"))
+    def spin_sums(like: kinds.Shared, place: int) -> wp.array[SpinSums]: ...
+
+    @wp.func_native(snippet("sprocket_sums"))
+    def sprocket_sums(like: kinds.Shared, place: int) -> wp.array[SprocketSums]: ...
+
+    @wp.func_native(snippet("strands"))
+    def strands(like: kinds.Shared, place: int) -> wp.array[Strand]: ...
+
+    @wp.func_native(snippet("strand_sums"))
+    def strand_sums(like: kinds.Shared, place: int) -> wp.array[StrandSums]: ...
 
     @wp.func
-    def ask():
-        """Has Warp ask for the memory at each launch: as much as this tile would take, which nothing else uses."""
-        if wp.static(of.asks):
-            wp.tile_zeros(shape=wp.static(end // 8), dtype=wp.float64, storage="shared")
-            barrier()
-
-    @wp.func
-    def of_plungers(shared: kinds.Shared):
-        """What is kept of arms, of tensioners and from stage to stage of rk4, at float32."""
-        if wp.static(kind.tensioners > 0):
-            shared.plungers = plungers(shared)
-            shared.plunger_pushes = plunger_pushes(shared)
-            if wp.static(kind.measuring):
-                shared.plunger_meters = plunger_meters(shared)
-                shared.plunger_sums = plunger_sums(shared)
-        if wp.static(kind.arms > 0 and kind.measuring):
-            shared.lever_sums = lever_sums(shared)
-        if wp.static(kind.rk4):
-            shared.wheel_stages = wheel_stages(shared)
+    def in_shared_memory(place: int):
+        """The arrays that lie in shared memory, of the variant at `place` of those abreast."""
+        shared = kinds.Shared()
+        if wp.static("rows" in of.shared):
+            shared.rows = rows(shared, place)
+        if wp.static("held" in of.shared):
+            shared.held = held(shared, place)
+        if wp.static("parts" in of.shared):
+            shared.parts = parts(shared, place)
+        if wp.static("seen" in of.shared):
+            shared.seen = seen(shared, place)
+        if wp.static("strand_of" in of.shared):
+            shared.strand_of = strand_of(shared, place)
+        if wp.static("teeth" in of.shared):
+            shared.teeth = teeth(shared, place)
+        if wp.static("bands" in of.shared):
+            shared.bands = bands(shared, place)
+        if wp.static("bars" in of.shared):
+            shared.bars = bars(shared, place)
+        if wp.static("lines" in of.shared):
+            shared.lines = lines(shared, place)
+        if wp.static("box" in of.shared):
+            shared.box = box(shared, place)
+        if wp.static("sliding" in of.shared):
+            shared.sliding = sliding(shared, place)
+        if wp.static("chain" in of.shared):
+            shared.chain = chain(shared, place)
+        if wp.static("joint" in of.shared):
+            shared.joint = joint(shared, place)
+        if wp.static("links" in of.shared):
+            shared.links = links(shared, place)
+        if wp.static("motions" in of.shared):
+            shared.motions = motions(shared, place)
+        if wp.static("course" in of.shared):
+            shared.course = course(shared, place)
+        if wp.static("poses" in of.shared):
+            shared.poses = poses(shared, place)
+        if wp.static("mounts" in of.shared):
+            shared.mounts = mounts(shared, place)
+        if wp.static("wheels" in of.shared):
+            shared.wheels = wheels(shared, place)
+        if wp.static("gears" in of.shared):
+            shared.gears = gears(shared, place)
+        if wp.static("spins" in of.shared):
+            shared.spins = spins(shared, place)
+        if wp.static("led" in of.shared):
+            shared.led = led(shared, place)
+        if wp.static("hubs" in of.shared):
+            shared.hubs = hubs(shared, place)
+        if wp.static("wheel_stages" in of.shared):
+            shared.wheel_stages = wheel_stages(shared, place)
+        if wp.static("plungers" in of.shared):
+            shared.plungers = plungers(shared, place)
+        if wp.static("plunger_pushes" in of.shared):
+            shared.plunger_pushes = plunger_pushes(shared, place)
+        if wp.static("plunger_meters" in of.shared):
+            shared.plunger_meters = plunger_meters(shared, place)
+        if wp.static("plunger_sums" in of.shared):
+            shared.plunger_sums = plunger_sums(shared, place)
+        if wp.static("lever_sums" in of.shared):
+            shared.lever_sums = lever_sums(shared, place)
+        if wp.static("hub_sums" in of.shared):
+            shared.hub_sums = hub_sums(shared, place)
+        if wp.static("mount_sums" in of.shared):
+            shared.mount_sums = mount_sums(shared, place)
+        if wp.static("spin_sums" in of.shared):
+            shared.spin_sums = spin_sums(shared, place)
+        if wp.static("sprocket_sums" in of.shared):
+            shared.sprocket_sums = sprocket_sums(shared, place)
+        if wp.static("strands" in of.shared):
+            shared.strands = strands(shared, place)
+        if wp.static("strand_sums" in of.shared):
+            shared.strand_sums = strand_sums(shared, place)
         return shared
 
     @wp.func
-    def shared_arrays(state: kinds.State, block: int):
-        """The arrays that the threads share; `block` is the place of this block in its launch."""
-        shared = kinds.Shared()
-        ask()
-        first = block * wp.static(of.values)
-        if wp.static(of.shares_rows):
-            shared.rows = rows(shared)
-            shared.held = held(shared)
-        else:
+    def shared_arrays(state: kinds.State, number: int):
+        """The arrays that the threads share of the variant at place `number` of its launch.
+
+        Warp asks for memory at each launch: as much as a tile would take, which nothing else uses.
+        """
+        if wp.static(of.asked > 0):
+            wp.tile_zeros(shape=wp.static(kind.abreast * of.asked // 8), dtype=wp.float64, storage="shared")
+            together()
+        shared = in_shared_memory(number % wp.static(kind.abreast))
+        first = number * wp.static(of.values)
+        if wp.static("rows" not in of.shared):
             shared.rows = view(state.rows, first, wp.static(of.rows))
-            shared.held = own_held(state.held, wp.static(slots) * block, wp.static(slots))
-        if wp.static(of.shares_seen):
-            shared.seen = seen(shared)
-        else:
+            shared.held = own_held(state.held, wp.static(slots) * number, wp.static(slots))
+        if wp.static("seen" not in of.shared):
             shared.seen = view(state.rows, first + wp.static(of.values - of.seen), wp.static(of.seen))
-        if wp.static(kind.paired):
-            shared.wheels = wheels(shared)
-            shared.gears = gears(shared)
-            shared.lines = lines(shared)
-            shared.box = box(shared)
-            shared.spins = spins(shared)
-            shared.led = led(shared)
-            shared = of_plungers(shared)
-            if wp.static(moving):
-                shared.hubs = hubs(shared)
-                if wp.static(kind.measuring):
-                    shared.hub_sums = hub_sums(shared)
-        else:
-            shared.motions = motions(shared)
-            shared.course = course(shared)
-            shared.poses = poses(shared)
-        shared.strand_of = strand_of(shared)
-        shared.teeth = teeth(shared)
-        shared.bands = bands(shared)
-        shared.bars = bars(shared)
-        if wp.static(kind.sliding):
-            shared.sliding = sliding(shared)
-        shared.chain = chain(shared)
-        if wp.static(kind.bending):
-            shared.joint = joint(shared)
-        if wp.static(kind.uneven):
-            shared.links = links(shared)
-        if wp.static(of.shares_parts):
-            shared.parts = parts(shared)
-        else:
-            shared.parts = view(state.parts, block * wp.static(of.parts), wp.static(of.parts))
-        if wp.static(not kind.paired):
-            shared.mounts = mounts(shared)
-        if wp.static(kind.measuring):
-            shared.strands = strands(shared)
-            if wp.static(kind.paired):
-                shared.spin_sums = spin_sums(shared)
-            else:
-                shared.mount_sums = mount_sums(shared)
-                shared.sprocket_sums = sprocket_sums(shared)
-            shared.strand_sums = strand_sums(shared)
+        if wp.static("parts" not in of.shared):
+            shared.parts = view(state.parts, number * wp.static(of.parts), wp.static(of.parts))
         return shared
 
     return Exchange(
         barrier=barrier,
+        together=together,
+        any_thread=any_thread,
         hand_over=hand_over,
         taken_over=taken_over,
         among_rollers=among_rollers,

@@ -20,7 +20,7 @@ from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_observe import collect
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
-from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.gpu.block_room import room
 from warpchain.kernels.relaxation import Settling
 from warpchain.results.channels import FRAME, frame_width
 from warpchain.results.schedule import Schedule

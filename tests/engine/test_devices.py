@@ -12,7 +12,7 @@ from drives import two_sprockets
 
 from warpchain import Record, load_drive, simulate
 from warpchain.drive.examples import drive_path
-from warpchain.engine.block_shape import CREWED, MANY, ROOMS, BlockShape, block_shape, room_for
+from warpchain.engine.block_shape import ABREAST, CREWED, MANY, ROOMS, ROW, BlockShape, block_shape, room_for
 from warpchain.engine.buckets import Bucket, _distinct, kernel_kind, kernel_shape, of_shape, refusal, rows_apart
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
@@ -20,7 +20,7 @@ from warpchain.engine.gpu import GpuEngine, launch_steps
 from warpchain.engine.pack import pack
 from warpchain.errors import SimulationError
 from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
-from warpchain.kernels.gpu.exchange import ORDERED, room
+from warpchain.kernels.gpu.block_room import ORDERED, room
 from warpchain.results.channels import frame_width
 from warpchain.results.schedule import Schedule
 
@@ -141,8 +141,8 @@ def test_every_kernel_finds_its_rows(room_, most, moves):
     # what does not fit into shared memory must be there in global memory, for whichever kernel of a bucket runs
     few, many = block_shape(room_, 1, most), block_shape(32, MANY, most)
     kind = BlockKind(wp.float64, sprockets=3, guides=1, moving=moves, **of_shape(few))
-    bucket = Bucket(kind, np.arange(7), None)
-    other = Bucket(BlockKind(wp.float64, sprockets=2, guides=0, **of_shape(many)), np.arange(5), None)
+    bucket = Bucket(kind, np.arange(7), None, 1)
+    other = Bucket(BlockKind(wp.float64, sprockets=2, guides=0, **of_shape(many)), np.arange(5), None, 1)
     there = rows_apart([other, bucket])
     for name, moving, measuring in (("advance", moves, False), ("measure", moves, True), ("relax", False, False)):
         shape = kernel_shape(name, bucket)
@@ -238,15 +238,18 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, te
     drive = two_sprockets() if teeth == 30 else two_sprockets(teeth=150, links=250, span=50.0)
     processors = wp.get_device("cuda:0").sm_count
     ends = []
-    for count in (1, (CREWED + 1) * processors, MANY * processors):
+    for count in (1, (CREWED + 1) * processors, MANY * processors, ROW * processors):
         packed = pack([drive] * count, [Schedule(drive.run.step, 2000, 500, 2000, 0)] * count).at_precision(precision)
         engine = GpuEngine(packed, "cuda:0")
         frames = engine.frame_buffer(0)
         for future in engine.advance(2001, frames):
             future.result()
-        ends.append((engine.rollers()[: 6 * drive.chain.links], engine.sums()["chain"][0], engine.buckets[0].shape))
+        kind = kernel_kind("measure", engine.buckets[0])
+        ends.append((engine.rollers()[-6 * drive.chain.links :], engine.sums()["chain"][-1], kind))
         engine.close()
-    assert len({shape for _, _, shape in ends}) == 3  # different kernels
+    # different kernels; of 250 links they are not abreast
+    assert len({kind for _, _, kind in ends}) == (4 if teeth == 30 else 3)
+    assert ends[-1][2].abreast == (ABREAST if teeth == 30 else 1)
     for rollers, chain, _ in ends[1:]:
         np.testing.assert_array_equal(rollers, ends[0][0])
         assert chain == ends[0][1]

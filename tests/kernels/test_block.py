@@ -70,7 +70,7 @@ def test_rows_beyond_shared_memory(fibers):
     variants = long_chains()
     shape = BlockShape(64, 16)
     packed = pack(variants, [Schedule(drive.run.step, 100, 11, 90, 0) for drive in variants])
-    assert not room_of(packed, shape).shares_rows
+    assert "rows" not in room_of(packed, shape).shared
     serial = CpuEngine(packed, 1)
     none = serial.frame_buffer(0)
     for future in serial.advance(101, none):

@@ -11,7 +11,7 @@ from blocks import some_of
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
-from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.gpu.block_room import room
 from warpchain.results.channels import FRAME, NAMES, frame_of
 
 LARGE = [((640, 1, 3, 1, True, True), 1), ((768, 1, 2, 0), 1), ((192, 1, 31, 0, False, True), 4)]
@@ -27,13 +27,14 @@ def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, bloc
 def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
     # 1,024 rollers at float64: 6 rows of 8 bytes and an integer of 4, which no kernel may declare
     kind = BlockKind(wp.float64, 256, 4, 2, 0, shared_bytes=232_448, curved=False)
-    *starts, end = room(kind).asked
-    assert room(kind).shares_rows and end >= 1024 * 52 and all(start % 16 == 0 for start in starts)
-    assert room(replace(kind, shared_bytes=DECLARED)).asked == (None,) * 5
+    of = room(kind)
+    assert {"rows", "held"} <= of.places.keys() and of.asked >= 1024 * 52
+    assert all(place % 16 == 0 for place in of.places.values())
+    assert room(replace(kind, shared_bytes=DECLARED)).asked == 0
     module = block_kernel(kind, 2, FRAME).module
     wp.compile_aot_module(module, device=None, arch=90, module_dir=str(tmp_path), use_ptx=False)
     asked = json.loads(next(path for path in tmp_path.iterdir() if path.suffix == ".meta").read_text())
-    assert all(bytes_ >= end for name, bytes_ in asked.items() if name.endswith("forward_smem_bytes"))
+    assert all(bytes_ >= of.asked for name, bytes_ in asked.items() if name.endswith("forward_smem_bytes"))
 
 
 FORMS = {

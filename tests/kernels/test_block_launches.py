@@ -64,6 +64,25 @@ def test_where_launches_end_does_not_matter(fibers, drives, precision):
         np.testing.assert_array_equal(mine, theirs, err_msg=name)
 
 
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("measuring", [True, False])
+def test_variants_abreast_in_a_block_are_what_they_are_by_themselves(fibers, precision, measuring):
+    # four that differ, two to a block; they share memory that each has a part of, and wait for each other
+    heavy = [drive.with_values({"run.gravity": [0.0, -9.81]}) for drive in equal_sprockets()]
+    variants = [*equal_sprockets(), *heavy]
+    packed = pack(variants, [Schedule(drive.run.step, 300, 111, 290, 0) for drive in variants]).at_precision(precision)
+    none = wp.zeros(1, dtype=packed.real, device="cpu")
+    shape = shape_of(variants, 100)
+    alone, abreast = (run_blocks(packed, shape, [301], [3, 0, 2, 1], none, measuring, each) for each in (1, 2))
+    for name in ("rollers", "bodies", "seat", "impact_speed"):
+        np.testing.assert_array_equal(getattr(alone[0], name).numpy(), getattr(abreast[0], name).numpy(), err_msg=name)
+    for name in ("chain", "strand", "sprocket", "contact", "tension_counts"):
+        np.testing.assert_array_equal(getattr(alone[1], name).numpy(), getattr(abreast[1], name).numpy(), err_msg=name)
+    rollers, n = abreast[0].rollers.numpy(), variants[0].chain.links
+    first, third = packed.first_value(0), packed.first_value(2)
+    assert (rollers[first : first + n] != rollers[third : third + n]).any()
+
+
 def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
     drive = two_sprockets().with_values({"run.gravity": [0.0, -9.81]})
     packed = pack([drive], [Schedule(drive.run.step, 10, 0, 10, 0)])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.kernels.gpu.block_kind import DECLARED
+from warpchain.kernels.gpu.block_kind import DECLARED, WARP
 
 ROOMS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
 """Rollers that blocks have room for; beyond, sixteenths of the next power of two, from 4,096 on whole 1,024."""
@@ -20,6 +20,12 @@ MANY = 6
 
 ROOMY = 8
 """Most variants a multiprocessor at which a thread of theirs has registers for two contacts at once."""
+
+ABREAST = 4
+"""Variants of a block, a warp each, where going through the same code at the same time makes them faster."""
+
+ROW = 16
+"""Variants that a multiprocessor holds where they are abreast."""
 
 CREWED = 2
 """Most variants a multiprocessor at which each may have a warp for its bodies alone."""
@@ -48,13 +54,26 @@ class BlockShape:
         """Rollers that there is room for."""
         return self.slots - 32 * self.crewed
 
+    def abreast(self, precision: str, measuring: bool, each: int, simple: bool) -> int:
+        """How many variants a block has, of which a multiprocessor gets `each`; arguments as in `resident`.
+
+        One on a warp has its own block unless several were measured to be faster: long code, which is fetched once for
+        all that are abreast, and at float64 no more than four rollers a thread.
+        """
+        if self.threads != WARP or self.per > 6 or each < ROW or not simple:
+            return 1
+        faster = measuring or self.per > 4 if precision == "float32" else measuring and self.per <= 4
+        return ABREAST if faster else 1
+
     def resident(self, precision: str, measuring: bool, wanted: int, simple: bool = False) -> int:
-        """How many blocks the compiler is to make room for on a multiprocessor, `wanted` at most.
+        """How many variants the compiler is to make room for on a multiprocessor, `wanted` at most.
 
         This bounds the registers of a thread; taking metrics wants more of them, and of shared memory, and kernels of
         drives that are `simple` (`buckets.Bucket`) fewer. What is best was measured on an H200 (docs/performance.md).
         """
-        if self.threads == 32:
+        if self.abreast(precision, measuring, wanted, simple) > 1:
+            most = ROW
+        elif self.threads == WARP:
             most = {
                 ("float64", False): (12, 12, 8),
                 ("float64", True): (12, 12, 8),
@@ -97,6 +116,6 @@ def block_shape(room: int, each: int, shared_bytes: int = DECLARED, precision: s
     if precision == "float32" and on_two_warps(room, each):
         return BlockShape(64, -(-room // 64))
     if each >= MANY:
-        return BlockShape(32, -(-room // 32), roomy=each <= ROOMY and room <= 192)
+        return BlockShape(WARP, -(-room // WARP), roomy=each <= ROOMY and room <= 192)
     crewed = each <= CREWED and 32 < room < 512
     return BlockShape(room + 32 * crewed, 1, crewed)

@@ -18,7 +18,7 @@ from warpchain.engine.packed import Packed
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
-from warpchain.kernels.gpu.exchange import room
+from warpchain.kernels.gpu.block_room import room
 from warpchain.kernels.structs import GROUND
 
 MOST_LINKS = 16 * ROOMS[-1]
@@ -64,11 +64,13 @@ class Bucket:
         kind: of the kernel that takes steps without metrics.
         variants: their numbers.
         order: the same, on the device.
+        each: most of them that a multiprocessor gets.
     """
 
     kind: BlockKind
     variants: NDArray[np.integer]
     order: wp.array
+    each: int
 
     @property
     def count(self) -> int:
@@ -106,9 +108,9 @@ def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     if name == "relax":
         still = dict.fromkeys(("moving", "rk4", "sliding", "bending", "linear", "roomy"), False)
         return replace(bucket.kind, **(of_shape(kernel_shape(name, bucket)) | still))
-    if name == "measure":
-        return replace(bucket.kind, measuring=True, roomy=False)
-    return bucket.kind
+    kind = replace(bucket.kind, measuring=True, roomy=False) if name == "measure" else bucket.kind
+    precision = "float32" if kind.paired else "float64"
+    return replace(kind, abreast=bucket.shape.abreast(precision, kind.measuring, bucket.each, bucket.simple))
 
 
 def curved(packed: Packed) -> NDArray[np.bool_]:
@@ -146,7 +148,7 @@ class GpuKernels:
     def __init__(self, packed: Packed, device: str) -> None:
         self.packed, self.device = packed, device
         self._processors = int(wp.get_device(device).sm_count)
-        self._kernels: dict[Any, Any] = {}
+        self._kernels: dict[tuple[str, int], tuple[Any, BlockKind]] = {}
         drives = packed.drives
         measuring = bool((drives["window_start"] < drives["steps"]).any())
         self._names = ("advance", "measure") if measuring else ("advance",)
@@ -171,6 +173,7 @@ class GpuKernels:
             "curved": curved(packed),
             "stribeck": packed.stribeck,
             "linear": packed.linear,
+            "regular": packed.regular,
         }
         keys = np.column_stack(list(columns.values()))
         buckets = []
@@ -179,7 +182,8 @@ class GpuKernels:
             order = order[np.argsort(drives["sample_every"][order] == 0, kind="stable")]  # recorded ones take longer
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             values = {name: value if name in NUMBERS else bool(value) for name, value in zip(columns, key, strict=True)}
-            buckets.append(Bucket(self._kind(len(order), **values), order, array))
+            each = -(-len(order) // self._processors)
+            buckets.append(Bucket(self._kind(len(order), **values), order, array, each))
         return buckets
 
     def _kind(self, count: int, slots: int, **values: Any) -> BlockKind:
@@ -192,24 +196,24 @@ class GpuKernels:
         return BlockKind(self.packed.real, **of_shape(shape), **values)
 
     def _blocks(self, name: str, bucket: Bucket) -> int:
-        """Blocks of a bucket's kernel that a multiprocessor is to hold."""
-        each = 2**31 if name == "relax" else -(-bucket.count // self._processors)
+        """Variants of a bucket that a multiprocessor is to hold in blocks of a kernel."""
+        each = 2**31 if name == "relax" else bucket.each
         simple = name != "relax" and bucket.simple
         return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each, simple)
 
-    def _made(self, name: str, bucket: Bucket) -> Any:
-        """A bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
-        kind, blocks = kernel_kind(name, bucket), self._blocks(name, bucket)
-        if (name, kind) not in self._kernels:
-            frame = self.packed.frame
+    def _made(self, name: str, bucket: Bucket) -> tuple[Any, BlockKind]:
+        """A bucket's kernel and its kind: "advance" takes no metrics, "measure" does, "relax" settles."""
+        key = name, id(bucket)
+        if key not in self._kernels:
+            kind, blocks, frame = kernel_kind(name, bucket), self._blocks(name, bucket), self.packed.frame
             kernel = block_relax_kernel(kind, blocks) if name == "relax" else block_kernel(kind, blocks, frame)
-            self._kernels[name, kind] = kernel
-        return self._kernels[name, kind]
+            self._kernels[key] = kernel, kind
+        return self._kernels[key]
 
     def modules(self, *names: str) -> list[tuple[Any, int]]:
         """The modules of the kernels of these names, by default of those that take steps, and their threads a block.
 
         They are made by the calling thread, as they share functions.
         """
-        pairs = [(bucket, name) for bucket in self.buckets for name in names or self._names]
-        return [(self._made(name, bucket).module, kernel_shape(name, bucket).threads) for bucket, name in pairs]
+        made = [self._made(name, bucket) for bucket in self.buckets for name in names or self._names]
+        return [(kernel.module, kind.block_threads) for kernel, kind in made]

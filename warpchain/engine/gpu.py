@@ -17,7 +17,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from warpchain.engine.arrays import NOTES, SUMS, empty_sums, empty_tallies, upload_ensemble, upload_state
-from warpchain.engine.buckets import Bucket, GpuKernels, kernel_shape, rows_apart
+from warpchain.engine.buckets import Bucket, GpuKernels, rows_apart
 from warpchain.engine.lanes import Phase, cut, groups
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
@@ -144,9 +144,11 @@ class GpuEngine(GpuKernels):
         phases = [("advance", bare, 0), ("measure", steps - bare, bare)]
         return [phase for phase in phases if phase[1] > 0]
 
-    def _launch(self, kernel: Any, threads: int, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
-        dim = len(order) * threads
-        wp.launch(kernel, dim=dim, inputs=[*inputs], block_dim=threads, device=self.device, stream=stream)
+    def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
+        """Launches a bucket's kernel for variants `order` of it."""
+        kernel, kind = self._made(name, bucket)
+        dim, block = len(order) * kind.threads, kind.block_threads
+        wp.launch(kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _lanes(self, steps: int) -> list[tuple[bool, Bucket, wp.array, list[Phase]]]:
         """Variants whose launches follow one another: whether beside others, bucket, place in it, and launches."""
@@ -176,8 +178,7 @@ class GpuEngine(GpuKernels):
                 for at, (beside, bucket, order, phases) in enumerate(self._lanes(steps)):
                     stream = [self.stream, *self._others][at % STREAMS if beside else 0]
                     for name, taken, before in phases:
-                        kernel = self._made(name, bucket)
-                        self._launch(kernel, bucket.shape.threads, order, [*state, order, taken, before], stream)
+                        self._launch(name, bucket, order, [*state, order, taken, before], stream)
                 for stream in self._others:
                     self.stream.wait_event(stream.record_event())
                 done = self.stream.record_event()
@@ -210,8 +211,7 @@ class GpuEngine(GpuKernels):
             with _memory_named(self.device, self.packed):
                 for bucket in self.buckets:
                     inputs = [self.ensemble, self.state, self.tallies, self._settling, bucket.order, steps]
-                    threads = kernel_shape("relax", bucket).threads
-                    self._launch(self._made("relax", bucket), threads, bucket.order, inputs, self.stream)
+                    self._launch("relax", bucket, bucket.order, inputs, self.stream)
                 self._settling_now = self._read(self._settling)
 
         return [self._pool.submit(work)]

@@ -216,6 +216,12 @@ class Packed:
         return found
 
     @property
+    def regular(self) -> NDArray[np.bool_]:
+        """(variants,) whether all links of a chain are of one length."""
+        first = self.drives["first_roller"].astype(np.int64)
+        return np.asarray(np.minimum.reduceat(self.lengths, first) == np.maximum.reduceat(self.lengths, first))
+
+    @property
     def stribeck(self) -> NDArray[np.bool_]:
         """(variants,) whether a coefficient of friction depends on the speed."""
         found = self.joints["law"]["mu_static"] != self.joints["law"]["mu_dynamic"]

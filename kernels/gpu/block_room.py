@@ -1,0 +1,160 @@
+"""What the threads of a block share of a variant: how much of it there is, and where it lies.
+
+The arrays are those of `structs.Shared`. Up to `DECLARED` bytes of them a kernel declares; the rows of longer chains
+lie in what each launch asks for, where the GPU has that much, else in global memory. Variants that are abreast in one
+block have all of theirs in what the launch asks for, one variant's after the other's.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+from ..structs import types
+from .block_kind import DECLARED, WARP, BlockKind
+from .block_wheels import GEAR_ROWS, LINE_ROWS, WHEEL_ROWS
+
+COURSE = 32
+"""Steps that prescribed motion is worked out for at a time, one a thread of a warp."""
+
+ORDERED = 512
+"""Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
+
+ALIGNED = 16
+"""Bytes of which each array's place is a multiple."""
+
+
+def shared_rows(Real: type) -> int:
+    """Rows of rollers that threads share: x, y, vx, vy, force (x, y), at float32 the low parts of x, y.
+
+    Where joints rub there are more (`joint_rows`).
+    """
+    return 8 if Real == wp.float32 else 6
+
+
+def joint_rows(kind: BlockKind) -> int:
+    """Rows beside these for the friction of joints (`block_joints`)."""
+    if not kind.bending or (kind.threads == WARP and not kind.measuring):
+        return 0
+    return 1 if kind.threads == WARP and kind.Real == wp.float64 else 2
+
+
+def extremes(kind: BlockKind) -> int:
+    """Values of the extremes of tension that each warp keeps: lowest and highest of the strands and of links on none,
+    and what threads without a link are held against.
+    """
+    return 2 * (kind.sprockets + 2)
+
+
+def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
+    """Where, after the extremes, each link's squared rates and each thread's friction begin, and where they end."""
+    first = kind.threads // WARP * extremes(kind)
+    return first, first + kind.slots, first + kind.slots + kind.bending * kind.threads
+
+
+def parts_of_a_body(kind: BlockKind) -> int:
+    """Into how many parts the sum over all rollers of what acts on a body is taken apart.
+
+    A roller has one, or a thread: on one warp, where that is the same order, and where the rollers are many. What has
+    no rollers has none.
+    """
+    return kind.threads if kind.threads == WARP or kind.slots > ORDERED else kind.room
+
+
+def _of_bodies(kind: BlockKind) -> dict[str, int]:
+    """Values of each array of what bodies are and do."""
+    sprockets, measuring = kind.sprockets, kind.measuring
+    if not kind.paired:
+        counts = {"motions": sprockets, "course": 2 * COURSE * sprockets, "poses": kind.bodies + kind.profiles}
+        counts |= {"mounts": sprockets, "mount_sums": sprockets * measuring} if kind.moving else {}
+        return counts | {"sprocket_sums": sprockets * measuring}
+    counts = {"wheels": WHEEL_ROWS * kind.wheels, "gears": GEAR_ROWS * sprockets, "box": 1}
+    counts |= {"spins": sprockets, "led": COURSE * sprockets, "spin_sums": sprockets * measuring}
+    counts |= {"hubs": sprockets, "hub_sums": sprockets * measuring} if kind.moving else {}
+    counts |= {"plungers": kind.tensioners, "plunger_pushes": kind.tensioners}
+    counts |= {"plunger_meters": kind.tensioners, "plunger_sums": kind.tensioners} if measuring else {}
+    counts |= {"lever_sums": kind.arms * measuring, "wheel_stages": kind.bodies * kind.rk4}
+    return counts | {"lines": LINE_ROWS * max(kind.guides, 1)}
+
+
+def _small(kind: BlockKind) -> dict[str, int]:
+    """Values of each array but the rows of rollers, and of their parts in sums."""
+    sprockets, guides = kind.sprockets, kind.guides
+    counts = _of_bodies(kind) | {"teeth": sprockets, "bands": sprockets, "bars": max(guides, 1), "chain": 1}
+    counts |= {"sliding": (sprockets + guides) * kind.sliding, "joint": int(kind.bending), "links": int(kind.uneven)}
+    if kind.measuring:
+        counts |= {"strand_of": kind.slots, "strands": sprockets, "strand_sums": sprockets}
+    return {name: count for name, count in counts.items() if count > 0}
+
+
+@dataclass(frozen=True)
+class Room:
+    """How much of what a block's threads share there is, and where it lies; arrays by their names in `structs.Shared`.
+
+    Attributes:
+        parts, rows, held, seen: values of these; the others are never in global memory.
+        shared: values of each array in shared memory.
+        places: where those lie that a launch asks for, after the beginning of their variant's [bytes].
+        asked: what a launch asks for of each variant [bytes].
+    """
+
+    parts: int
+    rows: int
+    held: int
+    seen: int  # extremes of tension, each link's squared rates, the work of each roller's joint friction
+    shared: Mapping[str, int]
+    places: Mapping[str, int]
+    asked: int
+
+    @property
+    def part_values(self) -> int:
+        """Values of `parts` of a block in global memory."""
+        return self.parts * ("parts" not in self.shared)
+
+    @property
+    def values(self) -> int:
+        """Values of a block in global memory, at the kernel's precision."""
+        return self.rows * ("rows" not in self.shared) + self.seen * ("seen" not in self.shared)
+
+    @property
+    def integers(self) -> int:
+        """Integers of a block in global memory."""
+        return self.held * ("held" not in self.shared)
+
+
+def size_of(dtype: Any) -> int:
+    """Size of a value, a vector or a struct [bytes]."""
+    return int(wp.types.type_size_in_bytes(dtype))
+
+
+def room(kind: BlockKind) -> Room:
+    """What a block of a kind needs."""
+    fields = types(kind.Real).Shared.vars
+    parts = (3 if kind.pushes else 1) * kind.bodies * parts_of_a_body(kind)
+    rows = (shared_rows(kind.Real) + joint_rows(kind)) * kind.slots
+    seen = seen_rows(kind)[-1] if kind.measuring else 0
+
+    def needed(counts: Mapping[str, int]) -> int:
+        bytes_ = (count * size_of(fields[name].type.dtype) for name, count in counts.items())
+        return sum(-(-each // ALIGNED) * ALIGNED for each in bytes_)
+
+    shared = _small(kind)
+    used = needed(shared)
+    large = [{"rows": rows, "held": kind.slots}, {"parts": parts}, {"seen": seen}]
+    asks = used + sum(map(needed, large)) > DECLARED and kind.shared_bytes > DECLARED
+    used += 4 * kind.threads * asks  # Warp's own
+    asked: list[str] = []
+    for counts in large:
+        counts = {name: count for name, count in counts.items() if count > 0}
+        if used + needed(counts) <= kind.shared_bytes:
+            used += needed(counts)
+            shared |= counts
+            asked += counts if asks else ()
+    if kind.abreast > 1:
+        asked = list(shared)
+    places, end = {}, 0
+    for name in asked:
+        places[name] = end
+        end += needed({name: shared[name]})
+    return Room(parts, rows, kind.slots, seen, shared, places, end)
