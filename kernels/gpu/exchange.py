@@ -253,7 +253,8 @@ def _snippet(kind: BlockKind, of: Room, name: str) -> str:
     size = size_of(types(kind.Real).Shared.vars[name].type.dtype)
     memory = f"__shared__ __align__({ALIGNED}) char memory[{count * size}];"
     if name in of.places:
-        place = f"place * {of.asked} + " if kind.abreast > 1 else ""
+        # found anew from the thread's number, `place` would take a register
+        place = f"(threadIdx.x / {WARP}) * {of.asked} + " if kind.abreast > 1 else ""
         memory = f"""extern __shared__ __align__({ALIGNED}) char of_launch[];
     char* const memory = of_launch + {place}{of.places[name]};"""
     return f"""

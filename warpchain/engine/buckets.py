@@ -85,10 +85,11 @@ class Bucket:
 
     @property
     def simple(self) -> bool:
-        """Whether their kernels are as short as can be."""
+        """Whether their kernels are as short as can be, but for friction at float32."""
         kind = self.kind
-        more = kind.moving, kind.rk4, kind.sliding, kind.bending, kind.uneven, kind.arms, kind.profiles, kind.curved
-        return kind.linear and not any(more)
+        more = kind.moving, kind.rk4, kind.uneven, kind.arms, kind.profiles, kind.curved
+        rubbing = kind.sliding or kind.bending
+        return kind.linear and not any(more) and (kind.paired or not rubbing)
 
 
 def of_shape(shape: BlockShape) -> dict[str, Any]:
