@@ -114,6 +114,31 @@ def test_registers_of_a_block_fit_a_multiprocessor():
                 assert shape.resident(precision, measuring, 1) <= 2
 
 
+def test_variants_go_abreast_where_a_multiprocessor_has_memory_for_the_row():
+    def abreast(real, links, each, most_shared, **more):
+        shape = block_shape(links, each)
+        kind = BlockKind(real, sprockets=2, guides=0, curved=False, linear=True, **of_shape(shape), **more)
+        bucket = Bucket(kind, np.arange(7), None, each, most_shared)
+        return [kernel_kind(name, bucket).abreast for name in ("advance", "measure", "relax")]
+
+    large, small = (
+        232_448,
+        101_376,
+    )  # of an H200, and of a workstation's GPU, where seven fit one by one and four abreast
+    assert abreast(wp.float32, 128, 16, large) == abreast(wp.float64, 128, 16, large) == [1, ABREAST, 1]
+    assert abreast(wp.float32, 192, 16, large) == [ABREAST, ABREAST, 1]
+    assert abreast(wp.float32, 128, 16, large, sliding=True, bending=True) == [1, ABREAST, 1]
+    one_by_one = [
+        abreast(wp.float32, 128, 15, large),
+        abreast(wp.float32, 192, 16, small),
+        abreast(wp.float64, 192, 16, large),
+        abreast(wp.float64, 128, 16, large, bending=True),
+        abreast(wp.float32, 128, 16, large, moving=True),
+        abreast(wp.float32, 256, 16, large),
+    ]
+    assert one_by_one == [[1, 1, 1]] * len(one_by_one)
+
+
 def test_blocks_have_room_for_the_chain_and_little_more():
     links = np.array([3, 32, 33, 118, 162, 257, 1000, 1024, 1025, 2049, 4000, 4097, 16_384])
     most = room_for(links)

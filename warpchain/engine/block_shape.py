@@ -65,13 +65,15 @@ class BlockShape:
         faster = measuring or self.per > 4 if precision == "float32" else measuring and self.per <= 4
         return ABREAST if faster else 1
 
-    def resident(self, precision: str, measuring: bool, wanted: int, simple: bool = False) -> int:
+    def resident(
+        self, precision: str, measuring: bool, wanted: int, simple: bool = False, abreast: bool = False
+    ) -> int:
         """How many variants the compiler is to make room for on a multiprocessor, `wanted` at most.
 
         This bounds the registers of a thread; taking metrics wants more of them, and of shared memory, and kernels of
         drives that are `simple` (`buckets.Bucket`) fewer. What is best was measured on an H200 (docs/performance.md).
         """
-        if self.abreast(precision, measuring, wanted, simple) > 1:
+        if abreast:
             most = ROW
         elif self.threads == WARP:
             most = {

@@ -13,10 +13,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.block_shape import MANY, ROOMS, BlockShape, block_shape, room_for
+from warpchain.engine.block_shape import MANY, ROOMS, ROW, BlockShape, block_shape, room_for
 from warpchain.engine.packed import Packed
 from warpchain.kernels.gpu.block import block_kernel
-from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.block_room import room
 from warpchain.kernels.structs import GROUND
@@ -26,6 +26,9 @@ MOST_LINKS = 16 * ROOMS[-1]
 
 MOST_PARTNERS = 31
 """Sprockets and guide-bars of one drive: which of them a roller is near is kept in the bits of an int."""
+
+RESERVED = 1024
+"""Bytes of a multiprocessor's shared memory that each block takes beside its own."""
 
 NUMBERS = ("slots", "sprockets", "guides", "arms", "tensioners")
 """What buckets differ in by a number; in all else by yes or no."""
@@ -65,12 +68,14 @@ class Bucket:
         variants: their numbers.
         order: the same, on the device.
         each: most of them that a multiprocessor gets.
+        most_shared: bytes of shared memory that a block may have on the device.
     """
 
     kind: BlockKind
     variants: NDArray[np.integer]
     order: wp.array
     each: int
+    most_shared: int = DECLARED
 
     @property
     def count(self) -> int:
@@ -104,14 +109,22 @@ def kernel_shape(name: str, bucket: Bucket) -> BlockShape:
     return bucket.shape
 
 
+def _abreast(kind: BlockKind, bucket: Bucket) -> int:
+    """Variants of a block of such a kernel: one, unless a multiprocessor has memory for the whole row of them."""
+    precision = "float32" if kind.paired else "float64"
+    wanted = bucket.shape.abreast(precision, kind.measuring, bucket.each, bucket.simple)
+    several = replace(kind, abreast=wanted)
+    needed = wanted * room(several).asked + 4 * several.block_threads + RESERVED  # four bytes a thread are Warp's own
+    return wanted if ROW // wanted * needed <= bucket.most_shared + RESERVED else 1
+
+
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     if name == "relax":
         still = dict.fromkeys(("moving", "rk4", "sliding", "bending", "linear", "roomy"), False)
         return replace(bucket.kind, **(of_shape(kernel_shape(name, bucket)) | still))
     kind = replace(bucket.kind, measuring=True, roomy=False) if name == "measure" else bucket.kind
-    precision = "float32" if kind.paired else "float64"
-    return replace(kind, abreast=bucket.shape.abreast(precision, kind.measuring, bucket.each, bucket.simple))
+    return replace(kind, abreast=_abreast(kind, bucket))
 
 
 def curved(packed: Packed) -> NDArray[np.bool_]:
@@ -177,6 +190,7 @@ class GpuKernels:
             "regular": packed.regular,
         }
         keys = np.column_stack(list(columns.values()))
+        most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
         buckets = []
         for key in _distinct(keys):
             order = np.flatnonzero((keys == key).all(axis=1))
@@ -184,7 +198,7 @@ class GpuKernels:
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             values = {name: value if name in NUMBERS else bool(value) for name, value in zip(columns, key, strict=True)}
             each = -(-len(order) // self._processors)
-            buckets.append(Bucket(self._kind(len(order), **values), order, array, each))
+            buckets.append(Bucket(self._kind(len(order), **values), order, array, each, most_shared))
         return buckets
 
     def _kind(self, count: int, slots: int, **values: Any) -> BlockKind:
@@ -199,8 +213,8 @@ class GpuKernels:
     def _blocks(self, name: str, bucket: Bucket) -> int:
         """Variants of a bucket that a multiprocessor is to hold in blocks of a kernel."""
         each = 2**31 if name == "relax" else bucket.each
-        simple = name != "relax" and bucket.simple
-        return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each, simple)
+        simple, abreast = name != "relax" and bucket.simple, kernel_kind(name, bucket).abreast > 1
+        return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each, simple, abreast)
 
     def _made(self, name: str, bucket: Bucket) -> tuple[Any, BlockKind]:
         """A bucket's kernel and its kind: "advance" takes no metrics, "measure" does, "relax" settles."""
