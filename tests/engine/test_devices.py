@@ -121,10 +121,8 @@ def test_variants_go_abreast_where_a_multiprocessor_has_memory_for_the_row():
         bucket = Bucket(kind, np.arange(7), None, each, most_shared)
         return [kernel_kind(name, bucket).abreast for name in ("advance", "measure", "relax")]
 
-    large, small = (
-        232_448,
-        101_376,
-    )  # of an H200, and of a workstation's GPU, where seven fit one by one and four abreast
+    # of an H200, and of a workstation's GPU, on which seven fit one by one and four abreast
+    large, small = 232_448, 101_376
     assert abreast(wp.float32, 128, 16, large) == abreast(wp.float64, 128, 16, large) == [1, ABREAST, 1]
     assert abreast(wp.float32, 192, 16, large) == [ABREAST, ABREAST, 1]
     assert abreast(wp.float32, 128, 16, large, sliding=True, bending=True) == [1, ABREAST, 1]
