@@ -106,6 +106,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return Real(0.5) * row.step_of(mine)
 
     @wp.func
+    def powers(shared: kinds.Shared, mine: Mine, j: int, damper: vec2, drag: vec2, relative: vec2):
+        """Powers [W] that damper and friction take in a closed contact of roller j, whose force is complete."""
+        a = acceleration(shared, j)
+        return dissipated(damper, relative, a, lag(mine)), dissipated(drag, relative, a, lag(mine))
+
+    @wp.func
     def in_full(value: Real):
         """A value as the sums of contacts have it."""
         if wp.static(kind.paired):
@@ -284,9 +290,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             set_force(shared, j, force_on(shared, j) + force)
             keep(state, now, at, before, first)
             if now.measured != 0:
-                a = acceleration(shared, j)
-                damped = dissipated(damper * normal, relative, a, lag(mine))
-                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)), True)
+                damped, rubbed = powers(shared, mine, j, damper * normal, drag, relative)
+                measure(tallies, now, at, before, size, damped, rubbed, True)
             if is_summed(now, s):
                 add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
         else:
@@ -396,9 +401,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             set_force(shared, j, force_on(shared, j) + answer.force)
             keep(state, now, answer.at, answer.before, answer.first)
             if wp.static(kind.measuring) and now.measured != 0:
-                a = acceleration(shared, j)
-                damped = dissipated(answer.damper, answer.relative, a, lag(mine))
-                rubbed = dissipated(answer.drag, answer.relative, a, lag(mine))
+                damped, rubbed = powers(shared, mine, j, answer.damper, answer.drag, answer.relative)
                 measure(tallies, now, answer.at, answer.before, answer.size, damped, rubbed, True)
         else:
             put(state, now, answer.at, answer.before, after_teeth(answer.before))
@@ -517,9 +520,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                     add_wrench(shared, mine, bar.body, j, moment, force, now.watched)
             keep(state, now, at, before, first)
             if now.measured != 0:
-                a = acceleration(shared, j)
-                damped = dissipated(damper * normal, relative, a, lag(mine))
-                measure(tallies, now, at, before, size, damped, dissipated(drag, relative, a, lag(mine)), False)
+                damped, rubbed = powers(shared, mine, j, damper * normal, drag, relative)
+                measure(tallies, now, at, before, size, damped, rubbed, False)
         else:
             put(state, now, at, before, Real(UNTOUCHED))
 

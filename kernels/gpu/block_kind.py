@@ -94,8 +94,8 @@ class BlockKind:
     def quick(self) -> bool:
         """Whether usual contacts are worked out without branches, in kernels of one length of chain all or none.
 
-        So metrics leave a variant its bits.
-        Of more than 192 links not all kernels gave the same bits with it (docs/performance.md).
+        So metrics leave a variant its bits. Of more than 192 links not all kernels gave the same bits with it
+        (docs/performance.md).
         """
         return self.room <= 192
 
@@ -116,7 +116,7 @@ class BlockKind:
 
     @property
     def slots(self) -> int:
-        """Rollers that all threads of a block would have."""
+        """Rollers that all threads of a variant would have."""
         return self.threads * self.per
 
     @property

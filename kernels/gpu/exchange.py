@@ -248,8 +248,10 @@ FIBERS_OR = """
 
 
 def _snippet(kind: BlockKind, of: Room, name: str) -> str:
-    """An array of the block's own shared memory, or of the variant's part of it."""
-    count, element = of.shared.get(name, 1), f"*like.{name}.data"
+    """An array of the block's own shared memory, or of the variant's part of it; nothing where there is none."""
+    if name not in of.shared:
+        return "return {};"
+    count, element = of.shared[name], f"*like.{name}.data"
     size = size_of(types(kind.Real).Shared.vars[name].type.dtype)
     memory = f"__shared__ __align__({ALIGNED}) char memory[{count * size}];"
     if name in of.places:
@@ -455,76 +457,41 @@ def exchange(kind: BlockKind) -> Exchange:
     def in_shared_memory(place: int):
         """The arrays that lie in shared memory, of the variant at `place` of those abreast."""
         shared = kinds.Shared()
-        if wp.static("rows" in of.shared):
-            shared.rows = rows(shared, place)
-        if wp.static("held" in of.shared):
-            shared.held = held(shared, place)
-        if wp.static("parts" in of.shared):
-            shared.parts = parts(shared, place)
-        if wp.static("seen" in of.shared):
-            shared.seen = seen(shared, place)
-        if wp.static("strand_of" in of.shared):
-            shared.strand_of = strand_of(shared, place)
-        if wp.static("teeth" in of.shared):
-            shared.teeth = teeth(shared, place)
-        if wp.static("bands" in of.shared):
-            shared.bands = bands(shared, place)
-        if wp.static("bars" in of.shared):
-            shared.bars = bars(shared, place)
-        if wp.static("lines" in of.shared):
-            shared.lines = lines(shared, place)
-        if wp.static("box" in of.shared):
-            shared.box = box(shared, place)
-        if wp.static("sliding" in of.shared):
-            shared.sliding = sliding(shared, place)
-        if wp.static("chain" in of.shared):
-            shared.chain = chain(shared, place)
-        if wp.static("joint" in of.shared):
-            shared.joint = joint(shared, place)
-        if wp.static("links" in of.shared):
-            shared.links = links(shared, place)
-        if wp.static("motions" in of.shared):
-            shared.motions = motions(shared, place)
-        if wp.static("course" in of.shared):
-            shared.course = course(shared, place)
-        if wp.static("poses" in of.shared):
-            shared.poses = poses(shared, place)
-        if wp.static("mounts" in of.shared):
-            shared.mounts = mounts(shared, place)
-        if wp.static("wheels" in of.shared):
-            shared.wheels = wheels(shared, place)
-        if wp.static("gears" in of.shared):
-            shared.gears = gears(shared, place)
-        if wp.static("spins" in of.shared):
-            shared.spins = spins(shared, place)
-        if wp.static("led" in of.shared):
-            shared.led = led(shared, place)
-        if wp.static("hubs" in of.shared):
-            shared.hubs = hubs(shared, place)
-        if wp.static("wheel_stages" in of.shared):
-            shared.wheel_stages = wheel_stages(shared, place)
-        if wp.static("plungers" in of.shared):
-            shared.plungers = plungers(shared, place)
-        if wp.static("plunger_pushes" in of.shared):
-            shared.plunger_pushes = plunger_pushes(shared, place)
-        if wp.static("plunger_meters" in of.shared):
-            shared.plunger_meters = plunger_meters(shared, place)
-        if wp.static("plunger_sums" in of.shared):
-            shared.plunger_sums = plunger_sums(shared, place)
-        if wp.static("lever_sums" in of.shared):
-            shared.lever_sums = lever_sums(shared, place)
-        if wp.static("hub_sums" in of.shared):
-            shared.hub_sums = hub_sums(shared, place)
-        if wp.static("mount_sums" in of.shared):
-            shared.mount_sums = mount_sums(shared, place)
-        if wp.static("spin_sums" in of.shared):
-            shared.spin_sums = spin_sums(shared, place)
-        if wp.static("sprocket_sums" in of.shared):
-            shared.sprocket_sums = sprocket_sums(shared, place)
-        if wp.static("strands" in of.shared):
-            shared.strands = strands(shared, place)
-        if wp.static("strand_sums" in of.shared):
-            shared.strand_sums = strand_sums(shared, place)
+        shared.rows = rows(shared, place)
+        shared.held = held(shared, place)
+        shared.parts = parts(shared, place)
+        shared.seen = seen(shared, place)
+        shared.strand_of = strand_of(shared, place)
+        shared.teeth = teeth(shared, place)
+        shared.bands = bands(shared, place)
+        shared.bars = bars(shared, place)
+        shared.lines = lines(shared, place)
+        shared.box = box(shared, place)
+        shared.sliding = sliding(shared, place)
+        shared.chain = chain(shared, place)
+        shared.joint = joint(shared, place)
+        shared.links = links(shared, place)
+        shared.motions = motions(shared, place)
+        shared.course = course(shared, place)
+        shared.poses = poses(shared, place)
+        shared.mounts = mounts(shared, place)
+        shared.wheels = wheels(shared, place)
+        shared.gears = gears(shared, place)
+        shared.spins = spins(shared, place)
+        shared.led = led(shared, place)
+        shared.hubs = hubs(shared, place)
+        shared.wheel_stages = wheel_stages(shared, place)
+        shared.plungers = plungers(shared, place)
+        shared.plunger_pushes = plunger_pushes(shared, place)
+        shared.plunger_meters = plunger_meters(shared, place)
+        shared.plunger_sums = plunger_sums(shared, place)
+        shared.lever_sums = lever_sums(shared, place)
+        shared.hub_sums = hub_sums(shared, place)
+        shared.mount_sums = mount_sums(shared, place)
+        shared.spin_sums = spin_sums(shared, place)
+        shared.sprocket_sums = sprocket_sums(shared, place)
+        shared.strands = strands(shared, place)
+        shared.strand_sums = strand_sums(shared, place)
         return shared
 
     @wp.func
