@@ -21,6 +21,9 @@ COURSE = 32
 ORDERED = 512
 """Rollers of the longest chain whose moments are added up in the rollers' order, whatever the block's shape."""
 
+OF_A_THREAD = 4
+"""Bytes that Warp takes of what a launch asks for, for each thread of a block."""
+
 ALIGNED = 16
 """Bytes of which each array's place is a multiple."""
 
@@ -143,7 +146,7 @@ def room(kind: BlockKind) -> Room:
     used = needed(shared)
     large = [{"rows": rows, "held": kind.slots}, {"parts": parts}, {"seen": seen}]
     asks = used + sum(map(needed, large)) > DECLARED and kind.shared_bytes > DECLARED
-    used += 4 * kind.threads * asks  # Warp's own
+    used += OF_A_THREAD * kind.threads * asks
     asked: list[str] = []
     for counts in large:
         counts = {name: count for name, count in counts.items() if count > 0}
@@ -158,3 +161,8 @@ def room(kind: BlockKind) -> Room:
         places[name] = end
         end += needed({name: shared[name]})
     return Room(parts, rows, kind.slots, seen, shared, places, end)
+
+
+def asked_of_a_block(kind: BlockKind) -> int:
+    """Bytes that a launch takes for each block, of what is asked for."""
+    return kind.abreast * room(kind).asked + OF_A_THREAD * kind.block_threads

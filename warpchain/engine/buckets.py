@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -18,7 +18,7 @@ from warpchain.engine.packed import Packed
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
-from warpchain.kernels.gpu.block_room import room
+from warpchain.kernels.gpu.block_room import asked_of_a_block, room
 from warpchain.kernels.structs import GROUND
 
 MOST_LINKS = 16 * ROOMS[-1]
@@ -113,8 +113,9 @@ def _abreast(kind: BlockKind, bucket: Bucket) -> int:
     """Variants of a block of such a kernel: one, unless a multiprocessor has memory for the whole row of them."""
     precision = "float32" if kind.paired else "float64"
     wanted = bucket.shape.abreast(precision, kind.measuring, bucket.each, bucket.simple)
-    several = replace(kind, abreast=wanted)
-    needed = wanted * room(several).asked + 4 * several.block_threads + RESERVED  # four bytes a thread are Warp's own
+    if wanted == 1:
+        return 1
+    needed = asked_of_a_block(replace(kind, abreast=wanted)) + RESERVED
     return wanted if ROW // wanted * needed <= bucket.most_shared + RESERVED else 1
 
 
@@ -151,6 +152,14 @@ def _distinct(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
     return sorted((tuple(row) for row in keys[rows].tolist()), reverse=True)
 
 
+class Made(NamedTuple):
+    """A kernel of a bucket, its kind, and how many variants a multiprocessor is to hold in its blocks."""
+
+    kernel: Any
+    kind: BlockKind
+    resident: int
+
+
 class GpuKernels:
     """The kernels that an ensemble takes on a GPU.
 
@@ -162,7 +171,8 @@ class GpuKernels:
     def __init__(self, packed: Packed, device: str) -> None:
         self.packed, self.device = packed, device
         self._processors = int(wp.get_device(device).sm_count)
-        self._kernels: dict[tuple[str, int], tuple[Any, BlockKind]] = {}
+        self._most_shared = int(wp.get_device(device).max_shared_memory_per_block)
+        self._kernels: dict[tuple[str, int], Made] = {}
         drives = packed.drives
         measuring = bool((drives["window_start"] < drives["steps"]).any())
         self._names = ("advance", "measure") if measuring else ("advance",)
@@ -190,7 +200,6 @@ class GpuKernels:
             "regular": packed.regular,
         }
         keys = np.column_stack(list(columns.values()))
-        most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
         buckets = []
         for key in _distinct(keys):
             order = np.flatnonzero((keys == key).all(axis=1))
@@ -198,31 +207,27 @@ class GpuKernels:
             array: wp.array = wp.array(order, dtype=wp.int32, device=self.device)
             values = {name: value if name in NUMBERS else bool(value) for name, value in zip(columns, key, strict=True)}
             each = -(-len(order) // self._processors)
-            buckets.append(Bucket(self._kind(len(order), **values), order, array, each, most_shared))
+            buckets.append(Bucket(self._kind(len(order), **values), order, array, each, self._most_shared))
         return buckets
 
     def _kind(self, count: int, slots: int, **values: Any) -> BlockKind:
         """The kind of kernel that takes `count` variants alike on, by themselves."""
-        most_shared = int(wp.get_device(self.device).max_shared_memory_per_block)
         # for others two warps were not faster, or not measured
         plain = not any(values[name] for name in ("moving", "sliding", "bending", "arms"))
         precision = self.packed.precision if plain else "float64"
-        shape = block_shape(slots, count // self._processors, most_shared, precision)
+        shape = block_shape(slots, count // self._processors, self._most_shared, precision)
         return BlockKind(self.packed.real, **of_shape(shape), **values)
 
-    def _blocks(self, name: str, bucket: Bucket) -> int:
-        """Variants of a bucket that a multiprocessor is to hold in blocks of a kernel."""
-        each = 2**31 if name == "relax" else bucket.each
-        simple, abreast = name != "relax" and bucket.simple, kernel_kind(name, bucket).abreast > 1
-        return kernel_shape(name, bucket).resident(self.packed.precision, name == "measure", each, simple, abreast)
-
-    def _made(self, name: str, bucket: Bucket) -> tuple[Any, BlockKind]:
-        """A bucket's kernel and its kind: "advance" takes no metrics, "measure" does, "relax" settles."""
+    def _made(self, name: str, bucket: Bucket) -> Made:
+        """A bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
         key = name, id(bucket)
         if key not in self._kernels:
-            kind, blocks, frame = kernel_kind(name, bucket), self._blocks(name, bucket), self.packed.frame
-            kernel = block_relax_kernel(kind, blocks) if name == "relax" else block_kernel(kind, blocks, frame)
-            self._kernels[key] = kernel, kind
+            kind, settling = kernel_kind(name, bucket), name == "relax"
+            each, simple = (2**31, False) if settling else (bucket.each, bucket.simple)
+            shape, precision = kernel_shape(name, bucket), self.packed.precision
+            held = shape.resident(precision, name == "measure", each, simple, kind.abreast > 1)
+            kernel = block_relax_kernel(kind, held) if settling else block_kernel(kind, held, self.packed.frame)
+            self._kernels[key] = Made(kernel, kind, held)
         return self._kernels[key]
 
     def modules(self, *names: str) -> list[tuple[Any, int]]:
@@ -231,4 +236,4 @@ class GpuKernels:
         They are made by the calling thread, as they share functions.
         """
         made = [self._made(name, bucket) for bucket in self.buckets for name in names or self._names]
-        return [(kernel.module, kind.block_threads) for kernel, kind in made]
+        return [(each.kernel.module, each.kind.block_threads) for each in made]

@@ -146,9 +146,9 @@ class GpuEngine(GpuKernels):
 
     def _launch(self, name: str, bucket: Bucket, order: wp.array, inputs: Sequence[Any], stream: wp.Stream) -> None:
         """Launches a bucket's kernel for variants `order` of it."""
-        kernel, kind = self._made(name, bucket)
-        dim, block = len(order) * kind.threads, kind.block_threads
-        wp.launch(kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
+        made = self._made(name, bucket)
+        dim, block = len(order) * made.kind.threads, made.kind.block_threads
+        wp.launch(made.kernel, dim=dim, inputs=[*inputs], block_dim=block, device=self.device, stream=stream)
 
     def _lanes(self, steps: int) -> list[tuple[bool, Bucket, wp.array, list[Phase]]]:
         """Variants whose launches follow one another: whether beside others, bucket, place in it, and launches."""
@@ -156,7 +156,9 @@ class GpuEngine(GpuKernels):
         for number, bucket in enumerate(self.buckets):
             phases = self._phases(number, steps)
             apart = self._apart[number]
-            turn = bucket.count if apart or not phases else self._blocks(phases[-1][0], bucket) * self._processors
+            turn = (
+                bucket.count if apart or not phases else self._made(phases[-1][0], bucket).resident * self._processors
+            )
             parts = groups(bucket.count, turn)
             if len(parts) > 1:
                 phases = cut(phases, int(DIVERGENCE_CHECK))
