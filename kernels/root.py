@@ -1,6 +1,9 @@
 """Square roots and reciprocals: on CUDA from the hardware's estimate, whose error of 2^-20 one third-order correction
-takes below round-off, where a root and a division would be subroutines; elsewhere as written.
+takes below round-off, where a root and a division would be subroutines; elsewhere as written. And comparisons in which
+the lanes of a warp do not part.
 """
+
+from typing import Any
 
 import warp as wp
 
@@ -177,3 +180,9 @@ def larger(a: wp.float64, b: wp.float64) -> wp.float64:
 def larger(a: wp.float32, b: wp.float32) -> wp.float32:
     """The larger of two."""
     ...
+
+
+@wp.func
+def inside(value: Any, low: Any, high: Any):
+    """1 where low < `value` < high, else 0; `and` would be a branch."""
+    return int(value > low) & int(value < high)

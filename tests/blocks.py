@@ -111,7 +111,7 @@ def kind_of(packed, shape, measuring=True):
         tensioners=int(packed.drives["tensioners"][0]),
         profiles=bool(packed.drives["pieces"].any()),
         curved=bool(curved(packed).any()),
-        linear=bool(packed.linear.all()),
+        usual=bool(packed.usual.all()),
         regular=bool(packed.regular.all()),
     )
 

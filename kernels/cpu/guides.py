@@ -110,7 +110,7 @@ def guide_passes(Real: type, capacity: int) -> GuidePasses:
         i = first
         while i < end:
             near = Real(0.0)
-            if near_profile(in_frame(place(w, i) - body.center, body), guide):
+            if near_profile(in_frame(place(w, i) - body.center, body), guide) != 0:
                 near = Real(1.0)
             store_row(w, NEAR + i, near)
             i = i + 1

@@ -133,8 +133,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """`advance_bodies` at float64."""
         acting = acting_on(shared, mine.thread, now.watched)
         if mine.sprocket >= 0:
-            if wp.static(measuring) and now.watched != 0:
-                add_hub(shared, mine, now, acting)
+            if wp.static(not ahead):
+                weigh(ensemble, shared, mine, now)
             before = shared.poses[mine.sprocket]
             wrench = wrench_of(acting)
             if wp.static(kind.tensioners > 0):
@@ -142,6 +142,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             body = bodies.advance(ensemble, state, shared, mine, now, wrench)
             if wp.static(measuring) and now.measured != 0:
                 observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
+                if now.watched != 0:
+                    add_hub(shared, mine, now, acting)
                 if wp.static(kind.tensioners > 0):
                     arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
             sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
@@ -179,12 +181,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 pushing = levers.pushed(ensemble, shared, mine, b)
             seen = Seen()
             if mine.sprocket >= 0:
-                if wp.static(measuring) and now.watched != 0:
-                    add_hub(shared, mine, now, acting)
                 seen = bodies.spin(ensemble, shared, mine, now, acting + pushing)
                 seen.pushing = pushing
                 if wp.static(measuring) and now.measured != 0:
                     observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
+                    if now.watched != 0:
+                        add_hub(shared, mine, now, acting)
                 sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
             if wp.static(kind.arms > 0):
                 if mine.arm >= 0:
@@ -321,7 +323,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             forces.plain_contacts(ensemble, state, tallies, shared, mine, now, touch)
         else:
             forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
-        weigh(ensemble, shared, mine, now)
         barrier()
         sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
         advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
@@ -441,7 +442,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         begin(ensemble, state, sums, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)
-        now.usual = forces.usual_laws(shared)
+        if wp.static(not kind.usual):
+            now.usual = forces.usual_laws(shared)
         if wp.static(measuring):
             observe.find_strands(shared, mine)
         held = partners.held_by(shared, i)

@@ -65,10 +65,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     gripping, quick = kind.gripping, kind.quick
     Direction = wp.vec4f if kind.paired else wp.vec2d
     vec2 = kinds.vec2
-    row, near, add_wrench = block_rows(kind), block_near(kind), block_wrench(kind).add_wrench
+    row, near, wrenches = block_rows(kind), block_near(kind), block_wrench(kind)
+    add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
     SPROCKETS, bar_of, away_from, in_carrier = near.SPROCKETS, near.bar_of, near.away_from, near.in_carrier
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
-    acceleration = row.acceleration
+    acceleration_under = row.acceleration_under
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     load_whole, store_whole = accessors(wp.int32).load_row, accessors(wp.int32).store_row
     load_gear = gears(kind).load_gear
@@ -84,7 +85,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     @wp.func
     def as_known(law: Any):
         """A contact law with what is known of it when the kernel is made."""
-        if wp.static(kind.linear):
+        if wp.static(kind.usual):
+            law.form = 0
             law.exponent = Real(1.0)
         return law
 
@@ -106,9 +108,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return Real(0.5) * row.step_of(mine)
 
     @wp.func
-    def powers(shared: kinds.Shared, mine: Mine, j: int, damper: vec2, drag: vec2, relative: vec2):
-        """Powers [W] that damper and friction take in a closed contact of roller j, whose force is complete."""
-        a = acceleration(shared, j)
+    def powers(shared: kinds.Shared, mine: Mine, force: vec2, damper: vec2, drag: vec2, relative: vec2):
+        """Powers [W] that damper and friction take in a closed contact of a roller on which all `force` [N] acts."""
+        a = acceleration_under(shared, force)
         return dissipated(damper, relative, a, lag(mine)), dissipated(drag, relative, a, lag(mine))
 
     @wp.func
@@ -120,16 +122,18 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             return value
 
     @wp.func
-    def measure(
-        tallies: Tallies, now: Now, at: int, before: Real, size: Real, damped: Real, rubbed: Real, passing: bool
-    ):
-        """Adds a closed contact to its sums: its force [N], the power of its damping and of its friction [W].
-
-        Rollers pass sprockets, where first touches count.
-        """
+    def measure_powers(tallies: Tallies, now: Now, at: int, damped: Real, rubbed: Real):
+        """Adds the powers [W] of a closed contact's damping and friction to its sums."""
         add_to(tallies.dissipated, at, in_full(now.weight * damped))
         if wp.static(sliding):
             add_to(tallies.friction, at, in_full(now.weight * rubbed))
+
+    @wp.func
+    def measure_force(tallies: Tallies, now: Now, at: int, before: Real, size: Real, passing: bool):
+        """Adds a closed contact's force [N] to its sums where that is watched, and counts it at its first instant.
+
+        Rollers pass sprockets, where first touches count.
+        """
         if now.watched != 0:
             add_to(tallies.impulse, at, in_full(now.watch_weight * size))
             raise_to(tallies.force_max, at, in_full(size))
@@ -140,7 +144,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
-        """What an open contact keeps."""
+        """What a contact keeps."""
         if before != kept and now.stage == 0:
             store_row(state.impact_speed, at, kept)
 
@@ -287,11 +291,13 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if wp.static(sliding):
                 drag = drag_of(size, normal, relative, shared.sliding[s])
                 force = force + drag
-            set_force(shared, j, force_on(shared, j) + force)
+            whole = force_on(shared, j) + force
+            set_force(shared, j, whole)
             keep(state, now, at, before, first)
             if now.measured != 0:
-                damped, rubbed = powers(shared, mine, j, damper * normal, drag, relative)
-                measure(tallies, now, at, before, size, damped, rubbed, True)
+                damped, rubbed = powers(shared, mine, whole, damper * normal, drag, relative)
+                measure_powers(tallies, now, at, damped, rubbed)
+                measure_force(tallies, now, at, before, size, True)
             if is_summed(now, s):
                 add_wrench(shared, mine, s, j, reaction(arm, force), force, now.watched)
         else:
@@ -305,6 +311,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if is_usual(shared.teeth[s].law):
                 mask = mask | (1 << s)
         return mask
+
+    @wp.func
+    def is_quick(now: Now, s: int):
+        """Whether the law of sprocket s is the usual one; so that no thread asks where all are."""
+        if wp.static(kind.usual):
+            return True
+        else:
+            return (now.usual >> s) & 1 != 0
 
     @wp.func
     def in_usual_gap(shared: kinds.Shared, teeth: kinds.Sprocket, j: int, s: int, direction: Direction):
@@ -394,17 +408,25 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         s: int,
         answer: Answer,
     ):
-        """Does what sprocket s answers roller j."""
-        if answer.closed != 0:
-            if is_summed(now, s):
-                add_wrench(shared, mine, s, j, answer.moment, answer.force, now.watched)
-            set_force(shared, j, force_on(shared, j) + answer.force)
-            keep(state, now, answer.at, answer.before, answer.first)
-            if wp.static(kind.measuring) and now.measured != 0:
-                damped, rubbed = powers(shared, mine, j, answer.damper, answer.drag, answer.relative)
-                measure(tallies, now, answer.at, answer.before, answer.size, damped, rubbed, True)
-        else:
-            put(state, now, answer.at, answer.before, after_teeth(answer.before))
+        """Does what sprocket s answers roller j; with as few branches as can be, since a warp's threads part at each."""
+        zero = Real(0.0)
+        closed = answer.closed != 0
+        force = wp.where(closed, answer.force, vec2(zero, zero))
+        add_moment(shared, mine, s, j, wp.where(closed and is_summed(now, s), answer.moment, zero))
+        if wp.static(moving):
+            add_push(shared, mine, s, j, force)
+        whole = force_on(shared, j) + force
+        set_force(shared, j, whole)
+        kept = wp.where(closed, wp.where(answer.before <= zero, answer.first, answer.before), after_teeth(answer.before))
+        put(state, now, answer.at, answer.before, kept)
+        if wp.static(kind.measuring) and now.measured != 0:
+            damped, rubbed = powers(shared, mine, whole, answer.damper, answer.drag, answer.relative)
+            if closed:
+                measure_powers(tallies, now, answer.at, damped, rubbed)
+            if closed and (now.watched != 0 or answer.before <= zero):
+                measure_force(tallies, now, answer.at, answer.before, answer.size, True)
+                if wp.static(not moving) and now.watched != 0:
+                    add_push(shared, mine, s, j, answer.force)
 
     @wp.func
     def at_face(
@@ -513,15 +535,17 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             if wp.static(sliding):
                 drag = drag_of(size, normal, relative, shared.sliding[wp.static(sprockets) + g])
                 force = force + drag
-            set_force(shared, j, force_on(shared, j) + force)
+            whole = force_on(shared, j) + force
+            set_force(shared, j, whole)
             if wp.static(profiles):
                 if bar.body < wp.static(bodies):
                     moment = reaction(arm_on(shared, j, bar.body), force)
                     add_wrench(shared, mine, bar.body, j, moment, force, now.watched)
             keep(state, now, at, before, first)
             if now.measured != 0:
-                damped, rubbed = powers(shared, mine, j, damper * normal, drag, relative)
-                measure(tallies, now, at, before, size, damped, rubbed, False)
+                damped, rubbed = powers(shared, mine, whole, damper * normal, drag, relative)
+                measure_powers(tallies, now, at, damped, rubbed)
+                measure_force(tallies, now, at, before, size, False)
         else:
             put(state, now, at, before, Real(UNTOUCHED))
 
@@ -594,8 +618,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 grip = grip_of(ensemble, state, shared, mine, j, s)
             one = Answer()
             if wp.static(quick):
-                if now.flags == 0 and (now.usual >> s) & 1 != 0:
+                if is_quick(now, s):
                     one = answer_of(ensemble, state, shared, mine, j, grip)
+                    one.usual = wp.where(now.flags == 0, one.usual, 0)
             if one.usual != 0:
                 answered(state, tallies, shared, mine, now, j, s, one)
             else:
@@ -630,16 +655,16 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             one = answer_of(ensemble, state, shared, mine, j, grip_of(ensemble, state, shared, mine, j, s))
             grip = grip_of(ensemble, state, shared, mine, other_j, other_s)
             other = answer_of(ensemble, state, shared, mine, other_j, grip)
-            one.usual = one.usual & (now.usual >> s)
-            other.usual = other.usual & (now.usual >> other_s)
-            if one.usual & other.usual & 1 != 0:
+            one.usual = wp.where(is_quick(now, s), one.usual, 0)
+            other.usual = wp.where(is_quick(now, other_s), other.usual, 0)
+            if one.usual & other.usual != 0:
                 answered(state, tallies, shared, mine, now, j, s, one)
                 if two != 0:
                     answered(state, tallies, shared, mine, now, other_j, other_s, other)
             else:
                 q = int(0)
                 while q <= two:  # a loop, which stands once in the code
-                    if one.usual & 1 != 0:
+                    if one.usual != 0:
                         answered(state, tallies, shared, mine, now, j, s, one)
                     else:
                         at_sprocket(

@@ -29,7 +29,7 @@ class BlockKind:
         rk4: the classical Runge-Kutta scheme instead of leapfrog.
         sliding: rollers rub on teeth or guide-bars.
         bending: the joints rub.
-        linear: all contacts' forces are linear in the penetration but for damping.
+        usual: all contacts' laws are hysteretic and linear (`impact.is_usual`).
         regular: a chain's links are of one length.
         abreast: variants of a block, a warp each, which wait for each other now and then (`block`).
         stribeck: a coefficient of friction may depend on the speed.
@@ -61,7 +61,7 @@ class BlockKind:
     shared_bytes: int = DECLARED
     curved: bool = True
     stribeck: bool = True
-    linear: bool = False
+    usual: bool = False
     regular: bool = False
     abreast: int = 1
 

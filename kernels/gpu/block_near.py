@@ -8,6 +8,7 @@ import warp as wp
 from ..physics.face import in_body, near_face
 from ..physics.profile import in_frame, near_profile
 from ..physics.seat import away, near_line
+from ..root import inside
 from ..rows import accessors
 from ..structs import types
 from .block_kind import BlockKind
@@ -70,7 +71,7 @@ def block_near(kind: BlockKind) -> NearFunctions:
 
     @wp.func
     def in_box_of(shared: kinds.Shared, j: int, g: int, bar: kinds.Guide):
-        """Whether roller j is in the box about the chord of guide g, a profile."""
+        """1 where roller j is in the box about the chord of guide g, a profile."""
         if wp.static(kind.paired):
             arm, q = in_carrier(shared, j, bar.body)
             return near_face(q, load_line(shared.lines, g), box_of(shared.lines, g))
@@ -90,27 +91,23 @@ def block_near(kind: BlockKind) -> NearFunctions:
             from_x = x - band.center[0]
             from_y = y - band.center[1]
             square = from_x * from_x + from_y * from_y
-            if square > band.near_square and square < band.far_square:
-                mask = mask | (1 << s)
+            mask = mask | (inside(square, band.near_square, band.far_square) << s)
         for g in range(wp.static(guides)):
             bar = bar_of(shared, g)
             if by_profile(bar):
-                if in_box_of(shared, j, g, bar):
-                    mask = mask | (1 << (wp.static(sprockets) + g))
+                mask = mask | (in_box_of(shared, j, g, bar) << (wp.static(sprockets) + g))
             elif wp.static(kind.paired):
                 line = load_line(shared.lines, g)
                 along_x = (x - line.start[0]) + (load_row(rows, X_LOW + j) - line.start_low[0])
                 along_y = (y - line.start[1]) + (load_row(rows, Y_LOW + j) - line.start_low[1])
-                if near_line(along_x, along_y, line, bar):
-                    mask = mask | (1 << (wp.static(sprockets) + g))
+                mask = mask | (near_line(along_x, along_y, line, bar) << (wp.static(sprockets) + g))
             else:
                 p = place(rows, j, bar.start)
                 along = Real(wp.dot(p, bar.direction))
                 across = Real(p[1] * bar.direction[0] - p[0] * bar.direction[1])
                 reach = bar.end_radius + bar.roller_radius
-                if across < bar.roller_radius and across > -bar.end_radius:
-                    if along > -reach and along < bar.length + reach:
-                        mask = mask | (1 << (wp.static(sprockets) + g))
+                on_it = inside(across, -bar.end_radius, bar.roller_radius) & inside(along, -reach, bar.length + reach)
+                mask = mask | (on_it << (wp.static(sprockets) + g))
         return wp.where(j < n, mask, 0)
 
     return NearFunctions(SPROCKETS=SPROCKETS, near=near, bar_of=bar_of, away_from=away_from, in_carrier=in_carrier)

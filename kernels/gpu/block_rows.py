@@ -47,6 +47,7 @@ class RowFunctions:
     pull: wp.Function
     force_on: wp.Function
     set_force: wp.Function
+    acceleration_under: wp.Function
     acceleration: wp.Function
     set_velocity: wp.Function
     move: wp.Function
@@ -204,10 +205,15 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         return tension, rate
 
     @wp.func
+    def acceleration_under(shared: kinds.Shared, force: vec2):
+        """Acceleration of a roller under a force [m/s^2], and gravity."""
+        chain = shared.chain[0]
+        return roller_acceleration(force, chain.inverse_mass, chain.gravity)
+
+    @wp.func
     def acceleration(shared: kinds.Shared, j: int):
         """Acceleration of roller j [m/s^2], from its force and gravity."""
-        chain = shared.chain[0]
-        return roller_acceleration(force_on(shared, j), chain.inverse_mass, chain.gravity)
+        return acceleration_under(shared, force_on(shared, j))
 
     @wp.func
     def set_velocity(shared: kinds.Shared, j: int, v: vec2):
@@ -298,6 +304,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
         pull=pull,
         force_on=force_on,
         set_force=set_force,
+        acceleration_under=acceleration_under,
         acceleration=acceleration,
         set_velocity=set_velocity,
         move=move,

@@ -7,16 +7,18 @@ import warp as wp
 
 from ..rows import accessors
 from ..structs import Wrench, types
-from .block_kind import BlockKind, Mine
+from .block_kind import WARP, BlockKind, Mine
 from .block_room import parts_of_a_body
 from .block_rows import block_rows
-from .exchange import group, lanes, unforeseen
+from .exchange import group, lanes
 
 
 @dataclass(frozen=True)
 class WrenchFunctions:
     """What acts on bodies, as functions of kernels."""
 
+    add_moment: wp.Function
+    add_push: wp.Function
     add_wrench: wp.Function
     body_of: wp.Function
     acting_on: wp.Function
@@ -45,30 +47,46 @@ def block_wrench(kind: BlockKind) -> WrenchFunctions:
             return False
 
     @wp.func
-    def add_wrench(shared: kinds.Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, watched: int):
-        """Adds the moment [N m] and the opposite of roller j's force [N] to its parts, or its thread's, of body s."""
+    def add_moment(shared: kinds.Shared, mine: Mine, s: int, j: int, moment: Real):
+        """Adds the moment [N m] of roller j's force to its part, or its thread's, of body s."""
         at = s * wp.static(width) + j
         if wp.static(not of_rollers):
             at = s * wp.static(width) + mine.thread
         store_row(shared.parts, at, load_row(shared.parts, at) + moment)
-        if pushed(watched):
-            x = at + wp.static(bodies * width)
-            store_row(shared.parts, x, load_row(shared.parts, x) - force[0])
-            y = at + wp.static(2 * bodies * width)
-            store_row(shared.parts, y, load_row(shared.parts, y) - force[1])
 
     @wp.func
-    def part(shared: kinds.Shared, row: int, i: int):
-        """This thread's share of the sum of all parts in `row`, which start anew at zero."""
+    def add_push(shared: kinds.Shared, mine: Mine, s: int, j: int, force: vec2):
+        """Adds the opposite of roller j's force [N], as `add_moment`."""
+        x = wp.static(bodies * width) + s * wp.static(width) + j
+        if wp.static(not of_rollers):
+            x = wp.static(bodies * width) + s * wp.static(width) + mine.thread
+        y = x + wp.static(bodies * width)
+        store_row(shared.parts, x, load_row(shared.parts, x) - force[0])
+        store_row(shared.parts, y, load_row(shared.parts, y) - force[1])
+
+    @wp.func
+    def add_wrench(shared: kinds.Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, watched: int):
+        """Adds the moment [N m] and, if that is wanted, the opposite of roller j's force [N] to body s."""
+        add_moment(shared, mine, s, j, moment)
+        if pushed(watched):
+            add_push(shared, mine, s, j, force)
+
+    @wp.func
+    def part(shared: kinds.Shared, s: int, k: int, i: int):
+        """This thread's share of the sum of all parts of body s, if there is one, in row k; they start anew at zero.
+
+        What is no body reads another's: so no thread waits for one that takes a branch.
+        """
         value = Real(0.0)
-        k = row * wp.static(width) + i % group()
+        first = (wp.static(bodies) * k + wp.min(s, wp.static(bodies - 1))) * wp.static(width) + i % group()
         for q in range(lanes() // group()):
             of_lane = Real(0.0)
             for w in range(wp.static(width) // lanes()):
-                at = k + w * lanes() + q * group()
-                of_lane = of_lane + load_row(shared.parts, at)
-                store_row(shared.parts, at, Real(0.0))
+                of_lane = of_lane + load_row(shared.parts, first + w * lanes() + q * group())
             value = value + of_lane
+        if s < wp.static(bodies):
+            for w in range(wp.static(width) // group()):
+                store_row(shared.parts, first + w * group(), Real(0.0))
         return value
 
     @wp.func
@@ -82,6 +100,9 @@ def block_wrench(kind: BlockKind) -> WrenchFunctions:
     @wp.func
     def first_of(i: int):
         """The first body of thread i's warp, one that there is not where it has none."""
+        if wp.static(threads == WARP):
+            if lanes() > 1:
+                return int(0)
         place = wp.static(threads) // lanes() - 1 - i // lanes()
         return wp.where(place < crew(), place, wp.static(bodies))
 
@@ -92,21 +113,10 @@ def block_wrench(kind: BlockKind) -> WrenchFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
-    def last_row(watched: int):
-        """The last of the rows of parts that are wanted: of moments, of forces in x and in y."""
-        if wp.static(moving):
-            return 2
-        elif wp.static(kind.pushes):
-            return wp.where(watched != 0, unforeseen(2), 0)
-        else:
-            return 0
-
-    @wp.func
     def acting_on(shared: kinds.Shared, i: int, watched: int):
         """The chain's moment [N m] on the body that thread i moves and, if that is wanted, its force (x, y) [N].
 
-        All threads together, between the barrier after the contacts and the next one. Forces are added up beside the
-        moments, so that one's latencies hide behind the others' work.
+        All threads together, between the barrier after the contacts and the next one.
         """
         acting = of_three()
         groups = lanes() // group()
@@ -115,13 +125,12 @@ def block_wrench(kind: BlockKind) -> WrenchFunctions:
         while first < wp.static(bodies):
             s = first + crew() * (i % lanes() // group())
             value = of_three()
-            k = last_row(watched)
-            while k >= 0:
-                of = Real(0.0)
-                if s < wp.static(bodies):
-                    of = part(shared, wp.static(bodies) * k + s, i)
-                value = of_three(group_sum(of), value[0], value[1])
-                k = k - 1
+            value[0] = group_sum(part(shared, s, 0, i))
+            if pushed(watched):
+                x = part(shared, s, 1, i)
+                y = part(shared, s, 2, i)
+                value[1] = group_sum(x)
+                value[2] = group_sum(y)
             if i % group() == turn:
                 acting = value
             turn = turn + 1
@@ -137,4 +146,11 @@ def block_wrench(kind: BlockKind) -> WrenchFunctions:
             wrench.force = wp.vec2d(wp.float64(acting[1]), wp.float64(acting[2]))
         return wrench
 
-    return WrenchFunctions(add_wrench=add_wrench, body_of=body_of, acting_on=acting_on, wrench_of=wrench_of)
+    return WrenchFunctions(
+        add_moment=add_moment,
+        add_push=add_push,
+        add_wrench=add_wrench,
+        body_of=body_of,
+        acting_on=acting_on,
+        wrench_of=wrench_of,
+    )

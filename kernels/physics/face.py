@@ -11,6 +11,7 @@ from typing import Any
 import warp as wp
 
 from ..pairs import fused, minus, pair, plus, times
+from ..root import inside
 from ..structs import Line, Wheel
 from .profile import piece_height
 from .seat import Away, away, line_coordinates, load_split
@@ -102,9 +103,9 @@ def on_face(q: Away, number: int, guide: Any, pieces: wp.array[wp.vec4f]):
 
 @wp.func
 def near_face(q: Away, line: Line, box: wp.vec4f):
-    """Whether a roller at `q`, in the frame of the guide's body, is in the box (low, high) about its chord."""
+    """1 where a roller at `q`, in the frame of the guide's body, is in the box (low, high) about its chord."""
     x = (q.high[0] - line.start[0]) + (q.low[0] - line.start_low[0])
     y = (q.high[1] - line.start[1]) + (q.low[1] - line.start_low[1])
     along = x * line.direction[0] + y * line.direction[1]
     across = y * line.direction[0] - x * line.direction[1]
-    return along > box[0] and along < box[2] and across > box[1] and across < box[3]
+    return inside(along, box[0], box[2]) & inside(across, box[1], box[3])

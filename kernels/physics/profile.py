@@ -19,7 +19,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import inverse_root
+from ..root import inside, inverse_root
 from ..structs import Piece, Pose
 
 
@@ -55,11 +55,11 @@ def in_frame(q: wp.vec2d, body: Pose):
 
 @wp.func
 def near_profile(q: wp.vec2d, guide: Any):
-    """Whether a roller at `q`, in the frame of the guide's body, is in the box where it is looked after."""
+    """1 where a roller at `q`, in the frame of the guide's body, is in the box where it is looked after."""
     p = q - guide.start
     along = wp.dot(p, guide.direction)
     across = p[1] * guide.direction[0] - p[0] * guide.direction[1]
-    return along > guide.low[0] and along < guide.high[0] and across > guide.low[1] and across < guide.high[1]
+    return inside(along, guide.low[0], guide.high[0]) & inside(across, guide.low[1], guide.high[1])
 
 
 @wp.func

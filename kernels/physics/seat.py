@@ -16,6 +16,7 @@ from typing import Any
 import warp as wp
 
 from ..pairs import Pair, cross, fused, pair, pair_of, rounded_sum, two_difference
+from ..root import inside
 from ..structs import Line, Wheel
 from .contact import turned
 from .guide import guide_gap
@@ -169,9 +170,9 @@ def on_line(p: Away, v: wp.vec2f, line: Line, bar: Any):
 
 @wp.func
 def near_line(x: wp.float32, y: wp.float32, line: Line, bar: Any):
-    """Whether a roller at (x, y) from a bar's start may touch it; float32 is off by less than `slack`."""
+    """1 where a roller at (x, y) from a bar's start may touch it; float32 is off by less than `slack`."""
     along = x * line.direction[0] + y * line.direction[1]
     across = y * line.direction[0] - x * line.direction[1]
     reach = bar.end_radius + bar.roller_radius + line.slack
-    near = across < bar.roller_radius + line.slack and across > -bar.end_radius - line.slack
-    return near and along > -reach and along < bar.length + reach
+    near = inside(across, -bar.end_radius - line.slack, bar.roller_radius + line.slack)
+    return near & inside(along, -reach, bar.length + reach)

@@ -117,7 +117,7 @@ def test_registers_of_a_block_fit_a_multiprocessor():
 def test_variants_go_abreast_where_a_multiprocessor_has_memory_for_the_row():
     def abreast(real, links, each, most_shared, **more):
         shape = block_shape(links, each)
-        kind = BlockKind(real, sprockets=2, guides=0, curved=False, linear=True, **of_shape(shape), **more)
+        kind = BlockKind(real, sprockets=2, guides=0, curved=False, usual=True, **of_shape(shape), **more)
         bucket = Bucket(kind, np.arange(7), None, each, most_shared)
         return [kernel_kind(name, bucket).abreast for name in ("advance", "measure", "relax")]
 

@@ -439,7 +439,7 @@ def each_of(kinds, usual):
 
 
 LOOPS = {
-    "plain": BlockKind(wp.float32, 32, 4, 2, 0, roomy=True, curved=False, stribeck=False, linear=True),
+    "plain": BlockKind(wp.float32, 32, 4, 2, 0, roomy=True, curved=False, stribeck=False, usual=True),
     "friction": BlockKind(wp.float32, 32, 6, 2, 1, sliding=True, bending=True, uneven=True, curved=False),
     "few": BlockKind(wp.float32, 160, 1, 2, 1, crewed=True, curved=False),
     "tables, profiles": BlockKind(wp.float32, 32, 4, 2, 2, profiles=True, sliding=True),

@@ -94,7 +94,7 @@ class Bucket:
         kind = self.kind
         more = kind.moving, kind.rk4, kind.uneven, kind.arms, kind.profiles, kind.curved
         rubbing = kind.sliding or kind.bending
-        return kind.linear and not any(more) and (kind.paired or not rubbing)
+        return kind.usual and not any(more) and (kind.paired or not rubbing)
 
 
 def of_shape(shape: BlockShape) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def _abreast(kind: BlockKind, bucket: Bucket) -> int:
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
     """The kind of a bucket's kernel: "advance" takes no metrics, "measure" does, "relax" settles."""
     if name == "relax":
-        still = dict.fromkeys(("moving", "rk4", "sliding", "bending", "linear", "roomy"), False)
+        still = dict.fromkeys(("moving", "rk4", "sliding", "bending", "usual", "roomy"), False)
         return replace(bucket.kind, **(of_shape(kernel_shape(name, bucket)) | still))
     kind = replace(bucket.kind, measuring=True, roomy=False) if name == "measure" else bucket.kind
     return replace(kind, abreast=_abreast(kind, bucket))
@@ -196,7 +196,7 @@ class GpuKernels:
             "profiles": drives["pieces"] > 0,
             "curved": curved(packed),
             "stribeck": packed.stribeck,
-            "linear": packed.linear,
+            "usual": packed.usual,
             "regular": packed.regular,
         }
         keys = np.column_stack(list(columns.values()))

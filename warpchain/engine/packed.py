@@ -207,12 +207,13 @@ class Packed:
         return found
 
     @property
-    def linear(self) -> NDArray[np.bool_]:
-        """(variants,) whether the exponents of all contacts are 1."""
+    def usual(self) -> NDArray[np.bool_]:
+        """(variants,) whether all contacts' laws are hysteretic and linear."""
         found = np.ones(self.variants, dtype=bool)
         for partners, counts in ((self.sprockets, "sprockets"), (self.guides, "guides")):
             owner = np.repeat(np.arange(self.variants), self.drives[counts])
-            found[owner[partners["law"]["exponent"][: len(owner)] != 1.0]] = False
+            law = partners["law"][: len(owner)]
+            found[owner[(law["exponent"] != 1.0) | (law["form"] != 0)]] = False
         return found
 
     @property
