@@ -55,7 +55,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     acceleration, velocity = row.acceleration, row.velocity
     set_velocity, move = row.set_velocity, row.move
     SPROCKETS, wrenches = block_near(kind).SPROCKETS, block_wrench(kind)
-    acting_on, wrench_of, body_of = wrenches.acting_on, wrenches.wrench_of, wrenches.body_of
+    moment_on, acting_on = wrenches.moment_on, wrenches.acting_on
+    wrench_of, body_of = wrenches.wrench_of, wrenches.body_of
     observe, step_of = block_observing(kind), row.step_of
     stage_roller = block_rk4(kind)
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
@@ -120,6 +121,33 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             shared.sprocket_sums[mine.sprocket] = add_hub_force(sums, force, wp.float64(now.watch_weight))
 
     @wp.func
+    def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
+        """The thread's rollers a step on, or a stage."""
+        if wp.static(rk4):
+            j = int(mine.thread)
+            while j < mine.rollers and now.going != 0:
+                stage_roller(state, shared, mine, now, j)
+                j = j + wp.static(threads)
+        elif now.going != 0:
+            h = step_of(mine)
+            for k in range(wp.static(per)):
+                j = k * wp.static(threads) + mine.thread
+                v = velocity(shared.rows, j) + h * acceleration(shared, j)
+                set_velocity(shared, j, v)
+                move(shared, j, h * v[0], h * v[1])
+
+    @wp.func
+    def chain_on(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
+        """What the chain does to the thread's body, if it has one; all threads together.
+
+        On one warp the rollers go on meanwhile, so that the threads do not wait for each other's sums.
+        """
+        moment = moment_on(shared, mine.thread)
+        if wp.static(not ahead):
+            advance_rollers(state, shared, mine, now)
+        return acting_on(shared, mine.thread, moment, now.watched)
+
+    @wp.func
     def advance_exact(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -131,7 +159,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now: Now,
     ):
         """`advance_bodies` at float64."""
-        acting = acting_on(shared, mine.thread, now.watched)
+        acting = chain_on(state, shared, mine, now)
         if mine.sprocket >= 0:
             if wp.static(not ahead):
                 weigh(ensemble, shared, mine, now)
@@ -170,7 +198,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now: Now,
     ):
         """`advance_bodies` at float32."""
-        acting = acting_on(shared, mine.thread, now.watched)
+        acting = chain_on(state, shared, mine, now)
         b = int(mine.sprocket)
         if mine.arm >= 0:
             b = wp.static(sprockets) + mine.arm
@@ -211,30 +239,14 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         mine: Mine,
         now: Now,
     ):
-        """The thread's body a step on, or a stage, while the other threads move their rollers; what is seen of it.
+        """The thread's body a step on, or a stage, and what is seen of it; on one warp its rollers, too.
 
-        All threads together work out what the chain does to it.
+        All threads together work out what the chain does to it, while, on several warps, others move their rollers.
         """
         if wp.static(kind.paired):
             advance_paired(ensemble, state, sums, tallies, shared, frames, mine, now)
         else:
             advance_exact(ensemble, state, sums, tallies, shared, frames, mine, now)
-
-    @wp.func
-    def advance_rollers(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
-        """The thread's rollers a step on, or a stage."""
-        if wp.static(rk4):
-            j = int(mine.thread)
-            while j < mine.rollers and now.going != 0:
-                stage_roller(state, shared, mine, now, j)
-                j = j + wp.static(threads)
-        elif now.going != 0:
-            h = step_of(mine)
-            for k in range(wp.static(per)):
-                j = k * wp.static(threads) + mine.thread
-                v = velocity(shared.rows, j) + h * acceleration(shared, j)
-                set_velocity(shared, j, v)
-                move(shared, j, h * v[0], h * v[1])
 
     @wp.func
     def go_on(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
@@ -326,7 +338,6 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         barrier()
         sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
         advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
-        advance_rollers(state, shared, mine, now)
 
     @wp.func
     def wait_for_others(now: Now):

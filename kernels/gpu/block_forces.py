@@ -33,6 +33,7 @@ from ..physics.profile import in_frame, on_profile, tracked_piece
 from ..physics.seat import gap_from, in_teeth_gap, load_split, on_line
 from ..physics.seat import in_gap as split_gap
 from ..physics.tooth import nearest_seat, usual_gap
+from ..root import products
 from ..rows import accessors
 from ..structs import types
 from ..sum_structs import Tallies
@@ -381,7 +382,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             answer.before = load_row(state.impact_speed, answer.at)
             direction = seat_at(ensemble, teeth.first_seat + wp.max(seat, 0))
         penetration, normal, relative, arm, usual = in_usual_gap(shared, teeth, j, s, direction)
-        size, first = usual_force(penetration, wp.dot(relative, normal), answer.before, teeth.law)
+        speed = products(relative[0], normal[0], relative[1], normal[1])
+        size, first = usual_force(penetration, speed, answer.before, teeth.law)
         answer.first = first
         answer.force = size * normal
         if wp.static(sliding):
@@ -398,6 +400,16 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return answer
 
     @wp.func
+    def add_answer(state: kinds.State, shared: kinds.Shared, now: Now, j: int, answer: Answer):
+        """Adds a contact's force, if it is closed, to roller j's, which is returned [N]; keeps what the contact keeps."""
+        zero = Real(0.0)
+        force = force_on(shared, j) + wp.where(answer.closed != 0, answer.force, vec2(zero, zero))
+        set_force(shared, j, force)
+        first = wp.where(answer.before <= zero, answer.first, answer.before)
+        put(state, now, answer.at, answer.before, wp.where(answer.closed != 0, first, after_teeth(answer.before)))
+        return force
+
+    @wp.func
     def answered(
         state: kinds.State,
         tallies: Tallies,
@@ -408,22 +420,18 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         s: int,
         answer: Answer,
     ):
-        """Does what sprocket s answers roller j; with as few branches as can be, since a warp's threads part at each."""
-        zero = Real(0.0)
-        closed = answer.closed != 0
-        force = wp.where(closed, answer.force, vec2(zero, zero))
-        add_moment(shared, mine, s, j, wp.where(closed and is_summed(now, s), answer.moment, zero))
+        """Does what sprocket s answers roller j, with few branches: at each a warp's threads part."""
+        wanted = answer.closed != 0 and is_summed(now, s)
+        add_moment(shared, mine, s, j, wp.where(wanted, answer.moment, Real(0.0)))
         if wp.static(moving):
-            add_push(shared, mine, s, j, force)
-        whole = force_on(shared, j) + force
-        set_force(shared, j, whole)
-        kept = wp.where(closed, wp.where(answer.before <= zero, answer.first, answer.before), after_teeth(answer.before))
-        put(state, now, answer.at, answer.before, kept)
+            if answer.closed != 0:
+                add_push(shared, mine, s, j, answer.force)
+        force = add_answer(state, shared, now, j, answer)
         if wp.static(kind.measuring) and now.measured != 0:
-            damped, rubbed = powers(shared, mine, whole, answer.damper, answer.drag, answer.relative)
-            if closed:
+            damped, rubbed = powers(shared, mine, force, answer.damper, answer.drag, answer.relative)
+            if answer.closed != 0:
                 measure_powers(tallies, now, answer.at, damped, rubbed)
-            if closed and (now.watched != 0 or answer.before <= zero):
+            if answer.closed != 0 and (now.watched != 0 or answer.before <= Real(0.0)):
                 measure_force(tallies, now, answer.at, answer.before, answer.size, True)
                 if wp.static(not moving) and now.watched != 0:
                     add_push(shared, mine, s, j, answer.force)

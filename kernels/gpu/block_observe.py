@@ -42,7 +42,7 @@ from .block_kind import WARP, BlockKind, Mine, now_struct
 from .block_room import extremes, seen_rows
 from .block_rows import block_rows
 from .block_spin_sums import add_spin_powers, add_spin_speed
-from .exchange import add_to_link, add_to_roller, any_lane, lanes, unforeseen
+from .exchange import add_to_link, add_to_roller, after_turn, lanes, lanes_where, lowest_bit
 
 SIGN_BITS = """
 #if defined(__CUDA_ARCH__)
@@ -81,7 +81,6 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     RATES, FRICTION = (wp.constant(at) for at in seen_rows(kind)[:2])
-    warp_max = row.sharing.warp_max
     follow = following(Real).follow
 
     @wp.func_native(SIGN_BITS if Real == wp.float64 else SIGN_BITS.replace("__double2hiint", "__float_as_int"))
@@ -163,37 +162,31 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
 
     @wp.func
     def widen(shared: kinds.Shared, i: int, tension: of_each):
-        """Holds the tensions of the links of thread i's warp against its extremes; all its threads together."""
-        of = int(0)
-        while of < unforeseen(sprockets + 1):
-            lowest = Real(3.0e38)
-            highest = -Real(3.0e38)
-            for k in range(wp.static(per)):
-                if int(shared.strand_of[k * wp.static(threads) + i]) == of:
-                    if tension[k] < lowest:
-                        lowest = tension[k]
-                    if tension[k] > highest:
-                        highest = tension[k]
-            lowest = -warp_max(-lowest)
-            highest = warp_max(highest)
-            at = extremes_at(i, of)
-            if i % lanes() == 0:
-                if lowest < load_row(shared.seen, at):
-                    store_row(shared.seen, at, lowest)
-                if highest > load_row(shared.seen, at + 1):
-                    store_row(shared.seen, at + 1, highest)
-            of = of + 1
+        """Holds the tensions of thread i's links against its warp's extremes, which no other thread does just now."""
+        for k in range(wp.static(per)):
+            at = extremes_at(i, int(shared.strand_of[k * wp.static(threads) + i]))
+            if tension[k] < load_row(shared.seen, at):
+                store_row(shared.seen, at, tension[k])
+            if tension[k] > load_row(shared.seen, at + 1):
+                store_row(shared.seen, at + 1, tension[k])
 
     @wp.func
     def watch(shared: kinds.Shared, i: int, tension: of_each):
-        """Holds the tensions of the links of thread i's warp against the extremes so far: rarely one is beyond."""
+        """Holds the tensions of the links of thread i's warp against the extremes so far: rarely one is beyond.
+
+        Those threads that have such a link then take turns.
+        """
         beyond = int(0)
         for k in range(wp.static(per)):
             at = extremes_at(i, int(shared.strand_of[k * wp.static(threads) + i]))
             beyond = beyond | sign_bits(tension[k] - load_row(shared.seen, at))
             beyond = beyond | sign_bits(load_row(shared.seen, at + 1) - tension[k])
-        if any_lane(wp.where(beyond < 0, 1, 0)) != 0:
-            widen(shared, i, tension)
+        waiting = lanes_where(wp.where(beyond < 0, 1, 0))
+        while waiting != 0:
+            if i % lanes() == lowest_bit(waiting):
+                widen(shared, i, tension)
+            waiting = waiting & (waiting - 1)
+            after_turn()
 
     @wp.func
     def chain_of(shared: kinds.Shared, j: int):

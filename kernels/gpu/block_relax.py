@@ -171,7 +171,8 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
             barrier()
             angular = wp.float64(0.0)
             if wp.static(kind.arms > 0):
-                wrench = wrenches.wrench_of(wrenches.acting_on(shared, i, 0))
+                moment = wrenches.moment_on(shared, i)
+                wrench = wrenches.wrench_of(wrenches.acting_on(shared, i, moment, 0))
                 if mine.arm >= 0:
                     angular = arms.rest_arm(ensemble, state, shared, mine, wrench)
             restart = int(0)

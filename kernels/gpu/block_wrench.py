@@ -21,6 +21,7 @@ class WrenchFunctions:
     add_push: wp.Function
     add_wrench: wp.Function
     body_of: wp.Function
+    moment_on: wp.Function
     acting_on: wp.Function
     wrench_of: wp.Function
 
@@ -113,28 +114,35 @@ def block_wrench(kind: BlockKind) -> WrenchFunctions:
         return wp.where(s < wp.static(bodies), s, -1)
 
     @wp.func
-    def acting_on(shared: kinds.Shared, i: int, watched: int):
-        """The chain's moment [N m] on the body that thread i moves and, if that is wanted, its force (x, y) [N].
+    def sum_of(shared: kinds.Shared, k: int, i: int):
+        """Row k of what acts on the body that thread i moves: moment [N m], force in x, in y [N].
 
         All threads together, between the barrier after the contacts and the next one.
         """
-        acting = of_three()
-        groups = lanes() // group()
+        acting = Real(0.0)
         turn = int(0)
         first = first_of(i)
         while first < wp.static(bodies):
-            s = first + crew() * (i % lanes() // group())
-            value = of_three()
-            value[0] = group_sum(part(shared, s, 0, i))
-            if pushed(watched):
-                x = part(shared, s, 1, i)
-                y = part(shared, s, 2, i)
-                value[1] = group_sum(x)
-                value[2] = group_sum(y)
+            value = group_sum(part(shared, first + crew() * (i % lanes() // group()), k, i))
             if i % group() == turn:
                 acting = value
             turn = turn + 1
-            first = first + crew() * groups
+            first = first + crew() * (lanes() // group())
+        return acting
+
+    @wp.func
+    def moment_on(shared: kinds.Shared, i: int):
+        """The chain's moment on the body that thread i moves [N m]; all threads together, as `sum_of`."""
+        return sum_of(shared, 0, i)
+
+    @wp.func
+    def acting_on(shared: kinds.Shared, i: int, moment: Real, watched: int):
+        """That moment and, if it is wanted, the chain's force (x, y) [N]; all threads together, as `sum_of`."""
+        acting = of_three()
+        acting[0] = moment
+        if pushed(watched):
+            acting[1] = sum_of(shared, 1, i)
+            acting[2] = sum_of(shared, 2, i)
         return acting
 
     @wp.func
@@ -151,6 +159,7 @@ def block_wrench(kind: BlockKind) -> WrenchFunctions:
         add_push=add_push,
         add_wrench=add_wrench,
         body_of=body_of,
+        moment_on=moment_on,
         acting_on=acting_on,
         wrench_of=wrench_of,
     )

@@ -33,14 +33,6 @@ from ..sum_structs import LinkTally, MountSums, RollerTally, SprocketSums, Stran
 from .block_kind import WARP, BlockKind
 from .block_room import ALIGNED, Room, room, size_of
 
-ANY_LANE = """
-#if defined(__CUDA_ARCH__)
-    return __any_sync(0xffffffffu, flag);
-#else
-    return flag;
-#endif
-"""
-
 LARGEST = """
 #if defined(__CUDA_ARCH__)
     #pragma unroll
@@ -208,18 +200,23 @@ def add_to_roller(tallies: wp.array[RollerTally], at: int, more: RollerTally):
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    asm volatile("" : "+r"(value));
+    return __ballot_sync(0xffffffffu, flag);
+#else
+    return flag;
 #endif
-    return value;
 """)
-def unforeseen(value: int) -> int:
-    """`value`, of which the compiler knows nothing: it leaves a loop that goes so far a loop, which is shorter code."""
+def lanes_where(flag: int) -> int:
+    """The threads of the warp where `flag`, 0 or 1, is 1, as bits."""
     ...
 
 
-@wp.func_native(ANY_LANE)
-def any_lane(flag: int) -> int:
-    """Whether `flag` is not zero in any thread of the warp."""
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    __syncwarp();
+#endif
+""")
+def after_turn():
+    """Ends a thread's turn, after those of the warp that had theirs and before those that have none yet."""
     ...
 
 

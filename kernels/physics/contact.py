@@ -54,7 +54,8 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
         Force on the roller (vector) and its magnitude [N], v0 [m/s], what of the magnitude damps [N], elastic energy
         [J].
     """
-    size, first, damper, energy = pressed(penetration, wp.dot(relative, normal), impact_speed, law)
+    speed = products(relative[0], normal[0], relative[1], normal[1])
+    size, first, damper, energy = pressed(penetration, speed, impact_speed, law)
     return size * normal, size, first, damper, energy
 
 
