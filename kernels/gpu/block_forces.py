@@ -401,7 +401,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
     @wp.func
     def add_answer(state: kinds.State, shared: kinds.Shared, now: Now, j: int, answer: Answer):
-        """Adds a contact's force, if it is closed, to roller j's, which is returned [N]; keeps what the contact keeps."""
+        """Adds a contact's force, if it is closed, to roller j's, which is returned [N]; keeps what it is to keep."""
         zero = Real(0.0)
         force = force_on(shared, j) + wp.where(answer.closed != 0, answer.force, vec2(zero, zero))
         set_force(shared, j, force)
