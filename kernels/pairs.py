@@ -95,18 +95,6 @@ def rounded_sum(a: wp.float32, b: wp.float32) -> wp.float32:
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    return __fmul_rn(a, b);
-#else
-    return a * b;
-#endif
-""")
-def rounded_product(a: wp.float32, b: wp.float32) -> wp.float32:
-    """a b, which is drawn into no sum: so that kernels which want more of it give the same bits."""
-    ...
-
-
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
     return __fmaf_rn(a, b, c);
 #else
     return (float)((double)a * (double)b + (double)c);

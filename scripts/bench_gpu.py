@@ -14,10 +14,11 @@ takes. `cpu`: the CPU beside C (`bench_cpu.py` has more). Without names: all of 
 performance page aims at, item by item, beside what was found, or why it was not.
 
 First all kernels are compiled, side by side on all cores; then the cases are measured one after another, on as many
-GPUs as there are, one case a GPU at a time, the longest first; what takes all GPUs, or is the start of a command, comes
-last, by itself. A case is measured several times and the best counts. `--quick` leaves out some lengths and numbers of
-variants, measures less often, and ends within `--seconds`, 480: what is not done by then is cut off. With
-`--store FILE` a case that the file has is not measured again, so that a run that was cut off can be gone on with.
+GPUs as there are, one case a GPU at a time, on several the longest first, on one the shortest; what takes all GPUs, or
+is the start of a command, comes last, by itself. A case is measured several times and the best counts. `--quick`
+leaves out some lengths and numbers of variants, measures less often, and ends within `--seconds`, 480: what is not done
+by then is cut off. With `--store FILE` a case that the file has is not measured again, so that a run that was cut off
+can be gone on with.
 Without nvcc the reference is left out, with a message. What fails is told, and the exit status is 1.
 
 `--limit FILE.cu` compiles and runs another CUDA program beside the table, one that prints lines such as
@@ -544,9 +545,9 @@ class Session:
         print(f"[{time.monotonic() - self.begin:4.0f} s] {words}", flush=True)
 
     def _of(self, *where: str) -> list[Task]:
-        """What is left to measure at some places, the longest first."""
+        """What is left to measure at some places: on several GPUs the longest first, on one the shortest."""
         tasks = [task for task in self.left if PARTS[task.part].where in where]
-        return sorted(tasks, key=lambda task: -PARTS[task.part].seconds)
+        return sorted(tasks, key=lambda task: PARTS[task.part].seconds, reverse=len(visible()) > 1)
 
     def _keep(self, task: Task, found: Found) -> None:
         self.store.put(task, found)

@@ -6,7 +6,7 @@ from functools import cache
 import warp as wp
 
 from ..integrate import leapfrog_kick, leapfrog_lag, rk4_instant, rk4_reach, rk4_stage, rk4_weight
-from ..pairs import Pair, apart, counted, pair_of, plus, rounded, rounded_product, times
+from ..pairs import Pair, apart, counted, pair_of, plus, rounded, times
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.curve import integral_at, slope_at, value_at
 from ..physics.hub import hub_moved, hub_of, hub_rates, hub_staged, hub_trimmed, hub_velocity, narrow_wrench, with_hub
@@ -25,6 +25,7 @@ from ..physics.spin import (
     wheel_at,
     with_spin,
 )
+from ..root import product
 from ..structs import BodyState, Drive, Hub, Mount, Pose, Spin, SpinRates, Wheel, Wrench, types
 from ..sum_structs import Sums
 from ..trigonometry import sine_cosine
@@ -454,7 +455,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate
         if now.going != 0:
             ahead = shared.led[course_of(s, now.step + 1)]  # which stands for nothing where the angle is free
-            change = rounded_product(leapfrog_kick(now.step, h) * (moment + wheel.load), spin.inverse_inertia)
+            change = product(leapfrog_kick(now.step, h) * (moment + wheel.load), spin.inverse_inertia)
             store_turn(shared.wheels, s, spun(wheel, change, h, ahead, spin))
         return seen
 

@@ -24,6 +24,7 @@ from ..physics.contact import (
     rub,
     rub_evenly,
     seat_from,
+    sized,
     surface_velocity,
     turned,
 )
@@ -385,7 +386,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         speed = products(relative[0], normal[0], relative[1], normal[1])
         size, first = usual_force(penetration, speed, answer.before, teeth.law)
         answer.first = first
-        answer.force = size * normal
+        answer.force = sized(normal, size)
         if wp.static(sliding):
             drag = drag_of(size, normal, relative, shared.sliding[s])
             answer.force = answer.force + drag

@@ -23,7 +23,7 @@ from typing import Any
 
 import warp as wp
 
-from ..root import products, quotient
+from ..root import product, products, quotient
 from ..rows import accessors
 from ..structs import Pose
 from .friction import bounded, friction
@@ -36,6 +36,12 @@ load_direction = accessors(wp.vec2d).load_row
 UNTOUCHED = wp.constant(0.0)
 TOUCHED = wp.constant(-1.0)
 MISSED = wp.constant(-1.0)
+
+
+@wp.func
+def sized(direction: Any, size: Any):
+    """A vector [N] of a size and a direction."""
+    return type(direction)(product(size, direction[0]), product(size, direction[1]))
 
 
 @wp.func
@@ -56,7 +62,7 @@ def respond(penetration: Any, normal: Any, relative: Any, impact_speed: Any, law
     """
     speed = products(relative[0], normal[0], relative[1], normal[1])
     size, first, damper, energy = pressed(penetration, speed, impact_speed, law)
-    return size * normal, size, first, damper, energy
+    return sized(normal, size), size, first, damper, energy
 
 
 @wp.func
@@ -104,18 +110,18 @@ def rub(size: Any, normal: Any, relative: Any, sliding: Any):
         sliding: what rubs (`structs.Sliding`).
     """
     along = type(normal)(-normal[1], normal[0])
-    speed = wp.dot(relative, along)
+    speed = products(relative[0], along[0], relative[1], along[1])
     drag = friction(size, wp.abs(speed), sliding.stop, sliding.law)
-    return wp.where(speed < type(size)(0.0), -drag, drag) * along
+    return sized(along, wp.where(speed < type(size)(0.0), -drag, drag))
 
 
 @wp.func
 def rub_evenly(size: Any, normal: Any, relative: Any, sliding: Any):
     """As `rub`, of one coefficient at all speeds."""
     along = type(normal)(-normal[1], normal[0])
-    speed = wp.dot(relative, along)
+    speed = products(relative[0], along[0], relative[1], along[1])
     drag = bounded(sliding.law.mu_dynamic, size, wp.abs(speed), sliding.stop)
-    return wp.where(speed < type(size)(0.0), -drag, drag) * along
+    return sized(along, wp.where(speed < type(size)(0.0), -drag, drag))
 
 
 @wp.func

@@ -11,6 +11,7 @@ import warp as wp
 from drives import two_sprockets
 
 from warpchain import Record, load_drive, simulate
+from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
 from warpchain.engine.block_shape import ABREAST, CREWED, MANY, ROOMS, ROW, BlockShape, block_shape, room_for
 from warpchain.engine.buckets import Bucket, _distinct, kernel_kind, kernel_shape, of_shape, refusal, rows_apart
@@ -272,12 +273,34 @@ def test_a_variant_alone_takes_the_steps_it_takes_in_a_large_crowd(precision, te
         kind = kernel_kind("measure", engine.buckets[0])
         ends.append((engine.rollers()[-6 * drive.chain.links :], engine.sums()["chain"][-1], kind))
         engine.close()
-    # different kernels; of 250 links they are not abreast
-    assert len({kind for _, _, kind in ends}) == (4 if teeth == 30 else 3)
+    # different kernels; of 250 links they are not abreast, and at float64 never on two warps
+    assert len({kind for _, _, kind in ends}) == (3 if teeth == 150 and precision == "float64" else 4)
     assert ends[-1][2].abreast == (ABREAST if teeth == 30 else 1)
     for rollers, chain, _ in ends[1:]:
         np.testing.assert_array_equal(rollers, ends[0][0])
         assert chain == ends[0][1]
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    # at float64 the marine drive's parted by 1e-15 when this was run: steps before the window, see docs/devices.md
+    [("two sprockets", "float64"), ("two sprockets", "float32"), ("marine without friction", "float32")],
+)
+def test_metrics_leave_a_large_crowds_rollers_their_bits(name, precision):
+    smooth = {"chain.joint": None, "contact.sprocket.friction": 0.0}
+    smooth |= {"contact.guide.friction": 0.0, "contact.guide.rolling": False}
+    drive = two_sprockets() if name == "two sprockets" else load_drive(drive_path("marine")).with_values(smooth)
+    count = ROW * wp.get_device("cuda:0").sm_count
+    ends = []
+    for start in (0, 400):  # metrics of all steps, or of the last one alone
+        packed = pack([drive], [Schedule(resolve_step(drive), 400, start, 400, 0)]).at_precision(precision)
+        engine = GpuEngine(packed.taken([0] * count), "cuda:0")
+        for future in engine.advance(401, engine.frame_buffer(0)):
+            future.result()
+        ends.append(engine.rollers())
+        engine.close()
+    np.testing.assert_array_equal(*ends)
 
 
 def said(code):
