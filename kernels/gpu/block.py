@@ -453,8 +453,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         begin(ensemble, state, sums, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)
-        if wp.static(not kind.usual):
-            now.usual = forces.usual_laws(shared)
+        now.usual = forces.usual_laws(shared)
         if wp.static(measuring):
             observe.find_strands(shared, mine)
         held = partners.held_by(shared, i)

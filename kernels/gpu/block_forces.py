@@ -307,11 +307,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
     @wp.func
     def usual_laws(shared: kinds.Shared):
-        """The sprockets whose contacts are linear and hysteretic, as bits."""
+        """The sprockets whose contacts are linear and hysteretic, as bits, unless all contacts are."""
         mask = int(0)
-        for s in range(wp.static(sprockets)):
-            if is_usual(shared.teeth[s].law):
-                mask = mask | (1 << s)
+        if wp.static(not kind.usual):
+            for s in range(wp.static(sprockets)):
+                if is_usual(shared.teeth[s].law):
+                    mask = mask | (1 << s)
         return mask
 
     @wp.func
