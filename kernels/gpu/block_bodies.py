@@ -10,7 +10,7 @@ from ..pairs import Pair, apart, counted, pair_of, plus, rounded, times
 from ..physics.body import body_at, body_rates, in_box, leapfrog_body, pose_of, rk4_body, turns_soundly
 from ..physics.curve import integral_at, slope_at, value_at
 from ..physics.hub import hub_moved, hub_of, hub_rates, hub_staged, hub_trimmed, hub_velocity, narrow_wrench, with_hub
-from ..physics.motion import load_moment, prescribed_at, ramp_slope
+from ..physics.motion import free_load, load_moment, prescribed_at, ramp_slope
 from ..physics.spin import (
     faced,
     forward_of,
@@ -313,7 +313,10 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             s = mine.sprocket
             time = wp.float64(step) * mine.h
             pose = shared.poses[s]
-            shared.poses[s].load = load_moment(time, pose.angle, pose.speed, motion_of(shared, s), ensemble.curves)
+            motion = motion_of(shared, s)
+            # of a prescribed body too, and thrown away, so that the threads of a warp do not part
+            load = free_load(time, pose.angle, pose.speed, motion, ensemble.curves)
+            shared.poses[s].load = wp.where(motion.prescribed == 1, wp.float64(0.0), load)
 
     @wp.func
     def settle_at(shared: kinds.Shared, s: int, pose: Pose):

@@ -93,15 +93,6 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return law
 
     @wp.func
-    def keep(state: kinds.State, now: Now, at: int, before: Real, first: Real):
-        """Keeps what a closed contact whose memory is at `at` goes on with.
-
-        v0 is kept at a step's start only (rk4 has three more stages).
-        """
-        if before <= Real(0.0) and now.stage == 0:
-            store_row(state.impact_speed, at, first)
-
-    @wp.func
     def lag(mine: Mine):
         """How far velocities are behind the forces [s]."""
         if wp.static(rk4):
@@ -146,7 +137,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
     @wp.func
     def put(state: kinds.State, now: Now, at: int, before: Real, kept: Real):
-        """What a contact keeps."""
+        """What a contact keeps: v0 while it is closed. At a step's start only (rk4 has three more stages)."""
         if before != kept and now.stage == 0:
             store_row(state.impact_speed, at, kept)
 
@@ -295,7 +286,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 force = force + drag
             whole = force_on(shared, j) + force
             set_force(shared, j, whole)
-            keep(state, now, at, before, first)
+            put(state, now, at, before, first)
             if now.measured != 0:
                 damped, rubbed = powers(shared, mine, whole, damper * normal, drag, relative)
                 measure_powers(tallies, now, at, damped, rubbed)
@@ -407,8 +398,8 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         zero = Real(0.0)
         force = force_on(shared, j) + wp.where(answer.closed != 0, answer.force, vec2(zero, zero))
         set_force(shared, j, force)
-        first = wp.where(answer.before <= zero, answer.first, answer.before)
-        put(state, now, answer.at, answer.before, wp.where(answer.closed != 0, first, after_teeth(answer.before)))
+        kept = wp.where(answer.closed != 0, answer.first, after_teeth(answer.before))
+        put(state, now, answer.at, answer.before, kept)
         return force
 
     @wp.func
@@ -551,7 +542,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                 if bar.body < wp.static(bodies):
                     moment = reaction(arm_on(shared, j, bar.body), force)
                     add_wrench(shared, mine, bar.body, j, moment, force, now.watched)
-            keep(state, now, at, before, first)
+            put(state, now, at, before, first)
             if now.measured != 0:
                 damped, rubbed = powers(shared, mine, whole, damper * normal, drag, relative)
                 measure_powers(tallies, now, at, damped, rubbed)

@@ -48,22 +48,29 @@ def block_wrench(kind: BlockKind) -> WrenchFunctions:
             return False
 
     @wp.func
+    def place_of(mine: Mine, k: int, s: int, j: int):
+        """Where roller j's part of body s, or its thread's, lies in row k: of moments, forces in x, forces in y."""
+        first = (wp.static(bodies) * k + s) * wp.static(width)
+        if wp.static(of_rollers):
+            return first + j
+        else:
+            return first + mine.thread
+
+    @wp.func
+    def add_part(shared: kinds.Shared, at: int, value: Real):
+        """Adds `value` to the part at `at`."""
+        store_row(shared.parts, at, load_row(shared.parts, at) + value)
+
+    @wp.func
     def add_moment(shared: kinds.Shared, mine: Mine, s: int, j: int, moment: Real):
-        """Adds the moment [N m] of roller j's force to its part, or its thread's, of body s."""
-        at = s * wp.static(width) + j
-        if wp.static(not of_rollers):
-            at = s * wp.static(width) + mine.thread
-        store_row(shared.parts, at, load_row(shared.parts, at) + moment)
+        """Adds the moment [N m] of roller j's force to body s."""
+        add_part(shared, place_of(mine, 0, s, j), moment)
 
     @wp.func
     def add_push(shared: kinds.Shared, mine: Mine, s: int, j: int, force: vec2):
-        """Adds the opposite of roller j's force [N], as `add_moment`."""
-        x = wp.static(bodies * width) + s * wp.static(width) + j
-        if wp.static(not of_rollers):
-            x = wp.static(bodies * width) + s * wp.static(width) + mine.thread
-        y = x + wp.static(bodies * width)
-        store_row(shared.parts, x, load_row(shared.parts, x) - force[0])
-        store_row(shared.parts, y, load_row(shared.parts, y) - force[1])
+        """Adds the opposite of roller j's force [N] to body s."""
+        add_part(shared, place_of(mine, 1, s, j), -force[0])
+        add_part(shared, place_of(mine, 2, s, j), -force[1])
 
     @wp.func
     def add_wrench(shared: kinds.Shared, mine: Mine, s: int, j: int, moment: Real, force: vec2, watched: int):

@@ -104,8 +104,8 @@ def resisted(torque: Any, speed: Any, sign: Any, load: Any):
 
 
 @wp.func
-def load_moment(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, curves: Curves):
-    """Load moment [N m] of a body that is free to turn, counter-clockwise; 0 of one whose angle is prescribed."""
+def free_load(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, curves: Curves):
+    """Load moment [N m] of a body that is free to turn, counter-clockwise."""
     turned = angle - motion.start_angle
     forward = motion.sign * turned
     torque = motion.load[0]
@@ -118,8 +118,15 @@ def load_moment(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: 
         harmonic = curves.harmonics[j]
         _, cosine = sine_cosine(harmonic[0] * forward + harmonic[2])
         torque = torque + harmonic[1] * cosine
-    moment = resisted(torque, speed, motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
-    return wp.where(motion.prescribed == 1, wp.float64(0.0), moment)
+    return resisted(torque, speed, motion.sign, motion.load) * ramp(time, motion.load_ramp_time)
+
+
+@wp.func
+def load_moment(time: wp.float64, angle: wp.float64, speed: wp.float64, motion: Motion, curves: Curves):
+    """As `free_load`; 0 of a body whose angle is prescribed."""
+    if motion.prescribed == 1:
+        return wp.float64(0.0)
+    return free_load(time, angle, speed, motion, curves)
 
 
 @wp.func
