@@ -14,7 +14,7 @@ ROOT = Path(warpchain.__file__).resolve().parent
 KERNELS = ROOT.parent / "kernels"
 
 LEVELS = (
-    ("errors", "version", "files", "show"),
+    ("errors", "version", "files", "show", "garbage"),
     ("drive",),
     ("assembly",),
     ("results",),

@@ -9,11 +9,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 import faulthandler
-import gc
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -26,6 +25,7 @@ from warpchain.cli.study_play import add_play_command
 from warpchain.cli.study_report import add_report_commands
 from warpchain.errors import WarpchainError
 from warpchain.files import reason
+from warpchain.garbage import rare_collections
 
 EPILOG = """examples:
   warpchain check marine
@@ -386,7 +386,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with contextlib.suppress(AttributeError, ValueError, OSError):  # a standard error that is no file
         faulthandler.enable()
     try:
-        with _rare_collections():
+        with rare_collections():
             status = _run_command(top, arguments)
         sys.stdout.flush()
         return status
@@ -407,17 +407,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         _say("interrupted")
         return UNFINISHED
-
-
-@contextlib.contextmanager
-def _rare_collections() -> Iterator[None]:
-    """Looks for garbage less often: while modules load there is none, and looking takes a seventh of a start."""
-    usual = gc.get_threshold()
-    gc.set_threshold(50_000, *usual[1:])
-    try:
-        yield
-    finally:
-        gc.set_threshold(*usual)
 
 
 def _run_command(top: argparse.ArgumentParser, arguments: argparse.Namespace) -> int:

@@ -20,6 +20,7 @@ from warpchain.drive.stack import Stack, first_of, first_refused, stacks_of
 from warpchain.engine.progress import Report, interruptible, reporter
 from warpchain.engine.recorder import Recording
 from warpchain.errors import DriveError, LayoutWarning, SimulationError, SuspectWarning
+from warpchain.garbage import rare_collections
 from warpchain.results.judgement import Limits, told
 from warpchain.results.metrics import metrics_table
 from warpchain.results.replicates import with_copies
@@ -35,6 +36,7 @@ MEMORY = 2 * 2**30
 """Default memory budget [bytes]."""
 
 
+@rare_collections()
 def simulate(
     drives: Drive | Sequence[Drive],
     *,

@@ -15,6 +15,7 @@ from typing import Any
 from warpchain.engine.progress import bar as bar_of
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
+from warpchain.garbage import rare_collections
 from warpchain.study.run.folder import Folder
 from warpchain.study.run.merge import finish, merge_study, workers_named
 from warpchain.study.run.prepare import prepare
@@ -71,6 +72,7 @@ def run_study(
     return run_folder(folder, executor=executor, part=part, workers=workers, memory=memory, progress=progress)
 
 
+@rare_collections()
 def run_folder(
     folder: Folder,
     *,

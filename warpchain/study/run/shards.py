@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from warpchain.garbage import rare_collections
 from warpchain.results.metrics import gathered, table_of
 from warpchain.results.replicates import COPY
 from warpchain.study.columns import ADJUSTED, ARCHIVED, OUTCOME, RUN_COLUMNS
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
+@rare_collections()
 def run_shard(
     folder: str | Path, shard: int, options: Mapping[str, Any] | None = None, report: Report | None = None
 ) -> int:
