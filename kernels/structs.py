@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .pairs import Pair
-from .sum_structs import MountSums, SprocketSums, StrandSums, TensionerFlows, Totals
+from .sum_structs import MountSums, SprocketSums, TensionerFlows, Totals
 
 GROUND = wp.constant(-1)
 """The body of what does not move."""
@@ -691,7 +691,6 @@ def types(Real: type) -> SimpleNamespace:
         extra: wp.array[Extra]  # (all rollers,), for block kernels; else (1,)
         stages: wp.array[Real]  # (10 * all rollers,) for rk4 on blocks, else (1,): see `block_rk4`
         rows: wp.array[Real]  # for blocks too large to share theirs; else (1,)
-        held: wp.array[wp.int32]  # the same
         parts: wp.array[Real]  # the same
         progress: wp.array[Progress]  # (variants,)
 
@@ -711,7 +710,6 @@ def types(Real: type) -> SimpleNamespace:
         """What the threads of a block share of the variant they are at, in the block's own memory."""
 
         rows: wp.array[Real]  # of rollers, one after the other (`exchange.shared_rows`)
-        held: wp.array[wp.int32]  # partners that each roller is near, as bits: sprockets, then guide-bars
         seen: wp.array[Real]  # extremes of tension, then rows of squared rates, of joint friction (`block_observe`)
         strand_of: wp.array[wp.uint8]  # of links: the strand that each is on, S on none, S + 1 where there is no link
         poses: wp.array[Pose]  # (bodies,), and with profiles the ground
@@ -738,12 +736,10 @@ def types(Real: type) -> SimpleNamespace:
         links: wp.array[Links]  # (1,)
         parts: wp.array[Real]  # (3, bodies, `exchange.parts_of_a_body`): of moment [N m] and force (x, y) [N] on each
         motions: wp.array[Motion]  # (S,)
-        course: wp.array[wp.float64]  # (S, steps, 2): angle, speed of prescribed sprockets (`exchange.COURSE`)
+        course: wp.array[wp.float64]  # (courses, steps, 2): prescribed angle, speed (`block_room.COURSE`)
         mounts: wp.array[Mount]  # (S,)
         sprocket_sums: wp.array[SprocketSums]  # (S,)
         spin_sums: wp.array[SpinSums]  # (S,), instead of these at float32
-        strands: wp.array[Strand]  # (S,)
-        strand_sums: wp.array[StrandSums]  # (S,)
         mount_sums: wp.array[MountSums]  # (S,)
 
     return SimpleNamespace(

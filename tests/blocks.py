@@ -12,7 +12,7 @@ from warpchain import Drive, load_drive
 from warpchain.drive.examples import drive_path
 from warpchain.engine.arrays import NOTES, empty_sums, empty_tallies, upload_ensemble, upload_state
 from warpchain.engine.block_shape import block_shape, room_for
-from warpchain.engine.buckets import curved
+from warpchain.engine.buckets import curved, led
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.kernels.gpu.block import block_kernel
@@ -83,7 +83,7 @@ def moving_sprockets():
 def large(packed, shape, blocks):
     """What `upload_state` is to keep in global memory for such blocks."""
     of = room_of(packed, shape)
-    return blocks * of.values, blocks * of.integers, blocks * of.part_values
+    return blocks * of.values, blocks * of.part_values
 
 
 def room_of(packed, shape):
@@ -113,6 +113,7 @@ def kind_of(packed, shape, measuring=True):
         curved=bool(curved(packed).any()),
         usual=bool(packed.usual.all()),
         regular=bool(packed.regular.all()),
+        led=int(led(packed).max()),
     )
 
 

@@ -290,11 +290,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
-        held: wp.types.vector(per, wp.int32),
+        touch: forces.Touch,
     ):
-        """The partners of each of the thread's rollers, and what they may touch."""
-        held, by_teeth, by_bar = partners.meet(state, shared, mine, now, held)
-        return held, forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
+        """What the thread's rollers may touch, of which `touch` is what they were near at the step before."""
+        near = partners.meet(state, shared, mine, now, touch.near)
+        return forces.touch_of(ensemble, state, shared, mine, near)
 
     @wp.func
     def is_common(now: Now):
@@ -324,12 +324,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         frames: wp.array[Real],
         mine: Mine,
         now: Now,
+        touch: forces.Touch,
     ):
-        """A whole step or stage of a variant on one warp."""
+        """A whole step or stage of a variant on one warp, as `look` has `touch`."""
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
-        held = partners.held_by(shared, mine.thread)
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
-        held, touch = look(ensemble, state, shared, mine, now, held)
+        touch = look(ensemble, state, shared, mine, now, touch)
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
         if wp.static(not measuring) and now.common != 0:
             forces.plain_contacts(ensemble, state, tallies, shared, mine, now, touch)
@@ -338,12 +338,40 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         barrier()
         sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
         advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+        return touch
 
     @wp.func
     def wait_for_others(now: Now):
         """Waits now and then for the variants abreast, so that all go through the same code at the same time."""
         if wp.static(kind.abreast > 1) and now.step % wp.static(4 if kind.paired else 32) == 0:
             row.sharing.together()
+
+    @wp.func
+    def to_the_next_event(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        tallies: Tallies,
+        shared: kinds.Shared,
+        frames: wp.array[Real],
+        mine: Mine,
+        now: Now,
+        touch: forces.Touch,
+        end: int,
+    ):
+        """Steps of a variant on one warp that want no more than most do, `now` being one: to an event, or to `end`."""
+        now = common(mine, now)
+        end = wp.min(end, now.event)
+        while True:
+            touch = step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now, touch)
+            now.step = now.step + 1
+            barrier()
+            if now.step >= end:
+                break
+            wait_for_others(now)
+            if wp.static(measuring):
+                now.watched = wp.where(now.step % WATCH_EVERY == 0, 1, 0)
+        return now, touch
 
     @wp.func
     def instant(state: kinds.State, mine: Mine, since: int):
@@ -453,17 +481,18 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         begin(ensemble, state, sums, shared, mine, now.step)
         barrier()
         now.driven = driven(shared)
+        mine.course = bodies.course_of(shared, mine.sprocket)
         now.usual = forces.usual_laws(shared)
         if wp.static(measuring):
-            observe.find_strands(shared, mine)
-        held = partners.held_by(shared, i)
+            observe.find_strands(ensemble, state, shared, mine)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine, now.step)
         if wp.static(ahead):
             tension, rate = pull(shared, lengths, mine.rollers, i)
         touch = forces.Touch()
+        touch.near = partners.remembered(state, mine)
         if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
-            held, touch = look(ensemble, state, shared, mine, now, held)
+            touch = look(ensemble, state, shared, mine, now, touch)
         while now.step < end and now.diverged == 0:
             wait_for_others(now)
             if wp.static(splitting) and now.step != now.event:
@@ -481,7 +510,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 now = wanted(mine, now)
                 if wp.static(ahead):
                     if wp.static(not early):
-                        held, touch = look(ensemble, state, shared, mine, now, held)
+                        touch = look(ensemble, state, shared, mine, now, touch)
                     if wp.static(not measuring) and now.flags == 0:
                         forces.plain_contacts(ensemble, state, tallies, shared, mine, plain(now), touch)
                         weigh(ensemble, shared, mine, now)
@@ -498,12 +527,15 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                         barrier()
                     advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
                 elif wp.static(twice) and is_common(now):
-                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, common(mine, now))
+                    now, touch = to_the_next_event(
+                        ensemble, state, sums, tallies, shared, frames, mine, now, touch, end
+                    )
+                    continue
                 else:
-                    step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now)
+                    touch = step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now, touch)
             now = next_stage(now)
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
-                held, touch = look(ensemble, state, shared, mine, now, held)
+                touch = look(ensemble, state, shared, mine, now, touch)
             if wp.static(ahead):
                 tension, rate = pull(shared, lengths, mine.rollers, i)
             barrier()

@@ -43,6 +43,7 @@ class BodyFunctions:
     """What is done about bodies, as functions of kernels."""
 
     is_led: wp.Function
+    course_of: wp.Function
     body_gone: wp.Function
     set_heading: wp.Function
     start_body: wp.Function
@@ -99,9 +100,9 @@ def state_of(pose: Pose):
 
 
 @wp.func
-def course_of(s: int, step: int):
-    """Which place the prescribed angle and speed of body s at `step` have."""
-    return s * wp.static(COURSE) + step % wp.static(COURSE)
+def course_at(course: int, step: int):
+    """Where the prescribed angle and speed of a body at `step` lie, by the body's place among those."""
+    return course * wp.static(COURSE) + step % wp.static(COURSE)
 
 
 @cache
@@ -209,8 +210,6 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
                 shared.spin_sums[s] = spin_sums_of(sums.sprocket[at])
             else:
                 shared.sprocket_sums[s] = sums.sprocket[at]
-            shared.strand_sums[s] = sums.strand[at]
-            shared.strands[s] = state.strands[at]
 
     @wp.func
     def end_body(ensemble: kinds.Ensemble, state: kinds.State, sums: Sums, shared: kinds.Shared, mine: Mine):
@@ -236,8 +235,6 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
                 sums.sprocket[at] = sprocket_sums_of(shared.spin_sums[s])
             else:
                 sums.sprocket[at] = shared.sprocket_sums[s]
-            sums.strand[at] = shared.strand_sums[s]
-            state.strands[at] = shared.strands[s]
 
     @wp.func
     def motion_of(shared: kinds.Shared, s: int):
@@ -257,9 +254,18 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             return shared.motions[s].prescribed == 1
 
     @wp.func
+    def course_of(shared: kinds.Shared, s: int):
+        """The place of sprocket s among those whose angle is prescribed; of any other a place that there is."""
+        place = int(0)
+        for other in range(wp.static(sprockets)):
+            if other < s and is_led(shared, other):
+                place = place + 1
+        return wp.min(place, wp.static(kind.courses - 1))
+
+    @wp.func
     def foresee(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
         """Puts where sprocket s is led at a step in its place."""
-        at = course_of(s, step)
+        at = course_at(course_of(shared, s), step)
         if wp.static(kind.paired):
             shared.led[at] = led_at(ensemble, mine, s, counted(step, mine.step), shared.spins[s])
         else:
@@ -375,7 +381,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             seen.velocity = hub_velocity(time_of(mine, now), lag, wheel, hub, rates)
             seen.turning = turning
         if now.going != 0:
-            ahead = shared.led[course_of(s, now.step + 1)]
+            ahead = shared.led[course_at(mine.course, now.step + 1)]
             kick = leapfrog_kick(now.step, h)
             wheel, hub = hub_moved(counted(now.step + 1, mine.step), kick, h, wheel, hub, rates)
             store_wheel(shared.wheels, s, spun(wheel, kick * rates[2], h, ahead, spin))
@@ -457,7 +463,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             rate = (moment + wheel.load) * spin.inverse_inertia
             seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate
         if now.going != 0:
-            ahead = shared.led[course_of(s, now.step + 1)]  # which stands for nothing where the angle is free
+            ahead = shared.led[course_at(mine.course, now.step + 1)]  # which stands for nothing where the angle is free
             change = product(leapfrog_kick(now.step, h) * (moment + wheel.load), spin.inverse_inertia)
             store_turn(shared.wheels, s, spun(wheel, change, h, ahead, spin))
         return seen
@@ -478,7 +484,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         rates = body_rates(time, body, heading, wrench, pose.load, motion, mount, ensemble.curves)
         observed = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
         if now.going != 0:
-            at = course_of(s, now.step + 1)  # which stands for nothing where the angle is free
+            at = course_at(mine.course, now.step + 1)  # which stands for nothing where the angle is free
             ahead = shared.course[2 * at]
             pose.exact_speed = shared.course[2 * at + 1]
             body = leapfrog_body(time, leapfrog_kick(now.step, h), h, body, rates, ahead, motion, mount)
@@ -537,6 +543,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
 
     return BodyFunctions(
         is_led=is_led,
+        course_of=course_of,
         body_gone=body_gone,
         set_heading=set_heading,
         start_body=start_body,

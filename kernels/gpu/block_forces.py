@@ -38,6 +38,7 @@ from ..root import products
 from ..rows import accessors
 from ..structs import types
 from ..sum_structs import Tallies
+from .block_bits import block_bits
 from .block_events import EXTRA, START
 from .block_kind import BlockKind, Mine, now_struct
 from .block_near import block_near
@@ -67,9 +68,17 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
     gripping, quick = kind.gripping, kind.quick
     Direction = wp.vec4f if kind.paired else wp.vec2d
     vec2 = kinds.vec2
-    row, near, wrenches = block_rows(kind), block_near(kind), block_wrench(kind)
+    row, near, wrenches, bits = block_rows(kind), block_near(kind), block_wrench(kind), block_bits(kind)
+    Bits, of_teeth, of_bars, any_of, first, rest = (
+        bits.Bits,
+        bits.of_teeth,
+        bits.of_bars,
+        bits.any_of,
+        bits.first,
+        bits.rest,
+    )
     add_moment, add_push, add_wrench = wrenches.add_moment, wrenches.add_push, wrenches.add_wrench
-    SPROCKETS, bar_of, away_from, in_carrier = near.SPROCKETS, near.bar_of, near.away_from, near.in_carrier
+    bar_of, away_from, in_carrier = near.bar_of, near.away_from, near.in_carrier
     place, velocity, force_on, set_force = row.place, row.velocity, row.force_on, row.set_force
     acceleration_under = row.acceleration_under
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
@@ -168,10 +177,9 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
     @wp.struct
     class Touch:
-        """What a thread's rollers may touch, as from `meet`, and what they keep of it where that is looked up ahead."""
+        """What a thread's rollers are near, as from `meet`, and what they keep of it where that is looked up ahead."""
 
-        by_teeth: wp.int32
-        by_bar: wp.int32
+        near: Bits
         grip: Grip  # of the roller's first sprocket
 
     @wp.func
@@ -195,14 +203,12 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         return grip
 
     @wp.func
-    def touch_of(
-        ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, by_teeth: int, by_bar: int
-    ):
+    def touch_of(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine, near: Bits):
         """What the thread's rollers may touch."""
         touch = Touch()
-        touch.by_teeth = by_teeth
-        touch.by_bar = by_bar
+        touch.near = near
         if wp.static(gripping):  # without a branch, so that nothing waits for it
+            by_teeth = of_teeth(near)[0]
             s = lowest_bit(wp.where(by_teeth != 0, by_teeth, 1))
             touch.grip = grip_of(ensemble, state, shared, mine, mine.thread, s)
         return touch
@@ -558,41 +564,14 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         shared: kinds.Shared,
         mine: Mine,
         now: Now,
-        by_bar: int,
+        near: Bits,
     ):
-        """Adds the guides' forces to those of the thread's rollers in `by_bar`."""
-        rest = int(0)
-        while by_bar != 0:
-            j = int(mine.thread)
-            if wp.static(per == 1):
-                p = lowest_bit(by_bar)
-                by_bar = by_bar & (by_bar - 1)
-            else:
-                j = lowest_bit(by_bar) * wp.static(threads) + mine.thread
-                if rest == 0:
-                    rest = load_whole(shared.held, j) & ~SPROCKETS
-                p = lowest_bit(rest)
-                rest = rest & (rest - 1)
-                if rest == 0:
-                    by_bar = by_bar & (by_bar - 1)
+        """Adds the forces of the guides that they are near to those of the thread's rollers."""
+        by_bar = of_bars(near)
+        while any_of(by_bar):
+            j, p = first(by_bar, mine.thread)
+            by_bar = rest(by_bar)
             at_guide(ensemble, state, tallies, shared, mine, now, j, p - wp.static(sprockets))
-
-    @wp.func
-    def next_in_teeth(shared: kinds.Shared, mine: Mine, by_teeth: int, rest: int):
-        """The thread's next roller in teeth and its sprocket; then what is left."""
-        j = int(mine.thread)
-        if wp.static(per == 1):
-            s = lowest_bit(by_teeth)
-            by_teeth = by_teeth & (by_teeth - 1)
-        else:
-            j = lowest_bit(by_teeth) * wp.static(threads) + mine.thread
-            if rest == 0:
-                rest = load_whole(shared.held, j) & SPROCKETS
-            s = lowest_bit(rest)
-            rest = rest & (rest - 1)
-            if rest == 0:
-                by_teeth = by_teeth & (by_teeth - 1)
-        return j, s, by_teeth, rest
 
     @wp.func
     def contacts(
@@ -608,11 +587,11 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
 
         Each thread goes on to its next roller in teeth at once, so that few wait.
         """
-        by_teeth = int(touch.by_teeth)
+        by_teeth = of_teeth(touch.near)
         grip = touch.grip
-        rest = int(0)
-        while by_teeth != 0:
-            j, s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+        while any_of(by_teeth):
+            j, s = first(by_teeth, mine.thread)
+            by_teeth = rest(by_teeth)
             if wp.static(gripping):
                 s = grip.sprocket
             else:
@@ -627,10 +606,10 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
             else:
                 at_sprocket(ensemble, state, tallies, shared, mine, now, j, grip)
             if wp.static(gripping):
-                if by_teeth != 0:
-                    grip = grip_of(ensemble, state, shared, mine, j, lowest_bit(by_teeth))
+                if any_of(by_teeth):
+                    grip = grip_of(ensemble, state, shared, mine, j, lowest_bit(by_teeth[0]))
         if wp.static(guides > 0):
-            at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
+            at_bars(ensemble, state, tallies, shared, mine, now, touch.near)
 
     @wp.func
     def contacts_by_two(
@@ -643,16 +622,17 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
         touch: Touch,
     ):
         """As `contacts`, two of a thread's rollers in teeth at once, so that their latencies hide behind each other."""
-        by_teeth = int(touch.by_teeth)
-        rest = int(0)
-        while by_teeth != 0:
-            j, s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+        by_teeth = of_teeth(touch.near)
+        while any_of(by_teeth):
+            j, s = first(by_teeth, mine.thread)
+            by_teeth = rest(by_teeth)
             two = int(0)
             other_j = int(j)
             other_s = int(s)
-            if by_teeth != 0:
+            if any_of(by_teeth):
                 two = int(1)
-                other_j, other_s, by_teeth, rest = next_in_teeth(shared, mine, by_teeth, rest)
+                other_j, other_s = first(by_teeth, mine.thread)
+                by_teeth = rest(by_teeth)
             one = answer_of(ensemble, state, shared, mine, j, grip_of(ensemble, state, shared, mine, j, s))
             grip = grip_of(ensemble, state, shared, mine, other_j, other_s)
             other = answer_of(ensemble, state, shared, mine, other_j, grip)
@@ -676,7 +656,7 @@ def block_forces(kind: BlockKind) -> ForceFunctions:
                     s = other_s
                     q = q + 1
         if wp.static(guides > 0):
-            at_bars(ensemble, state, tallies, shared, mine, now, touch.by_bar)
+            at_bars(ensemble, state, tallies, shared, mine, now, touch.near)
 
     return ForceFunctions(
         Touch=Touch,

@@ -31,6 +31,7 @@ class BlockKind:
         bending: the joints rub.
         usual: all contacts' laws are hysteretic and linear (`impact.is_usual`).
         regular: a chain's links are of one length.
+        led: of each drive's sprockets, those whose angle is prescribed.
         abreast: variants of a block, a warp each, which wait for each other now and then (`block`).
         stribeck: a coefficient of friction may depend on the speed.
         uneven: links differ, or have play.
@@ -63,6 +64,7 @@ class BlockKind:
     stribeck: bool = True
     usual: bool = False
     regular: bool = False
+    led: int = -1
     abreast: int = 1
 
     @property
@@ -79,6 +81,11 @@ class BlockKind:
     def bodies(self) -> int:
         """Sprockets and arms of each drive."""
         return self.sprockets + self.arms
+
+    @property
+    def courses(self) -> int:
+        """Sprockets of each drive that there is room for to have their angle prescribed: all, unless it is known."""
+        return max(self.led, 1) if self.led >= 0 else self.sprockets
 
     @property
     def pushes(self) -> bool:
@@ -135,6 +142,7 @@ class Mine:
     memory: wp.int32  # first of its contact memories
     thread: wp.int32  # of the block
     sprocket: wp.int32  # that the thread moves, negative for most
+    course: wp.int32  # place of its prescribed motion among those of the drive (`block_bodies.plan`)
     arm: wp.int32  # the same
     h: wp.float64  # time step [s]
     step: Pair  # the same, for kernels at float32

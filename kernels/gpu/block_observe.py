@@ -19,7 +19,7 @@ from ..physics.motion import load_moment_at_speed
 from ..physics.mount import mounted_energy
 from ..physics.roller import roller_energy
 from ..rows import accessors
-from ..structs import BodyState, Drive, Mount, Pose, Wheel, Wrench, types
+from ..structs import BodyState, Drive, Mount, Pose, Strand, Wheel, Wrench, types
 from ..sum_structs import ChainNote, ContactSums, LinkTally, RollerTally, Sums, Tallies
 from ..sums import (
     add_displacement,
@@ -141,23 +141,24 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             sums.chain[mine.variant] = merge_extremes(sums.chain[mine.variant], lowest, highest)
 
     @wp.func
-    def strand_under(shared: kinds.Shared, j: int, n: int):
-        """Strand that link j is on, S where it is on none, S + 1 where there is no such link."""
+    def strand_under(strands: wp.array[Strand], first: int, j: int, n: int):
+        """Strand that link j is on, S where it is on none, S + 1 where there is no such link; `first` is strand 0."""
         found = int(wp.static(sprockets))
         for s in range(wp.static(sprockets)):
-            place = j - shared.strands[s].first_link
+            place = j - strands[first + s].first_link
             if place < 0:
                 place = place + n
-            if place < shared.strands[s].links:
+            if place < strands[first + s].links:
                 found = s
         return wp.where(j < n, found, wp.static(sprockets + 1))
 
     @wp.func
-    def find_strands(shared: kinds.Shared, mine: Mine):
+    def find_strands(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine):
         """Brings up to date which strands the thread's links are on."""
+        first = ensemble.drives[mine.variant].first_sprocket
         j = int(mine.thread)
         while j < wp.static(kind.slots):
-            shared.strand_of[j] = wp.uint8(strand_under(shared, j, mine.rollers))
+            shared.strand_of[j] = wp.uint8(strand_under(state.strands, first, j, mine.rollers))
             j = j + wp.static(threads)
 
     @wp.func
@@ -231,22 +232,20 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         return of
 
     @wp.func
-    def update_strand(shared: kinds.Shared, n: int, s: int):
-        """Strand s brought up to date."""
-        shared.strands[s] = follow(shared.rows, X, Y, n, shared.strands[s])
+    def update_strand(state: kinds.State, shared: kinds.Shared, n: int, at: int):
+        """Strand `at` of all brought up to date."""
+        state.strands[at] = follow(shared.rows, X, Y, n, state.strands[at])
 
     @wp.func
-    def add_middle(shared: kinds.Shared, n: int, s: int):
-        """A look at the mid-strand displacement of strand s."""
+    def add_middle(sums: Sums, shared: kinds.Shared, n: int, at: int, strand: Strand):
+        """A look at the mid-strand displacement of `strand`, whose sums are at `at`."""
         rows = shared.rows
-        a = shared.strands[s].middle
+        a = strand.middle
         b = wp.where(a + 1 < n, a + 1, 0)
         ax = wp.float64(load_row(rows, X + a))
         ay = wp.float64(load_row(rows, Y + a))
-        value = displacement(
-            ax, ay, wp.float64(load_row(rows, X + b)), wp.float64(load_row(rows, Y + b)), shared.strands[s]
-        )
-        shared.strand_sums[s] = add_displacement(shared.strand_sums[s], value)
+        value = displacement(ax, ay, wp.float64(load_row(rows, X + b)), wp.float64(load_row(rows, Y + b)), strand)
+        sums.strand[at] = add_displacement(sums.strand[at], value)
 
     @wp.func
     def energy_of_roller(shared: kinds.Shared, j: int, v: vec2, extra: kinds.Extra):

@@ -161,12 +161,12 @@ def block_relax_kernel(kind: BlockKind, blocks: int) -> wp.Kernel:
         now = settling[mine.variant]
         end = wp.min(now.steps + steps, now.limit)
         barrier()
-        held = partners.held_by(shared, i)
+        near = partners.remembered(state, mine)
         still = Now()
         while now.steps < end and now.settled == 0:
             tension, rate = pull(shared, lengths, mine.rollers, i)
-            held, by_teeth, by_bar = partners.meet(state, shared, mine, still, held)
-            touch = forces.touch_of(ensemble, state, shared, mine, by_teeth, by_bar)
+            near = partners.meet(state, shared, mine, still, near)
+            touch = forces.touch_of(ensemble, state, shared, mine, near)
             forces.contacts(ensemble, state, tallies, shared, mine, still, touch)
             barrier()
             angular = wp.float64(0.0)

@@ -69,25 +69,25 @@ def _of_bodies(kind: BlockKind) -> dict[str, int]:
     """Values of each array of what bodies are and do."""
     sprockets, measuring = kind.sprockets, kind.measuring
     if not kind.paired:
-        counts = {"motions": sprockets, "course": 2 * COURSE * sprockets, "poses": kind.bodies + kind.profiles}
+        counts = {"motions": sprockets, "course": 2 * COURSE * kind.courses, "poses": kind.bodies + kind.profiles}
         counts |= {"mounts": sprockets, "mount_sums": sprockets * measuring} if kind.moving else {}
         return counts | {"sprocket_sums": sprockets * measuring}
     counts = {"wheels": WHEEL_ROWS * kind.wheels, "gears": GEAR_ROWS * sprockets, "box": 1}
-    counts |= {"spins": sprockets, "led": COURSE * sprockets, "spin_sums": sprockets * measuring}
+    counts |= {"spins": sprockets, "led": COURSE * kind.courses, "spin_sums": sprockets * measuring}
     counts |= {"hubs": sprockets, "hub_sums": sprockets * measuring} if kind.moving else {}
     counts |= {"plungers": kind.tensioners, "plunger_pushes": kind.tensioners}
     counts |= {"plunger_meters": kind.tensioners, "plunger_sums": kind.tensioners} if measuring else {}
     counts |= {"lever_sums": kind.arms * measuring, "wheel_stages": kind.bodies * kind.rk4}
-    return counts | {"lines": LINE_ROWS * max(kind.guides, 1)}
+    return counts | {"lines": LINE_ROWS * kind.guides}
 
 
 def _small(kind: BlockKind) -> dict[str, int]:
     """Values of each array but the rows of rollers, and of their parts in sums."""
     sprockets, guides = kind.sprockets, kind.guides
-    counts = _of_bodies(kind) | {"teeth": sprockets, "bands": sprockets, "bars": max(guides, 1), "chain": 1}
+    counts = _of_bodies(kind) | {"teeth": sprockets, "bands": sprockets, "bars": guides, "chain": 1}
     counts |= {"sliding": (sprockets + guides) * kind.sliding, "joint": int(kind.bending), "links": int(kind.uneven)}
     if kind.measuring:
-        counts |= {"strand_of": kind.slots, "strands": sprockets, "strand_sums": sprockets}
+        counts |= {"strand_of": kind.slots}
     return {name: count for name, count in counts.items() if count > 0}
 
 
@@ -96,7 +96,7 @@ class Room:
     """How much of what a block's threads share there is, and where it lies; arrays by their names in `structs.Shared`.
 
     Attributes:
-        parts, rows, held, seen: values of these; the others are never in global memory.
+        parts, rows, seen: values of these; the others are never in global memory.
         shared: values of each array in shared memory.
         places: where those lie that a launch asks for, after the beginning of their variant's [bytes].
         asked: what a launch asks for of each variant [bytes].
@@ -104,7 +104,6 @@ class Room:
 
     parts: int
     rows: int
-    held: int
     seen: int  # extremes of tension, each link's squared rates, the work of each roller's joint friction
     shared: Mapping[str, int]
     places: Mapping[str, int]
@@ -119,11 +118,6 @@ class Room:
     def values(self) -> int:
         """Values of a block in global memory, at the kernel's precision."""
         return self.rows * ("rows" not in self.shared) + self.seen * ("seen" not in self.shared)
-
-    @property
-    def integers(self) -> int:
-        """Integers of a block in global memory."""
-        return self.held * ("held" not in self.shared)
 
 
 def size_of(dtype: Any) -> int:
@@ -144,7 +138,7 @@ def room(kind: BlockKind) -> Room:
 
     shared = _small(kind)
     used = needed(shared)
-    large = [{"rows": rows, "held": kind.slots}, {"parts": parts}, {"seen": seen}]
+    large = [{"rows": rows}, {"parts": parts}, {"seen": seen}]
     asks = used + sum(map(needed, large)) > DECLARED and kind.shared_bytes > DECLARED
     used += OF_A_THREAD * kind.threads * asks
     asked: list[str] = []
@@ -160,7 +154,7 @@ def room(kind: BlockKind) -> Room:
     for name in asked:
         places[name] = end
         end += needed({name: shared[name]})
-    return Room(parts, rows, kind.slots, seen, shared, places, end)
+    return Room(parts, rows, seen, shared, places, end)
 
 
 def asked_of_a_block(kind: BlockKind) -> int:

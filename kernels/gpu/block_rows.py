@@ -62,7 +62,6 @@ def block_rows(kind: BlockKind) -> RowFunctions:
     kinds = types(Real)
     vec2 = kinds.vec2
     compensated = Real == wp.float32
-    partners = kind.sprockets + kind.guides
     parts = room(kind).parts
     of_each = wp.types.vector(per, Real)
     sharing = exchange(kind)
@@ -240,7 +239,7 @@ def block_rows(kind: BlockKind) -> RowFunctions:
 
     @wp.func
     def fetch(state: kinds.State, shared: kinds.Shared, mine: Mine):
-        """The thread's rollers into the shared rows, and which partners they are near; its parts begin at zero."""
+        """The thread's rollers into the shared rows; its parts begin at zero."""
         n = mine.rollers
         j = int(mine.thread)
         while j < wp.static(slots):
@@ -253,15 +252,6 @@ def block_rows(kind: BlockKind) -> RowFunctions:
                 store_row(shared.rows, X_LOW + j, state.rollers[row + 4 * n])
                 store_row(shared.rows, Y_LOW + j, state.rollers[row + 5 * n])
             set_force(shared, j, vec2())
-            held = int(0)
-            if j < n:
-                memory = mine.memory + j
-                p = int(0)
-                while p < wp.static(partners):
-                    if state.seat[memory + p * n] >= 0 or state.impact_speed[memory + p * n] != Real(0.0):
-                        held = held | (1 << p)
-                    p = p + 1
-            shared.held[j] = held
             j = j + wp.static(threads)
         at = int(mine.thread)
         while at < wp.static(parts):

@@ -66,11 +66,12 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         if now.flags & START == 0:
             statistics.note(ensemble, tallies, sums, shared, mine, now.step)
         if mine.sprocket >= 0:
-            observe.update_strand(shared, mine.rollers, mine.sprocket)
+            first = ensemble.drives[mine.variant].first_sprocket
+            observe.update_strand(state, shared, mine.rollers, first + mine.sprocket)
             if wp.static(kind.paired):
                 shared.spin_sums[mine.sprocket] = with_recent(shared.spin_sums[mine.sprocket])
         barrier()
-        observe.find_strands(shared, mine)
+        observe.find_strands(ensemble, state, shared, mine)
         observe.flush(tallies, shared, mine)
         statistics.look(ensemble, state, sums, tallies, shared, mine)
 

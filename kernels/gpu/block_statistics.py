@@ -61,16 +61,17 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
             j = j + wp.static(threads)
         s = mine.sprocket
         if s >= 0:
-            observe.add_middle(shared, n, s)
-            before = shared.strands[wp.where(s > 0, s, wp.static(sprockets)) - 1]
-            roller = mid_wrap(before, shared.strands[s], n)
+            first = drive.first_sprocket
+            observe.add_middle(sums, shared, n, first + s, state.strands[first + s])
+            before = state.strands[first + wp.where(s > 0, s, wp.static(sprockets)) - 1]
+            roller = mid_wrap(before, state.strands[first + s], n)
             seat = state.seat[mine.memory + s * n + roller]
             if wp.static(kind.paired):
                 sign = wp.float64(shared.spins[s].sign)
             else:
                 sign = shared.motions[s].sign
-            slip = sums.slip[drive.first_sprocket + s]
-            sums.slip[drive.first_sprocket + s] = follow_slip(slip, roller, seat, shared.teeth[s].teeth, sign, n)
+            slip = sums.slip[first + s]
+            sums.slip[first + s] = follow_slip(slip, roller, seat, shared.teeth[s].teeth, sign, n)
 
     @wp.func
     def note(ensemble: kinds.Ensemble, tallies: Tallies, sums: Sums, shared: kinds.Shared, mine: Mine, step: int):
@@ -91,8 +92,8 @@ def block_statistics(kind: BlockKind) -> StatisticsFunctions:
             s = mine.sprocket
             if s >= 0:
                 of_strand = seen_on(drive, tallies, s)
-                of_strand.samples = shared.strand_sums[s].samples
-                of_strand.displacement = shared.strand_sums[s].displacement
+                of_strand.samples = sums.strand[drive.first_sprocket + s].samples
+                of_strand.displacement = sums.strand[drive.first_sprocket + s].displacement
                 if wp.static(kind.paired):
                     of_sprocket = sprocket_sums_of(shared.spin_sums[s])
                 else:

@@ -25,11 +25,10 @@ from ..structs import (
     Pose,
     Spin,
     SpinSums,
-    Strand,
     WheelStages,
     types,
 )
-from ..sum_structs import LinkTally, MountSums, RollerTally, SprocketSums, StrandSums
+from ..sum_structs import LinkTally, MountSums, RollerTally, SprocketSums
 from .block_kind import WARP, BlockKind
 from .block_room import ALIGNED, Room, room, size_of
 
@@ -342,14 +341,8 @@ def exchange(kind: BlockKind) -> Exchange:
         """`count` values from `first` on."""
         ...
 
-    @wp.func_native(OWN)
-    def own_held(all: wp.array[wp.int32], first: int, count: int) -> wp.array[wp.int32]: ...
-
     @wp.func_native(snippet("rows"))
     def rows(like: kinds.Shared, place: int) -> wp.array[Real]: ...
-
-    @wp.func_native(snippet("held"))
-    def held(like: kinds.Shared, place: int) -> wp.array[wp.int32]: ...
 
     @wp.func_native(snippet("parts"))
     def parts(like: kinds.Shared, place: int) -> wp.array[Real]: ...
@@ -444,18 +437,11 @@ def exchange(kind: BlockKind) -> Exchange:
     @wp.func_native(snippet("sprocket_sums"))
     def sprocket_sums(like: kinds.Shared, place: int) -> wp.array[SprocketSums]: ...
 
-    @wp.func_native(snippet("strands"))
-    def strands(like: kinds.Shared, place: int) -> wp.array[Strand]: ...
-
-    @wp.func_native(snippet("strand_sums"))
-    def strand_sums(like: kinds.Shared, place: int) -> wp.array[StrandSums]: ...
-
     @wp.func
     def in_shared_memory(place: int):
         """The arrays that lie in shared memory, of the variant at `place` of those abreast."""
         shared = kinds.Shared()
         shared.rows = rows(shared, place)
-        shared.held = held(shared, place)
         shared.parts = parts(shared, place)
         shared.seen = seen(shared, place)
         shared.strand_of = strand_of(shared, place)
@@ -487,8 +473,6 @@ def exchange(kind: BlockKind) -> Exchange:
         shared.mount_sums = mount_sums(shared, place)
         shared.spin_sums = spin_sums(shared, place)
         shared.sprocket_sums = sprocket_sums(shared, place)
-        shared.strands = strands(shared, place)
-        shared.strand_sums = strand_sums(shared, place)
         return shared
 
     @wp.func
@@ -504,7 +488,6 @@ def exchange(kind: BlockKind) -> Exchange:
         first = number * wp.static(of.values)
         if wp.static("rows" not in of.shared):
             shared.rows = view(state.rows, first, wp.static(of.rows))
-            shared.held = own_held(state.held, wp.static(slots) * number, wp.static(slots))
         if wp.static("seen" not in of.shared):
             shared.seen = view(state.rows, first + wp.static(of.values - of.seen), wp.static(of.seen))
         if wp.static("parts" not in of.shared):

@@ -65,7 +65,7 @@ def on_blocks(drives: list[Drive], many: bool, precision: str, measuring: bool =
     kind, blocks = kind_of(packed, shape, measuring), len(drives)
     of = room(kind)
     with fibers():
-        large = blocks * of.values, blocks * of.integers, blocks * of.part_values
+        large = blocks * of.values, blocks * of.part_values
         ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", large)
         sums, tallies = empty_sums(packed, "cpu"), empty_tallies(packed, "cpu")
         frames = wp.full(sum(widths), np.nan, dtype=packed.real, device="cpu")
@@ -117,7 +117,7 @@ def settled(still: Packed, drive: Drive, shape: BlockShape) -> dict[str, Any]:
     start["step"], start["tolerance"], start["limit"] = 0.7 * step_limit(drive), 1e-3, 4000
     with fibers():
         settling: wp.array = wp.array(start, dtype=Settling, device="cpu")
-        state, order = upload_state(still, "cpu", (0, 0, 0)), wp.zeros(1, dtype=wp.int32, device="cpu")
+        state, order = upload_state(still, "cpu", (0, 0)), wp.zeros(1, dtype=wp.int32, device="cpu")
         kernel = block_relax_kernel(BlockKind(wp.float64, shape.threads, shape.per, 2, 0), 4)
         inputs = [upload_ensemble(still, "cpu"), state, empty_tallies(still, "cpu"), settling, order, 4000]
         wp.launch(kernel, dim=shape.threads, inputs=inputs, block_dim=shape.threads, device="cpu")

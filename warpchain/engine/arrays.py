@@ -108,17 +108,15 @@ def _stage_rows() -> int:
     return STAGE_ROWS
 
 
-def upload_state(packed: Packed, device: str, large: tuple[int, int, int] | None = None) -> Any:
+def upload_state(packed: Packed, device: str, large: tuple[int, int] | None = None) -> Any:
     """The initial state (`kernels.structs.types(...).State`), copied to `device`.
 
-    `large` is for block kernels: how many values, integers and values of parts that blocks share lie in global
-    memory.
+    `large` is for block kernels: how many values, and values of parts, that blocks share lie in global memory.
     """
     kinds = structs.types(packed.real)
     state = kinds.State()
-    in_rows, integers, in_parts = large or (0, 0, 0)
+    in_rows, in_parts = large or (0, 0)
     state.rows = wp.empty(max(in_rows, 1), dtype=packed.real, device=device)
-    state.held = wp.empty(max(integers, 1), dtype=wp.int32, device=device)
     state.parts = wp.empty(max(in_parts, 1), dtype=packed.real, device=device)
     rk4 = large is not None and bool((packed.drives["integrator"] == INTEGRATORS["rk4"]).any())
     state.stages = wp.empty(_stage_rows() * len(packed.lengths) if rk4 else 1, dtype=packed.real, device=device)

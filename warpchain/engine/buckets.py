@@ -30,7 +30,7 @@ MOST_PARTNERS = 31
 RESERVED = 1024
 """Bytes of a multiprocessor's shared memory that each block takes beside its own."""
 
-NUMBERS = ("slots", "sprockets", "guides", "arms", "tensioners")
+NUMBERS = ("slots", "sprockets", "guides", "arms", "tensioners", "led")
 """What buckets differ in by a number; in all else by yes or no."""
 
 
@@ -135,14 +135,19 @@ def curved(packed: Packed) -> NDArray[np.bool_]:
     return np.asarray(np.add.reduceat(counts, packed.drives["first_body"]) > 0)
 
 
-def rows_apart(buckets: Sequence[Bucket]) -> tuple[int, int, int]:
-    """Values, integers and values of parts that blocks too large for shared memory keep in global memory."""
-    needs = np.zeros(3, dtype=int)
+def led(packed: Packed) -> NDArray[np.integer]:
+    """How many sprockets of each variant have their angle prescribed, (variants,)."""
+    return np.asarray(np.add.reduceat(packed.motions["prescribed"], packed.drives["first_body"]))
+
+
+def rows_apart(buckets: Sequence[Bucket]) -> tuple[int, int]:
+    """Values, and values of parts, that blocks too large for shared memory keep in global memory."""
+    needs = np.zeros(2, dtype=int)
     for bucket in buckets:
         for name in ("advance", "measure", "relax"):
             of = room(kernel_kind(name, bucket))
-            needs = np.maximum(needs, bucket.count * np.array([of.values, of.integers, of.part_values]))
-    return int(needs[0]), int(needs[1]), int(needs[2])
+            needs = np.maximum(needs, bucket.count * np.array([of.values, of.part_values]))
+    return int(needs[0]), int(needs[1])
 
 
 def _distinct(keys: NDArray[np.integer]) -> list[tuple[Any, ...]]:
@@ -198,6 +203,7 @@ class GpuKernels:
             "stribeck": packed.stribeck,
             "usual": packed.usual,
             "regular": packed.regular,
+            "led": led(packed),
         }
         keys = np.column_stack(list(columns.values()))
         buckets = []
