@@ -69,6 +69,23 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     # rollers and bodies go ways of their own between events
     splitting = not measuring and kind.handing and early and not rk4
 
+    @wp.struct
+    class Out:
+        """Where goes what is taken from the steps."""
+
+        sums: Sums
+        tallies: Tallies
+        frames: wp.array[Real]
+
+    @wp.func
+    def out_of(sums: Sums, tallies: Tallies, frames: wp.array[Real]):
+        """What the kernel was given for that."""
+        out = Out()
+        out.sums = sums
+        out.tallies = tallies
+        out.frames = frames
+        return out
+
     @wp.func
     def driven(shared: kinds.Shared):
         """The sprockets whose moment moves them, as bits."""
@@ -151,10 +168,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def advance_exact(
         ensemble: kinds.Ensemble,
         state: kinds.State,
-        sums: Sums,
-        tallies: Tallies,
+        out: Out,
         shared: kinds.Shared,
-        frames: wp.array[Real],
         mine: Mine,
         now: Now,
     ):
@@ -169,31 +184,29 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 wrench = arms.pushed(ensemble, state, shared, mine, mine.sprocket, wrench)
             body = bodies.advance(ensemble, state, shared, mine, now, wrench)
             if wp.static(measuring) and now.measured != 0:
-                observe.observe_sprocket(ensemble, tallies, shared, mine, now, body, wrench, before)
+                observe.observe_sprocket(ensemble, out.tallies, shared, mine, now, body, wrench, before)
                 if now.watched != 0:
                     add_hub(shared, mine, now, acting)
                 if wp.static(kind.tensioners > 0):
-                    arms.observe_pushes(ensemble, state, sums, tallies, mine, now, mine.sprocket, body)
-            sampling.write_sprocket_frame(ensemble, state, frames, mine, now, body, wrench.moment)
+                    arms.observe_pushes(ensemble, state, out.sums, out.tallies, mine, now, mine.sprocket, body)
+            sampling.write_sprocket_frame(ensemble, state, out.frames, mine, now, body, wrench.moment)
             if wp.static(kind.tensioners > 0):
-                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, mine.sprocket)
+                sampling.write_push_frames(ensemble, state, out.frames, shared, mine, now, mine.sprocket)
                 arms.flow(ensemble, state, shared, mine, now, mine.sprocket)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 on_arm = wrench_of(acting)
-                arm = arms.advance_arm(ensemble, state, sums, tallies, shared, mine, now, on_arm)
+                arm = arms.advance_arm(ensemble, state, out.sums, out.tallies, shared, mine, now, on_arm)
                 b = wp.static(sprockets) + mine.arm
-                sampling.write_arm_frame(ensemble, state, frames, mine, now, arm, on_arm.moment)
-                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, b)
+                sampling.write_arm_frame(ensemble, state, out.frames, mine, now, arm, on_arm.moment)
+                sampling.write_push_frames(ensemble, state, out.frames, shared, mine, now, b)
 
     @wp.func
     def advance_paired(
         ensemble: kinds.Ensemble,
         state: kinds.State,
-        sums: Sums,
-        tallies: Tallies,
+        out: Out,
         shared: kinds.Shared,
-        frames: wp.array[Real],
         mine: Mine,
         now: Now,
     ):
@@ -212,30 +225,28 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 seen = bodies.spin(ensemble, shared, mine, now, acting + pushing)
                 seen.pushing = pushing
                 if wp.static(measuring) and now.measured != 0:
-                    observe.observe_spin(ensemble, tallies, shared, mine, now, seen, acting, wheel)
+                    observe.observe_spin(ensemble, out.tallies, shared, mine, now, seen, acting, wheel)
                     if now.watched != 0:
                         add_hub(shared, mine, now, acting)
-                sampling.write_sprocket_frame(ensemble, state, frames, mine, now, seen, acting[0])
+                sampling.write_sprocket_frame(ensemble, state, out.frames, mine, now, seen, acting[0])
             if wp.static(kind.arms > 0):
                 if mine.arm >= 0:
                     seen = levers.advance_arm(ensemble, shared, mine, now, acting[0] + pushing[0])
                     if wp.static(measuring) and now.measured != 0:
-                        levers.observe_arm(ensemble, tallies, shared, mine, now, seen, acting[0], wheel)
-                    sampling.write_arm_frame(ensemble, state, frames, mine, now, seen, acting[0])
+                        levers.observe_arm(ensemble, out.tallies, shared, mine, now, seen, acting[0], wheel)
+                    sampling.write_arm_frame(ensemble, state, out.frames, mine, now, seen, acting[0])
             if wp.static(kind.tensioners > 0):
                 if wp.static(measuring) and now.measured != 0:
-                    levers.observe_pushes(ensemble, sums, tallies, shared, mine, now, wheel, seen)
-                sampling.write_push_frames(ensemble, state, frames, shared, mine, now, b)
+                    levers.observe_pushes(ensemble, out.sums, out.tallies, shared, mine, now, wheel, seen)
+                sampling.write_push_frames(ensemble, state, out.frames, shared, mine, now, b)
                 levers.flow(ensemble, shared, mine, now, b)
 
     @wp.func
     def advance_bodies(
         ensemble: kinds.Ensemble,
         state: kinds.State,
-        sums: Sums,
-        tallies: Tallies,
+        out: Out,
         shared: kinds.Shared,
-        frames: wp.array[Real],
         mine: Mine,
         now: Now,
     ):
@@ -244,9 +255,9 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         All threads together work out what the chain does to it, while, on several warps, others move their rollers.
         """
         if wp.static(kind.paired):
-            advance_paired(ensemble, state, sums, tallies, shared, frames, mine, now)
+            advance_paired(ensemble, state, out, shared, mine, now)
         else:
-            advance_exact(ensemble, state, sums, tallies, shared, frames, mine, now)
+            advance_exact(ensemble, state, out, shared, mine, now)
 
     @wp.func
     def go_on(state: kinds.State, shared: kinds.Shared, mine: Mine, now: Now):
@@ -318,10 +329,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def step_of_a_warp(
         ensemble: kinds.Ensemble,
         state: kinds.State,
-        sums: Sums,
-        tallies: Tallies,
+        out: Out,
         shared: kinds.Shared,
-        frames: wp.array[Real],
         mine: Mine,
         now: Now,
         touch: forces.Touch,
@@ -332,28 +341,26 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         touch = look(ensemble, state, shared, mine, now, touch)
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
         if wp.static(not measuring) and now.common != 0:
-            forces.plain_contacts(ensemble, state, tallies, shared, mine, now, touch)
+            forces.plain_contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         else:
-            forces.contacts(ensemble, state, tallies, shared, mine, now, touch)
+            forces.contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         barrier()
-        sample_rollers(ensemble, state, tallies, shared, frames, mine, now)
-        advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+        sample_rollers(ensemble, state, out.tallies, shared, out.frames, mine, now)
+        advance_bodies(ensemble, state, out, shared, mine, now)
         return touch
 
     @wp.func
     def wait_for_others(now: Now):
         """Waits now and then for the variants abreast, so that all go through the same code at the same time."""
-        if wp.static(kind.abreast > 1) and now.step % wp.static(4 if kind.paired else 32) == 0:
+        if wp.static(kind.abreast > 1) and now.step % wp.static(16 if kind.paired else 32) == 0:
             row.sharing.together()
 
     @wp.func
-    def to_the_next_event(
+    def to_event(
         ensemble: kinds.Ensemble,
         state: kinds.State,
-        sums: Sums,
-        tallies: Tallies,
+        out: Out,
         shared: kinds.Shared,
-        frames: wp.array[Real],
         mine: Mine,
         now: Now,
         touch: forces.Touch,
@@ -363,7 +370,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now = common(mine, now)
         end = wp.min(end, now.event)
         while True:
-            touch = step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now, touch)
+            touch = step_of_a_warp(ensemble, state, out, shared, mine, now, touch)
             now.step = now.step + 1
             barrier()
             if now.step >= end:
@@ -382,6 +389,13 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         now.diverged = state.progress[mine.variant].diverged
         now.going = 1
         now.since = since
+        return now
+
+    @wp.func
+    def standing(shared: kinds.Shared, now: Now):
+        """With what a launch does not change: the sprockets that their moment moves, and those with the usual laws."""
+        now.driven = driven(shared)
+        now.usual = forces.usual_laws(shared)
         return now
 
     @wp.func
@@ -413,6 +427,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 levers.start_plungers(ensemble, state, sums, shared, mine, mine.sprocket)
         if wp.static(measuring):
             observe.start_extremes(ensemble, sums, shared, mine)
+            observe.find_strands(ensemble, state, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 if wp.static(kind.paired):
@@ -476,15 +491,13 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         mine = mine_of(ensemble.drives[order[number]], order[number], i, body_of(i))
         shared = shared_arrays(state, number)
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))  # threads without a roller read on
+        out = out_of(sums, tallies, frames)
         row.fetch(state, shared, mine)
         now = instant(state, mine, since)
         begin(ensemble, state, sums, shared, mine, now.step)
         barrier()
-        now.driven = driven(shared)
+        now = standing(shared, now)
         mine.course = bodies.course_of(shared, mine.sprocket)
-        now.usual = forces.usual_laws(shared)
-        if wp.static(measuring):
-            observe.find_strands(ensemble, state, shared, mine)
         end = wp.min(now.step + steps, ensemble.drives[mine.variant].steps + 1)
         bodies.plan(ensemble, shared, mine, now.step)
         if wp.static(ahead):
@@ -503,7 +516,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 else:
                     weigh(ensemble, shared, mine, now)
                     row.sharing.taken_over()
-                    advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, plain(now))
+                    advance_bodies(ensemble, state, out, shared, mine, plain(now))
             else:
                 if now.step == now.event and now.stage == 0:
                     now = sampling.on_event(ensemble, state, sums, tallies, shared, mine, now)
@@ -525,14 +538,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                         go_on(state, shared, mine, now)
                     if wp.static(not kind.handing):
                         barrier()
-                    advance_bodies(ensemble, state, sums, tallies, shared, frames, mine, now)
+                    advance_bodies(ensemble, state, out, shared, mine, now)
                 elif wp.static(twice) and is_common(now):
-                    now, touch = to_the_next_event(
-                        ensemble, state, sums, tallies, shared, frames, mine, now, touch, end
-                    )
+                    now, touch = to_event(ensemble, state, out, shared, mine, now, touch, end)
                     continue
                 else:
-                    touch = step_of_a_warp(ensemble, state, sums, tallies, shared, frames, mine, now, touch)
+                    touch = step_of_a_warp(ensemble, state, out, shared, mine, now, touch)
             now = next_stage(now)
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
                 touch = look(ensemble, state, shared, mine, now, touch)

@@ -13,7 +13,7 @@ from drives import two_sprockets
 from warpchain import Record, load_drive, simulate
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
-from warpchain.engine.block_shape import ABREAST, CREWED, MANY, ROOMS, ROW, BlockShape, block_shape, room_for
+from warpchain.engine.block_shape import ABREAST, CREWED, MANY, ROOMS, ROW, BlockShape, block_shape, room_for, row_of
 from warpchain.engine.buckets import Bucket, _distinct, kernel_kind, kernel_shape, of_shape, refusal, rows_apart
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.devices import SeveralEngines, chosen_devices, engine_on
@@ -136,6 +136,15 @@ def test_variants_go_abreast_where_a_multiprocessor_has_memory_for_the_row():
         abreast(wp.float32, 256, 16, large),
     ]
     assert one_by_one == [[1, 1, 1]] * len(one_by_one)
+
+
+def test_short_kernels_abreast_at_float32_are_more_on_a_multiprocessor():
+    shape = block_shape(128, 100)
+    kind = BlockKind(wp.float32, sprockets=2, guides=0, abreast=ABREAST, **of_shape(shape))
+    rows = [row_of(replace(kind, **of)) for of in ({}, {"sliding": True}, {"per": 6}, {"Real": wp.float64})]
+    assert (*rows, row_of(replace(kind, abreast=1))) == (20, 16, 16, 16, 0)
+    assert shape.resident("float32", True, 100, True, row_of(kind)) == 20
+    assert shape.resident("float32", True, 16, True, row_of(kind)) == 16
 
 
 def test_blocks_have_room_for_the_chain_and_little_more():

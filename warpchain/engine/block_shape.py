@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from warpchain.kernels.gpu.block_kind import DECLARED, WARP
+from warpchain.kernels.gpu.block_kind import DECLARED, WARP, BlockKind
 
 ROOMS = (32, 64, 96, 128, 160, 192, 256, 320, 384, 512, 640, 768, 896, 1024)
 """Rollers that blocks have room for; beyond, sixteenths of the next power of two, from 4,096 on whole 1,024."""
@@ -25,7 +25,10 @@ ABREAST = 4
 """Variants of a block, a warp each, where going through the same code at the same time makes them faster."""
 
 ROW = 16
-"""Variants that a multiprocessor holds where they are abreast."""
+"""Variants that a multiprocessor holds where they are abreast, and fewest where they are."""
+
+LONGER_ROW = 20
+"""The same of float32 kernels that are short enough for the registers that threads then have, 96."""
 
 CREWED = 2
 """Most variants a multiprocessor at which each may have a warp for its bodies alone."""
@@ -65,16 +68,15 @@ class BlockShape:
         faster = measuring or self.per > 4 if precision == "float32" else measuring and self.per <= 4
         return ABREAST if faster else 1
 
-    def resident(
-        self, precision: str, measuring: bool, wanted: int, simple: bool = False, abreast: bool = False
-    ) -> int:
+    def resident(self, precision: str, measuring: bool, wanted: int, simple: bool = False, row: int = 0) -> int:
         """How many variants the compiler is to make room for on a multiprocessor, `wanted` at most.
 
         This bounds the registers of a thread; taking metrics wants more of them, and of shared memory, and kernels of
-        drives that are `simple` (`buckets.Bucket`) fewer. What is best was measured on an H200 (docs/performance.md).
+        drives that are `simple` (`buckets.Bucket`) fewer. Where variants are abreast it holds `row`, which else is 0.
+        What is best was measured on an H200 (docs/performance.md).
         """
-        if abreast:
-            most = ROW
+        if row:
+            most = row
         elif self.threads == WARP:
             most = {
                 ("float64", False): (12, 12, 8),
@@ -90,6 +92,13 @@ class BlockShape:
         else:
             most = (512 if precision == "float64" and self.threads <= 160 else 768) // self.threads
         return max(1, min(most, wanted))
+
+
+def row_of(kind: BlockKind) -> int:
+    """How many variants of a kind a multiprocessor holds that are abreast, 0 of those that are not."""
+    if kind.abreast == 1:
+        return 0
+    return LONGER_ROW if kind.paired and kind.per <= 4 and not (kind.sliding or kind.bending) else ROW
 
 
 def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:

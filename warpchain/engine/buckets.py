@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from warpchain.engine.block_shape import MANY, ROOMS, ROW, BlockShape, block_shape, room_for
+from warpchain.engine.block_shape import MANY, ROOMS, BlockShape, block_shape, room_for, row_of
 from warpchain.engine.packed import Packed
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
@@ -115,8 +115,9 @@ def _abreast(kind: BlockKind, bucket: Bucket) -> int:
     wanted = bucket.shape.abreast(precision, kind.measuring, bucket.each, bucket.simple)
     if wanted == 1:
         return 1
-    needed = asked_of_a_block(replace(kind, abreast=wanted)) + RESERVED
-    return wanted if ROW // wanted * needed <= bucket.most_shared + RESERVED else 1
+    kind = replace(kind, abreast=wanted)
+    needed = asked_of_a_block(kind) + RESERVED
+    return wanted if row_of(kind) // wanted * needed <= bucket.most_shared + RESERVED else 1
 
 
 def kernel_kind(name: str, bucket: Bucket) -> BlockKind:
@@ -231,7 +232,7 @@ class GpuKernels:
             kind, settling = kernel_kind(name, bucket), name == "relax"
             each, simple = (2**31, False) if settling else (bucket.each, bucket.simple)
             shape, precision = kernel_shape(name, bucket), self.packed.precision
-            held = shape.resident(precision, name == "measure", each, simple, kind.abreast > 1)
+            held = shape.resident(precision, name == "measure", each, simple, row_of(kind))
             kernel = block_relax_kernel(kind, held) if settling else block_kernel(kind, held, self.packed.frame)
             self._kernels[key] = Made(kernel, kind, held)
         return self._kernels[key]
