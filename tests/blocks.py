@@ -38,6 +38,18 @@ def marine():
     return [drive, drive.with_values({"sprockets.camshaft.load.torque": 5e3, "run.step": 8e-6})]
 
 
+def led_elsewhere():
+    """A drive two of whose three sprockets are prescribed, and one whose last is."""
+    first = load_drive(drive_path("marine"))
+    crankshaft, tightener, camshaft = first.sprockets
+    speeds = [crankshaft.prescribed.speed * crankshaft.teeth / other.teeth for other in (tightener, camshaft)]
+    free = {"sprockets.crankshaft.prescribed": None, "sprockets.crankshaft.inertia": 900.0}
+    return [
+        first.with_values({"sprockets.tightener.prescribed": {"speed": speeds[0]}}),
+        first.with_values({"sprockets.camshaft.prescribed": {"speed": speeds[1]}}).with_values(free),
+    ]
+
+
 def equal_sprockets():
     return [two_sprockets(), two_sprockets(teeth=24, links=64, torque=100.0).with_values(OTHER_TEETH)]
 

@@ -8,6 +8,7 @@ from blocks import (
     assert_steps_of_the_cpu,
     bending,
     equal_sprockets,
+    led_elsewhere,
     long_chains,
     marine,
     rk4,
@@ -34,7 +35,7 @@ def test_block_kernel_takes_the_steps_of_the_cpu_kernel(fibers, drives, many, pr
     assert_steps_of_the_cpu(drives, many, precision)
 
 
-MARINE = [(marine, 1, "float64"), (marine, 8, "float32")]
+MARINE = [(marine, 1, "float64"), (marine, 8, "float32"), (led_elsewhere, 100, "float64")]
 
 
 @pytest.mark.parametrize(
