@@ -84,7 +84,7 @@ class BlockShape:
                 ("float32", False): (20, 16, 12),
                 ("float32", True): (20, 16, 8),
             }[precision, measuring][(self.per > 4) + (self.per > 6)]
-            if simple and precision == "float64" and self.per <= 4:
+            if simple and precision == "float64" and self.per <= (4 if measuring else 6):
                 most = 14
         elif self.slots > LONGEST_ON_A_WARP and self.per > 1:
             most = 2 if self.per > 8 else 3 if precision == "float64" else 4
@@ -110,7 +110,7 @@ def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
 
 def on_two_warps(room: int, each: int) -> bool:
     """Whether two warps a variant are fastest at float32, of `each` variants a multiprocessor (measured on an H200)."""
-    return 160 < room <= 256 and 4 <= each <= (8 if room <= 192 else 6)
+    return 160 < room <= 256 and 4 <= each <= 6
 
 
 def block_shape(room: int, each: int, shared_bytes: int = DECLARED, precision: str = "float64") -> BlockShape:
