@@ -2,9 +2,9 @@
 
     python scripts/bench_cpu.py
 
-Each case is timed in turns with the C reference, several rounds in one run, and the best of each is compared: ratios
-are what counts, absolute times depend on the machine. On one core the CPU time is taken, so that what else runs on the
-machine does not count. Without a C compiler the reference is left out, with a message.
+Each case is timed in turns with the C reference, several rounds in one run, and the best but one of each is compared:
+ratios are what counts, absolute times depend on the machine. On one core the CPU time is taken, so that what else runs
+on the machine does not count. Without a C compiler the reference is left out, with a message.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -149,14 +150,15 @@ def compare(
         "float64, 8 variants, 1 core": (8, 1, False, "float64"),
         "float64, 8 variants, 2 cores": (8, 2, False, "float64"),
     }
-    best = dict.fromkeys(cases, 0.0)
-    plain = vectorized = 0.0
+    found: dict[str, list[float]] = {name: [] for name in (*cases, "plain", "vectorized")}
     for _ in range(rounds):
         if reference and quick:
-            plain = max(plain, n * steps / reference.run(packed, steps)[0])
-            vectorized = max(vectorized, n * steps / quick.run(packed, steps)[0])
+            found["plain"].append(n * steps / reference.run(packed, steps)[0])
+            found["vectorized"].append(n * steps / quick.run(packed, steps)[0])
         for case, (variants, workers, metrics, precision) in cases.items():
-            best[case] = max(best[case], engine_rate(drive, variants, workers, steps, metrics, precision))
+            found[case].append(engine_rate(drive, variants, workers, steps, metrics, precision))
+    best = {case: best_but_one(found[case]) for case in cases}
+    plain, vectorized = (best_but_one(found[of]) for of in ("plain", "vectorized"))
     print(f"\n{name}: {n} rollers, {len(drive.sprockets)} sprockets, {len(drive.guides)} guide-bars, {steps} steps")
     if reference:
         print(f"  {'plain C, float64, 1 core':38s} {plain / 1e6:8.1f} million roller-steps/s")
@@ -168,6 +170,11 @@ def compare(
         print(f"  {'warpchain, ' + case:38s} {rate / 1e6:8.1f} million roller-steps/s{note}")
     if reference:
         check(drive, reference)
+
+
+def best_but_one(rates: Sequence[float]) -> float:
+    """The second of some rates, or the best of fewer than three, 0 of none: a clock that once jumps makes a best."""
+    return sorted([0.0, *rates])[-2 if len(rates) > 2 else -1]
 
 
 def check(drive: Drive, reference: Reference, steps: int = 2000) -> None:
@@ -186,7 +193,7 @@ def parser() -> argparse.ArgumentParser:
     """The command's words."""
     made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.add_argument("--steps", type=int, default=40_000, help="steps of each timed run (default 40000)")
-    made.add_argument("--rounds", type=int, default=5, help="rounds, of which the best counts (default 5)")
+    made.add_argument("--rounds", type=int, default=5, help="rounds, of which the best but one counts (default 5)")
     return made
 
 
@@ -213,10 +220,11 @@ def joints(drive: Drive, steps: int, rounds: int) -> None:
     """Prints what joint friction costs, timed in turns with the same drive without it."""
     kinds = {"without": drive, "joint friction": drive.with_values(RUBBING), "Stribeck": drive.with_values(STRIBECK)}
     for precision in ("float64", "float32"):
-        best = dict.fromkeys(kinds, 0.0)
+        found: dict[str, list[float]] = {name: [] for name in kinds}
         for _ in range(rounds):
             for name, kind in kinds.items():
-                best[name] = max(best[name], engine_rate(kind, 1, 1, steps, False, precision))
+                found[name].append(engine_rate(kind, 1, 1, steps, False, precision))
+        best = {name: best_but_one(rates) for name, rates in found.items()}
         for name in ("joint friction", "Stribeck"):
             rate, note = best[name], f"{best[name] / best['without']:5.2f} of without"
             print(f"  {f'warpchain, {precision}, {name}':38s} {rate / 1e6:8.1f} million roller-steps/s   {note}")

@@ -47,3 +47,11 @@ def test_a_commit_that_is_none_is_told_in_one_line(guard, tmp_path):
     with refused, guard.checkout(tmp_path, "a", "no-such-commit"):
         pass
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize(
+    ("rates", "taken"),
+    [([], 0.0), ([3.0], 3.0), ([2.0, 4.0], 4.0), ([5.0, 900.0, 4.0], 5.0), ([1.0, 3.0, 2.0, 4.0], 3.0)],
+)
+def test_a_clock_that_once_jumps_makes_no_best(guard, rates, taken):
+    assert guard.best_but_one(rates) == taken
