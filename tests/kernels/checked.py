@@ -97,7 +97,7 @@ def settle_on_blocks() -> None:
     drives = blocks.marine()
     still = elastic(ensemble_of(drives)[0])
     settling = wp.array(begun(still), dtype=Settling, device="cpu")
-    ensemble, state = upload_ensemble(still, "cpu"), upload_state(still, "cpu", (0, 0, 0))
+    ensemble, state = upload_ensemble(still, "cpu"), upload_state(still, "cpu", (0, 0))
     kind = BlockKind(wp.float64, 32, -(-drives[0].chain.links // 32), len(drives[0].sprockets), len(drives[0].guides))
     order = wp.array([1, 0], dtype=wp.int32, device="cpu")
     inputs = [ensemble, state, empty_tallies(still, "cpu"), settling, order, STEPS]

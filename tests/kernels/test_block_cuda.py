@@ -25,10 +25,10 @@ def test_blocks_ask_for_no_more_shared_memory_than_there_is(tmp_path, form, bloc
 
 
 def test_what_a_kernel_cannot_declare_is_asked_for_at_launch(tmp_path):
-    # 1,024 rollers at float64: 6 rows of 8 bytes and an integer of 4, which no kernel may declare
+    # 1,024 rollers at float64: 6 rows of 8 bytes, 49,152 of them, which no kernel may declare
     kind = BlockKind(wp.float64, 256, 4, 2, 0, shared_bytes=232_448, curved=False)
     of = room(kind)
-    assert {"rows", "held"} <= of.places.keys() and of.asked >= 1024 * 52
+    assert "rows" in of.places and of.asked >= 1024 * 48
     assert all(place % 16 == 0 for place in of.places.values())
     assert room(replace(kind, shared_bytes=DECLARED)).asked == 0
     module = block_kernel(kind, 2, FRAME).module

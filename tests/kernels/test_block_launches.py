@@ -97,7 +97,7 @@ def test_blocks_settle_to_the_equilibrium_of_the_cpu(fibers):
     settling = wp.array(start, dtype=Settling, device="cpu")
     ensemble, state, tallies = (
         upload_ensemble(still, "cpu"),
-        upload_state(still, "cpu", (0, 0, 0)),
+        upload_state(still, "cpu", (0, 0)),
         empty_tallies(still, "cpu"),
     )
     order = wp.zeros(1, dtype=wp.int32, device="cpu")
@@ -128,7 +128,7 @@ def test_block_kernel_settles_an_arm(fibers):
     serial.start_settling(start)
     for future in serial.settle(20_000):
         future.result()
-    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", (1, 1, 1))
+    ensemble, state = upload_ensemble(packed, "cpu"), upload_state(packed, "cpu", (1, 1))
     settling, tallies = wp.array(start, dtype=Settling, device="cpu"), empty_tallies(packed, "cpu")
     order = wp.zeros(1, dtype=wp.int32, device="cpu")
     kind = BlockKind(wp.float64, 128, 1, 3, 2, arms=1, tensioners=1, profiles=True)
