@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from warpchain.engine.block_shape import MANY, ROOMS, BlockShape, block_shape, room_for, row_of
 from warpchain.engine.packed import Packed
 from warpchain.kernels.gpu.block import block_kernel
+from warpchain.kernels.gpu.block_bits import BITS
 from warpchain.kernels.gpu.block_kind import DECLARED, BlockKind
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
 from warpchain.kernels.gpu.block_room import asked_of_a_block, room
@@ -24,7 +25,7 @@ from warpchain.kernels.structs import GROUND
 MOST_LINKS = 16 * ROOMS[-1]
 """Links of the longest chain: each thread's rollers are gone through in unrolled loops."""
 
-MOST_PARTNERS = 31
+MOST_PARTNERS = BITS
 """Sprockets and guide-bars of one drive: which of them a roller is near is kept in the bits of an int."""
 
 RESERVED = 1024
