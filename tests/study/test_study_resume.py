@@ -116,6 +116,47 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
     assert 1 <= study_status(out).shards[0] < 16
 
 
+def interrupted_at(line, source, out):
+    """Runs a study, with Ctrl-C at some line of the package's that it runs; its status, and how many lines it has."""
+    lines = 0
+
+    def trace(frame, event, _):
+        nonlocal lines
+        if "warpchain" not in frame.f_code.co_filename:
+            return None
+        lines += event == "line"
+        if event == "line" and lines == line:
+            signal.raise_signal(signal.SIGINT)
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        return cli.main(["study", "run", str(source), "-o", str(out), "--quiet"]), lines
+    finally:
+        sys.settrace(before)
+
+
+def test_ctrl_c_at_any_moment_ends_a_study_as_asked(tmp_path, capfd):
+    source = write_study(tmp_path, RECORD, points=2)
+    run_study(source, tmp_path / "whole")
+    _, most = interrupted_at(0, source, tmp_path / "counted")
+    capfd.readouterr()
+    ended = set()
+    for turn in range(12):
+        out = tmp_path / str(turn)
+        status, _ = interrupted_at(1 + (2 * turn + 1) * most // 24, source, out)
+        told = capfd.readouterr()
+        ended.add(status)
+        if status == 1:
+            assert "interrupted" in told.err and told.err.count("\n") == 1, (turn, told)
+        else:  # all was done but the table, which needs no time
+            assert (status, told.err) == (0, "") and (out / "results.parquet").exists(), (turn, told)
+        run_study(source, out)
+        assert whole_files(out) == whole_files(tmp_path / "whole")
+    assert 1 in ended
+
+
 def test_parts_of_a_job_array_come_to_the_same_bytes(tmp_path, uninterrupted):
     source, wanted = uninterrupted
     for part in (2, 0, 1, 3, 7):

@@ -380,12 +380,12 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line; returns the exit status."""
-    top = parser()
-    arguments = top.parse_args(argv)
     warnings.showwarning = _warning
     with contextlib.suppress(AttributeError, ValueError, OSError):  # a standard error that is no file
         faulthandler.enable()
     try:
+        top = parser()
+        arguments = top.parse_args(argv)
         with rare_collections():
             status = _run_command(top, arguments)
         sys.stdout.flush()

@@ -6,9 +6,9 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 Report = Callable[[str, float, float], None]
@@ -91,31 +91,73 @@ def reporter(progress: bool | Report) -> Iterator[Report]:
             shown.close()
 
 
-@dataclass
 class Stop:
-    """Whether the user asked to stop."""
+    """Whether the user asked to stop; as handler of a signal it takes the first for that, and a second one interrupts.
 
-    asked: bool = False
+    An exception in the midst of anything may be lost: code in C that calls Python takes it for an error of its own, or
+    goes on without it.
+
+    Attributes:
+        asked: whether the user asked to stop, here or around it.
+    """
+
+    def __init__(self, around: Stop | None = None) -> None:
+        self._around, self._asked = around, False
+
+    @property
+    def asked(self) -> bool:
+        return self._asked or (self._around is not None and self._around.asked)
+
+    def ask(self) -> None:
+        """Ends the work at its next look."""
+        self._asked = True
+
+    def __call__(self, signum: int, frame: object) -> None:
+        if self._asked:
+            raise KeyboardInterrupt
+        self.ask()
 
 
 @contextmanager
 def interruptible() -> Iterator[Stop]:
     """Makes the first Ctrl-C a request that work checks between its parts; a second one interrupts at once.
 
-    In a thread other than the main one, signals are left as they are.
+    Within another such block the request is to both. In a thread other than the main one, and where a shell had the
+    signal ignored, signals are left as they are.
     """
-    stop = Stop()
-    if threading.current_thread() is not threading.main_thread():
+    before = signal.getsignal(signal.SIGINT)
+    around = before if isinstance(before, Stop) else None
+    stop = Stop(around)
+    aside = threading.current_thread() is not threading.main_thread()
+    if aside or around is not None or before is signal.SIG_IGN:
         yield stop
         return
-    previous = signal.getsignal(signal.SIGINT)
-
-    def ask(signum: int, frame: object) -> None:
-        stop.asked = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    signal.signal(signal.SIGINT, ask)
+    signal.signal(signal.SIGINT, stop)
     try:
         yield stop
     finally:
-        signal.signal(signal.SIGINT, previous)
+        signal.signal(signal.SIGINT, before)
+
+
+def completed(futures: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
+    """Futures as they are done; between them it is looked whether the user asked to stop.
+
+    Raises:
+        KeyboardInterrupt: the user did.
+    """
+    left = set(futures)
+    while left:
+        done, left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED)
+        look_for_stop()
+        yield from done
+
+
+def look_for_stop() -> None:
+    """Between two parts of work in an `interruptible` block: ends it if the user asked to stop.
+
+    Raises:
+        KeyboardInterrupt: the user did.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if isinstance(handler, Stop) and handler.asked:
+        raise KeyboardInterrupt

@@ -101,7 +101,7 @@ class Shares:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
-            self._stop.asked = True
+            self._stop.ask()
         for pool in (*self._gpus, self._tables):
             pool.shutdown(wait=True, cancel_futures=kind is not None)
         wp.set_device(self._device)  # which threads set in turns

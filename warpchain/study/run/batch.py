@@ -15,6 +15,7 @@ from warpchain.assembly.timestep import resolve_step
 from warpchain.drive import Drive
 from warpchain.drive.changes import Changes
 from warpchain.drive.copies import copies_of
+from warpchain.engine.progress import look_for_stop
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import DriveError, SimulationError, StudyError, WarpchainError
 from warpchain.results.run import RunInfo, Trajectory
@@ -133,6 +134,7 @@ def _follow_modes(study: Study, base: Drive, variants: Sequence[Variant]) -> Non
 
     wanted = base_modes(base, study.metrics.modes)
     for variant in variants:
+        look_for_stop()
         if variant.drive is not None and variant.measured is not None:
             variant.modes = mode_metrics(wanted, variant.drive)
 
@@ -157,6 +159,7 @@ def build(study: Study, base: Drive, variants: Sequence[Variant]) -> None:
     """Makes rows' drives, adjusted together; a row that gives none says why."""
     changes = Changes(base) if len(variants) > 1 else None
     for variant in variants:
+        look_for_stop()
         if variant.reason is not None:
             continue
         try:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warpchain.engine.progress import bar as bar_of
+from warpchain.engine.progress import completed
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.files import leftovers, sweep
@@ -61,7 +62,8 @@ def finish(folder: Folder, executor: Executor | None, options: Mapping[str, Any]
                 _run_worst_here(folder, chosen, options, progress)
             else:
                 with workers_named(folder):
-                    executor.submit(run_worst, folder.path.resolve(), chosen, options).result()
+                    (future,) = completed([executor.submit(run_worst, folder.path.resolve(), chosen, options)])
+                    future.result()
             table = _with_archives(table, folder.table(folder.worst))
     for name in _archives(table):
         folder.check_archive(name)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from typing import Any
 
 from warpchain.engine.progress import bar as bar_of
+from warpchain.engine.progress import completed, interruptible, look_for_stop
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.garbage import rare_collections
@@ -85,20 +86,22 @@ def run_folder(
     """Runs what is left of a study's folder; see `run_study`."""
     options = {"workers": workers, "memory": memory}
     mine = [shard for shard in folder.shards if part is None or shard % part[1] == part[0]]
-    with _bar(progress, folder, mine) as report:
-        left = [shard for shard in mine if not folder.done(shard)]
-        if executor is None:
-            _run_here(folder, left, options, report)
-        else:
-            _run_there(folder, left, executor, options, report)
-    if part is not None:
-        return study_status(folder.path)
-    return finish(folder, executor, options, progress is True)
+    with interruptible():
+        with _bar(progress, folder, mine) as report:
+            left = [shard for shard in mine if not folder.done(shard)]
+            if executor is None:
+                _run_here(folder, left, options, report)
+            else:
+                _run_there(folder, left, executor, options, report)
+        if part is not None:
+            return study_status(folder.path)
+        return finish(folder, executor, options, progress is True)
 
 
 def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: Advance) -> None:
     """Runs shards one after the other in this process."""
     for shard in shards:
+        look_for_stop()
         size, reported = folder.size(shard), 0.0
 
         def tell(part: float, size: int = size) -> None:
@@ -123,7 +126,7 @@ def _run_there(
         with workers_named(folder):
             for shard in shards:
                 futures[executor.submit(run_shard, folder.path.resolve(), shard, options)] = shard
-            for future in as_completed(futures):
+            for future in completed(futures):
                 future.result()
                 report(folder.size(futures[future]))
     finally:
