@@ -334,16 +334,16 @@ def contacts(Real: type, capacity: int) -> Contacts:
                 i = i + 1
 
     @wp.func
-    def add_up(w: wp.array[Real], group: Group, totals: Totals, measured: bool, watched: bool):
-        """`totals` with what the group's contacts add, roller by roller: where `measured`, what dampers take, and where
-        `watched`, the magnitudes of the forces.
+    def add_up(w: wp.array[Real], group: Group, totals: wp.array[Totals], slot: int, measured: bool, watched: bool):
+        """Adds what the group's contacts add up to, roller by roller: where `measured`, what dampers take too, and
+        where `watched`, the magnitudes of the forces.
         """
-        moment = totals.moment
-        x = Real(totals.push[0])
-        y = Real(totals.push[1])
-        damped = totals.dissipated
-        force = totals.force
-        largest = totals.force_max
+        moment = totals[slot].moment
+        x = Real(totals[slot].push[0])
+        y = Real(totals[slot].push[1])
+        damped = totals[slot].dissipated
+        force = totals[slot].force
+        largest = totals[slot].force_max
         i = group.low
         while i < group.high:
             moment += wp.float64(load_row(w, MOMENT + i))
@@ -356,12 +356,13 @@ def contacts(Real: type, capacity: int) -> Contacts:
                 force += size
                 largest = wp.max(largest, size)
             i = i + 1
-        totals.moment = moment
-        totals.push = wp.vec2d(wp.float64(x), wp.float64(y))
-        totals.dissipated = damped
-        totals.force = force
-        totals.force_max = largest
-        return totals
+        totals[slot].moment = moment
+        totals[slot].push = wp.vec2d(wp.float64(x), wp.float64(y))
+        if measured:
+            totals[slot].dissipated = damped
+        if watched:
+            totals[slot].force = force
+            totals[slot].force_max = largest
 
     @wp.func
     def begun(w: wp.array[Real], group: Group):
@@ -374,9 +375,9 @@ def contacts(Real: type, capacity: int) -> Contacts:
         return count
 
     @wp.func
-    def add_energies(w: wp.array[Real], group: Group, law: kinds.ContactLaw, totals: Totals):
-        """`totals` with elastic energies."""
-        energy = totals.energy
+    def add_energies(w: wp.array[Real], group: Group, law: kinds.ContactLaw, totals: wp.array[Totals], slot: int):
+        """Adds elastic energies to the totals."""
+        energy = totals[slot].energy
         i = group.low
         while i < group.high:
             penetration = load_row(w, PENETRATION + i)
@@ -384,8 +385,7 @@ def contacts(Real: type, capacity: int) -> Contacts:
                 elastic = elastic_force(penetration, law.stiffness, law.exponent)
                 energy += wp.float64(stored(penetration, elastic, law))
             i = i + 1
-        totals.energy = energy
-        return totals
+        totals[slot].energy = energy
 
     @wp.func
     def add_measured(
@@ -394,23 +394,23 @@ def contacts(Real: type, capacity: int) -> Contacts:
         law: kinds.ContactLaw,
         sliding: kinds.Sliding,
         wanted: Wanted,
-        totals: Totals,
+        totals: wp.array[Totals],
+        slot: int,
     ):
-        """`totals` with what only metrics want."""
+        """Adds what only metrics want to the totals."""
         if wanted.forces != 0:
-            totals = add_up(w, group, totals, True, True)
+            add_up(w, group, totals, slot, True, True)
         else:
-            totals = add_up(w, group, totals, True, False)
+            add_up(w, group, totals, slot, True, False)
         if wanted.energy != 0:
-            totals = add_energies(w, group, law, totals)
+            add_energies(w, group, law, totals, slot)
         if sliding.rubs != 0:
-            friction = totals.friction
+            friction = totals[slot].friction
             i = group.low
             while i < group.high:
                 friction += wp.float64(load_row(w, RUBBED + i))
                 i = i + 1
-            totals.friction = friction
-        return totals
+            totals[slot].friction = friction
 
     @wp.func
     def answer(
@@ -420,11 +420,13 @@ def contacts(Real: type, capacity: int) -> Contacts:
         sliding: kinds.Sliding,
         memory: kinds.Memory,
         chain: kinds.Chain,
-        totals: Totals,
+        totals: wp.array[Totals],
+        slot: int,
     ):
-        """Forces of the contacts whose `touch` stands in the rows, and `totals` with what they add up to.
+        """Forces of the contacts whose `touch` stands in the rows; adds them up in `totals[slot]`.
 
-        Returns 1 too if contacts keep something else from now on.
+        Returns 1 if contacts keep something else from now on. Totals stand in memory: handed on by value, they would be
+        copied where ways join.
         """
         measured = memory.wanted.measures != 0
         changed = int(0)
@@ -442,12 +444,12 @@ def contacts(Real: type, capacity: int) -> Contacts:
             if measured:
                 lose(w, group, sliding, memory, chain)
         if measured:
-            totals = add_measured(w, group, law, sliding, memory.wanted, totals)
+            add_measured(w, group, law, sliding, memory.wanted, totals, slot)
             if began != 0:
-                totals.impacts += begun(w, group)
+                totals[slot].impacts += begun(w, group)
         else:
-            totals = add_up(w, group, totals, False, False)
-        return totals, changed
+            add_up(w, group, totals, slot, False, False)
+        return changed
 
     return Contacts(
         group_of=group_of,

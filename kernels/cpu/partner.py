@@ -22,7 +22,5 @@ def partner_type(Real: type) -> Any:
         pose: Pose
         sprocket: kinds.Sprocket
         guide: kinds.Guide
-        law: kinds.ContactLaw
-        sliding: kinds.Sliding
 
     return Partner

@@ -18,15 +18,6 @@ from .runs import runs
 from .teeth import teeth_passes
 
 
-@wp.struct
-class Visit:
-    """A run of rollers to meet a partner, and what the runs before add up to."""
-
-    partner: wp.int32  # of the drive: its sprockets, then its guides
-    run: wp.int32
-    totals: Totals
-
-
 @wp.func
 def with_reaction(wrench: Wrench, force: wp.vec2d, moment: wp.float64):
     """The wrench on a body with what one more partner's contacts do to it."""
@@ -76,8 +67,6 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
         partner.body = s
         partner.pose = state.poses[drive.first_body + s]
         partner.sprocket = ensemble.sprockets[drive.first_sprocket + s]
-        partner.law = partner.sprocket.law
-        partner.sliding = ensemble.tooth_sliding[drive.first_sprocket + s]
         return partner
 
     @wp.func
@@ -90,11 +79,11 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
         if bar.body != GROUND:
             partner.pose = state.poses[drive.first_body + bar.body]
             if bar.pieces == 0:
-                bar = carried(bar, partner.pose)
+                now = carried(bar, partner.pose)
+                bar.start = now.start
+                bar.direction = now.direction
         bar.first_piece = drive.first_piece + bar.first_piece
         partner.guide = bar
-        partner.law = bar.law
-        partner.sliding = ensemble.guide_sliding[drive.first_guide + g]
         return partner
 
     @wp.func
@@ -105,6 +94,24 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
             return partner
         partner = guide_of(ensemble, state, drive, p - drive.sprockets)
         return partner
+
+    @wp.func
+    def law_of(ensemble: kinds.Ensemble, drive: Drive, p: int):
+        """The contact law of partner p of a drive."""
+        if p < drive.sprockets:
+            law = ensemble.sprockets[drive.first_sprocket + p].law
+            return law
+        law = ensemble.guides[drive.first_guide + p - drive.sprockets].law
+        return law
+
+    @wp.func
+    def sliding_of(ensemble: kinds.Ensemble, drive: Drive, p: int):
+        """What rubs on partner p of a drive."""
+        if p < drive.sprockets:
+            sliding = ensemble.tooth_sliding[drive.first_sprocket + p]
+            return sliding
+        sliding = ensemble.guide_sliding[drive.first_guide + p - drive.sprockets]
+        return sliding
 
     @wp.func
     def carrier_of(ensemble: kinds.Ensemble, drive: Drive, p: int):
@@ -186,22 +193,29 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
         soon.renew(w, drive)
 
     @wp.func
+    def whole_run(first: int, end: int):
+        """The rollers from `first` on, before `end`, as a group."""
+        group = Group()
+        group.first = first
+        group.low = first
+        group.high = end
+        return group
+
+    @wp.func
     def near_group(w: wp.array[Real], first: int, end: int, n: int, partner: Partner, memory: kinds.Memory):
         """The group of rollers from `first` on, before `end`, that are near a partner; the others leave it."""
         find_near(w, first, end, partner)
         count = wp.min(n, end) - first
         near = unlike(w, NEAR + first, count, Real(0.0))
         had = leave_partner(w, first, count, near, partner, memory)
-        group = Group()
-        group.first = first
-        group.low = first
-        group.high = first
         if near != wp.uint64(0):
             group = group_of(first, near, near & ~had)
+            return group
+        group = whole_run(first, first)
         return group
 
     @wp.func
-    def touch_sprocket(
+    def place_on_sprocket(
         w: wp.array[Real],
         ensemble: kinds.Ensemble,
         first: int,
@@ -210,20 +224,17 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
         partner: Partner,
         memory: kinds.Memory,
     ):
-        """How the rollers from `first` on, before `end`, stand on a sprocket; the group of those that may touch it.
+        """Where the rollers from `first` on, before `end`, are in a sprocket's gaps; the group that may touch it.
 
         In most steps none of them comes, leaves or changes its seat.
         """
-        group = Group()
-        group.first = first
-        group.low = first
-        group.high = end
         moved, others = teeth.place_in_gaps(w, first, end, n, partner.sprocket, partner.pose, partner.body)
         if others != 0 or moved != wp.uint64(0):
             group = near_group(w, first, end, n, partner, memory)
             if group.high > group.low:
                 teeth.seat_rollers(w, group, n, partner.sprocket, partner.pose, partner.body, ensemble.seats, memory)
-        teeth.touch_teeth(w, group.low, group.high, partner.sprocket, partner.pose, partner.body)
+            return group
+        group = whole_run(first, end)
         return group
 
     @wp.func
@@ -245,17 +256,46 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
         return group
 
     @wp.func
-    def take_down(w: wp.array[Real], group: Group, on_teeth: bool, impacts: int, wanted: Wanted, totals: Totals):
-        """`totals` with what only metrics count, `impacts` before this group; magnitudes for frames."""
+    def stand_on(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        drive: Drive,
+        w: wp.array[Real],
+        p: int,
+        run: int,
+        memory: kinds.Memory,
+    ):
+        """How the rollers of one run stand on partner p; the group of those that may touch it."""
+        n = drive.rollers
+        first, count = soon.run(w, drive, p, run)
+        if p < drive.sprockets:
+            partner = sprocket_of(ensemble, state, drive, p)
+            group = place_on_sprocket(w, ensemble, first, first + count, n, partner, memory)
+            teeth.touch_teeth(w, group.low, group.high, partner.sprocket, partner.pose, partner.body)
+            return group
+        guide = guide_of(ensemble, state, drive, p - drive.sprockets)
+        group = touch_guide(w, ensemble, first, first + count, n, guide, memory)
+        return group
+
+    @wp.func
+    def take_down(
+        w: wp.array[Real],
+        group: Group,
+        on_teeth: bool,
+        impacts: int,
+        wanted: Wanted,
+        totals: wp.array[Totals],
+        slot: int,
+    ):
+        """Adds what only metrics count to the totals, `impacts` before this group; magnitudes for frames."""
         if wanted.sizes != 0:
             add_sizes(w, group, wp.where(on_teeth, SPROCKET_FORCE, GUIDE_FORCE))
         if wanted.measures != 0:
             if on_teeth:
-                if totals.impacts != impacts:
-                    totals.contacts += teeth.first_touches(w, group)
+                if totals[slot].impacts != impacts:
+                    totals[slot].contacts += teeth.first_touches(w, group)
             else:
-                totals = face.count_missed(w, group, totals)
-        return totals
+                totals[slot] = face.count_missed(w, group, totals[slot])
 
     @wp.func
     def meet(
@@ -264,36 +304,25 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
         drive: Drive,
         chain: kinds.Chain,
         w: wp.array[Real],
-        visit: Visit,
+        p: int,
+        run: int,
         memory: kinds.Memory,
     ):
-        """Contacts of one run of rollers with one partner, eq. (5)-(23); returns the visit with them in its totals."""
-        n = drive.rollers
-        first, count = soon.run(w, drive, visit.partner, visit.run)
-        on_teeth = visit.partner < drive.sprockets
-        group = Group()
-        law = kinds.ContactLaw()
-        sliding = kinds.Sliding()
-        if on_teeth:
-            partner = sprocket_of(ensemble, state, drive, visit.partner)
-            group = touch_sprocket(w, ensemble, first, first + count, n, partner, memory)
-            law = partner.law
-            sliding = partner.sliding
-        else:
-            guide = guide_of(ensemble, state, drive, visit.partner - drive.sprockets)
-            group = touch_guide(w, ensemble, first, first + count, n, guide, memory)
-            law = guide.law
-            sliding = guide.sliding
+        """Contacts of one run of rollers with partner p, eq. (5)-(23); adds them to its totals."""
+        group = stand_on(ensemble, state, drive, w, p, run, memory)
+        on_teeth = p < drive.sprockets
         if group.high > group.low:
-            impacts = visit.totals.impacts
-            totals, changed = answer(w, group, law, sliding, memory, chain, visit.totals)
+            slot = drive.first_sprocket + drive.first_guide + p
+            law = law_of(ensemble, drive, p)
+            sliding = sliding_of(ensemble, drive, p)
+            impacts = state.totals[slot].impacts
+            changed = answer(w, group, law, sliding, memory, chain, state.totals, slot)
             if changed != 0 and memory.stage == 0:
                 if on_teeth:
-                    teeth.keep(w, group.low, group.high, visit.partner, memory)
+                    teeth.keep(w, group.low, group.high, p, memory)
                 else:
                     contact.keep(w, group, memory)
-            visit.totals = take_down(w, group, on_teeth, impacts, memory.wanted, totals)
-        return visit
+            take_down(w, group, on_teeth, impacts, memory.wanted, state.totals, slot)
 
     @wp.func
     def meet_all(
@@ -309,21 +338,25 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
         One loop over all runs, not one over each partner's: else what the loops over rollers want of a partner, common
         and rare ones alike, is laid out before its first run.
         """
-        visit = Visit()
-        while visit.partner < drive.sprockets + drive.guides:
-            runs = soon.count(w, drive, visit.partner)
-            if visit.run < runs:
-                visit = meet(ensemble, state, drive, chain, w, visit, memory)
-                visit.run += 1
-            if visit.run >= runs:
-                state.totals[drive.first_sprocket + drive.first_guide + visit.partner] = visit.totals
-                body = carrier_of(ensemble, drive, visit.partner)
+        p = int(0)
+        run = int(0)
+        while p < drive.sprockets + drive.guides:
+            slot = drive.first_sprocket + drive.first_guide + p
+            runs = soon.count(w, drive, p)
+            if run == 0:
+                state.totals[slot] = Totals()
+            if run < runs:
+                meet(ensemble, state, drive, chain, w, p, run, memory)
+                run += 1
+            if run >= runs:
+                body = carrier_of(ensemble, drive, p)
                 if body != GROUND:
                     b = drive.first_body + body
-                    state.wrenches[b] = with_reaction(state.wrenches[b], visit.totals.push, visit.totals.moment)
+                    state.wrenches[b] = with_reaction(
+                        state.wrenches[b], state.totals[slot].push, state.totals[slot].moment
+                    )
                 memory.first = memory.first + drive.rollers
-                visit.totals = Totals()
-                visit.run = 0
-                visit.partner += 1
+                run = 0
+                p += 1
 
     return Partners(memory_of=memory_of, see_bodies=see_bodies, look_around=look_around, meet_all=meet_all)
