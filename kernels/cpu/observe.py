@@ -68,9 +68,11 @@ def instant_of(drive: Drive, step: int):
 
 
 @wp.func
-def wanted_at(drive: Drive, step: int):
-    """What is wanted of step `step` as it begins."""
+def wanted_at(drive: Drive, step: int, stage: int):
+    """What is wanted of step `step` as it begins, at stage 0."""
     wanted = Wanted()
+    if stage != 0:
+        return wanted
     if step >= drive.window_start and step <= drive.window_end:
         wanted.measures = 1
         wanted.forces = wp.where(is_watched(drive, step), 1, 0)

@@ -168,6 +168,8 @@ def partners(Real: type, capacity: int, plain: bool) -> Partners:
         memory.seat = state.seat
         memory.impact_speed = state.impact_speed
         memory.first = drive.first_contact
+        if drive.integrator == 0:
+            memory.lag = Real(wp.float64(0.5) * drive.step)
         return memory
 
     @wp.func(inline=False)

@@ -8,7 +8,8 @@ from ..modules import own_module
 from ..physics.arm import relaxed_arm
 from ..relaxation import ENERGY_EVERY, Settling, finite_size, judged, relative_residual, relaxation_kick
 from ..rows import STATE_ROWS, accessors
-from ..structs import Drive, Wanted, types
+from ..structs import Drive, types
+from .partners import partners
 from .rollers import passes, rows
 from .runs import runs
 from .steps import evaluating, moving
@@ -19,7 +20,7 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
     """The kernel that settles variants, for up to `capacity` - 1 rollers; `plain` as in `serial.advance_kernel`."""
     kinds = types(Real)
     part = passes(Real, capacity)
-    evaluate = evaluating(Real, capacity, plain).evaluate
+    evaluate, memory_of = evaluating(Real, capacity, plain).evaluate, partners(Real, capacity, plain).memory_of
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     at, forget = rows(capacity), runs(Real, capacity).forget
     VX, VY, TENSION = at.vx, at.vy, at.tension
@@ -99,14 +100,16 @@ def relax_kernel(Real: type, capacity: int, plain: bool) -> wp.Kernel:
         """One variant: up to `steps` steps of relaxation; a function, for what `serial.march` is one."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
+        links = ensemble.links[variant]
         joint = kinds.Joint()  # no friction while settling
+        memory = memory_of(state, drive)
         s = settling[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
         forget(w, drive)
         end = wp.min(s.steps + steps, s.limit)
         while s.steps < end and s.settled == 0:
-            evaluate(ensemble, state, variant, joint, w, 0, Wanted())
+            evaluate(ensemble, state, drive, chain, links, joint, w, memory)
             restart = int(0)
             if s.steps % ENERGY_EVERY == 0:
                 beside = wp.float64(0.0)

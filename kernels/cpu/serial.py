@@ -12,7 +12,7 @@ import warp as wp
 from ..integrate import leapfrog_kick, rk4_stage
 from ..modules import own_module
 from ..rows import STATE_ROWS
-from ..structs import DIVERGENCE_CHECK, Wanted, types
+from ..structs import DIVERGENCE_CHECK, types
 from ..sum_structs import Sums
 from .observe import instant_of, observing, wanted_at
 from .partners import partners
@@ -35,7 +35,8 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
     do = stepping(Real, capacity, plain)
     observe = observing(Real, capacity, frame, plain)
     evaluate = evaluating(Real, capacity, plain).evaluate
-    soon, look_around = runs(Real, capacity), partners(Real, capacity, plain).look_around
+    soon, meet = runs(Real, capacity), partners(Real, capacity, plain)
+    look_around, memory_of = meet.look_around, meet.memory_of
     inside, find_rates, bodies_sound = part.inside, moving(Real, plain).find_rates, moving(Real, plain).bodies_sound
 
     @wp.func
@@ -51,7 +52,9 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
         """One variant: `steps` steps on. A function, of which the kernel's two forms share the code."""
         drive = ensemble.drives[variant]
         chain = ensemble.chains[variant]
+        links = ensemble.links[variant]
         joint = ensemble.joints[variant]
+        memory = memory_of(state, drive)
         progress = state.progress[variant]
         n = drive.rollers
         part.fetch(state.rollers, ensemble.lengths, w, drive.first_roller, n)
@@ -66,11 +69,11 @@ def advance_kernel(Real: type, capacity: int, frame: Any, plain: bool) -> wp.Ker
                 look_around(ensemble, state, drive, w)
             stage = int(0)
             while stage < 4:
-                wanted = Wanted()
-                if stage == 0:
-                    wanted = wanted_at(drive, step)
+                wanted = wanted_at(drive, step, stage)
+                memory.stage = stage
+                memory.wanted = wanted
                 at_stage = rk4_stage(stage, now.time, drive.step)
-                evaluate(ensemble, state, variant, joint, w, stage, wanted)
+                evaluate(ensemble, state, drive, chain, links, joint, w, memory)
                 find_rates(ensemble, state, drive, at_stage.time)
                 if stage == 0:
                     if wanted.measures != 0:

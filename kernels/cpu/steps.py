@@ -11,7 +11,7 @@ from ..physics.body import body_at, body_rates, heading_of, in_box, leapfrog_bod
 from ..physics.motion import load_moment, prescribed_at
 from ..physics.tensioner import push_by, stroke_of, tensioner_step
 from ..rows import accessors
-from ..structs import Drive, Wanted, Wrench, types
+from ..structs import Drive, Wrench, types
 from ..sums import metered
 from .contacts import contacts
 from .joints import joint_passes
@@ -42,7 +42,7 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
     """
     kinds = types(Real)
     link_pass, meet = passes(Real, capacity).link_pass, partners(Real, capacity, plain)
-    memory_of, see_bodies, meet_all = meet.memory_of, meet.see_bodies, meet.meet_all
+    see_bodies, meet_all = meet.see_bodies, meet.meet_all
     clear_sizes = contacts(Real, capacity).clear_sizes
     joints = joint_passes(Real, capacity)
 
@@ -50,19 +50,17 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
     def evaluate(
         ensemble: kinds.Ensemble,
         state: kinds.State,
-        variant: int,
+        drive: Drive,
+        chain: kinds.Chain,
+        links: kinds.Links,
         joint: kinds.Joint,
         w: wp.array[Real],
-        stage: int,
-        wanted: Wanted,
+        memory: kinds.Memory,
     ):
         """Forces on all rollers and wrenches on all bodies for the state in the scratch and in `state.bodies`.
 
-        Totals have what only metrics want as far as it is `wanted`.
+        Totals have what only metrics want as far as `memory` wants it.
         """
-        drive = ensemble.drives[variant]
-        chain = ensemble.chains[variant]
-        links = ensemble.links[variant]
         n = drive.rollers
         see_bodies(state, drive)
         if links.uneven != 0:
@@ -74,15 +72,10 @@ def evaluating(Real: type, capacity: int, plain: bool) -> Evaluating:
         if joint.rubs != 0:
             joints.rub_joints(w, n, joint)
             joints.bend_links(w, n)
-        if wanted.sizes != 0:
+        if memory.wanted.sizes != 0:
             clear_sizes(w, n)
         for b in range(drive.first_body, drive.first_body + drive.bodies):
             state.wrenches[b] = Wrench()
-        memory = memory_of(state, drive)
-        memory.stage = stage
-        memory.wanted = wanted
-        if drive.integrator == 0:
-            memory.lag = Real(wp.float64(0.5) * drive.step)
         meet_all(ensemble, state, drive, chain, w, memory)
         if wp.static(not plain):
             for t in range(drive.first_tensioner, drive.first_tensioner + drive.tensioners):
