@@ -642,6 +642,7 @@ def types(Real: type) -> SimpleNamespace:
         motions: wp.array[Motion]  # (all bodies,)
         mounts: wp.array[Mount]  # (all bodies,)
         guides: wp.array[Guide]  # (all guide-bars,)
+        seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
         pieces: wp.array[Piece]  # (all profiles' pieces,)
         arms: wp.array[Arm]  # (all arms,)
         tensioners: wp.array[Tensioner]  # (all tensioners,)
@@ -649,7 +650,6 @@ def types(Real: type) -> SimpleNamespace:
         plungers: wp.array[Plunger]  # the tensioners, the same
         strokes: wp.array[Stroke]  # of the tensioners, the same
         curves: Curves
-        seats: wp.array[wp.vec2d]  # directions of the seats of each number of teeth in use
         split_seats: wp.array[wp.vec4f]  # the same for blocks at float32, else (1,): high parts of 12 bits, low parts
         split_harmonics: wp.array[wp.vec4f]  # `curves.harmonics` for blocks at float32, and the sine of the phase
         split_tables: wp.array[SplitTable]  # (2 * all bodies,) for blocks at float32, else (1,): of motion, of load
