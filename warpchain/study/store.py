@@ -180,6 +180,7 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
     Raises:
         StudyError: a folder or disk that refuses.
     """
+    import pyarrow as pa
     from pyarrow import parquet
 
     held = {key: value for key, value in (table.schema.metadata or {}).items() if key != NOTE}
@@ -188,8 +189,9 @@ def write_table(path: Path, table: pa.Table, keep: bool = False, study: str = ""
         note["ended"] = asdict(Ended.of(table))
         note["mark"] = _mark(note)
     noted = table.replace_schema_metadata(held | {NOTE: json.dumps(note).encode()})
+    repeating = [field.name for field in noted.schema if not pa.types.is_floating(field.type)]
     with _kept(path, keep), whole_file(path, not keep, PATIENCE) as file:
-        parquet.write_table(noted, file, compression="zstd", write_page_checksum=True)
+        parquet.write_table(noted, file, compression="zstd", write_page_checksum=True, use_dictionary=repeating)
 
 
 def file_digest(path: Path) -> str:
