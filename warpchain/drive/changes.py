@@ -71,50 +71,72 @@ class _Form:
     """
 
     def __init__(self, drive: Drive, ways: Sequence[Way]) -> None:
-        self.drive = drive
-        self.tree: dict[str | int, Any] = {}
+        tree: dict[str | int, Any] = {}
         for place, way in enumerate(ways):
-            branch = self.tree
+            branch = tree
             for key in way[:-1]:
                 branch = branch.setdefault(key, {})
             branch[way[-1]] = place
+        self.change = _Change(drive, tree)
 
     def copy(self, values: Sequence[Any]) -> Drive | None:
         """The drive with other numbers; None where something is wrong with them."""
         try:
-            return self._part(self.drive, self.tree, values)
+            drive: Drive = self.change.copy(values)
         except (ValidationError, _Wrong):
             return None
+        return drive
 
-    def _part(self, part: Any, tree: Mapping[str | int, Any], values: Sequence[Any]) -> Any:
-        """A part with other numbers, which hold to its rules."""
-        kind: Any = type(part)
-        changed = {}
+
+class _Change:
+    """How a part is copied with other numbers: field by field, then held against the rules that these can break.
+
+    Args:
+        part: the part.
+        tree: by its keys, and by those and the places of what is within, which of the values goes there.
+    """
+
+    def __init__(self, part: Part, tree: Mapping[Any, Any]) -> None:
+        kind = type(part)
+        self.part, self.rules = part, kind._number_rules(tree)
+        self.numbers: list[tuple[str, Any, Any, TypeAdapter[Any]]] = []
+        self.parts: list[tuple[str, _Change]] = []
+        self.lists: list[tuple[str, Sequence[Any], list[tuple[int, _Change]]]] = []
         for key, inner in tree.items():
             own = part.__dict__[key]
-            if isinstance(inner, dict) and not _numeric(own):
-                changed[key] = self._inside(own, inner, values)
+            if isinstance(own, Part):
+                self.parts.append((key, _Change(own, inner)))
+            elif isinstance(inner, dict) and isinstance(own[min(inner)], Part):
+                self.lists.append((key, own, [(i, _Change(own[i], within)) for i, within in inner.items()]))
             else:
-                changed[key] = _checker(kind, str(key)).validate_python(_put(own, inner, values))
-        copied = part.model_copy(update=changed)
-        for _ in kind._number_rules(copied, changed):
-            raise _Wrong
-        return copied
+                self.numbers.append((key, own, inner, _checker(kind, key)))
 
-    def _inside(self, own: Any, tree: Mapping[str | int, Any], values: Sequence[Any]) -> Any:
-        """A part, or a list of some."""
-        if isinstance(own, Part):
-            return self._part(own, tree, values)
-        return tuple(self._part(one, tree[i], values) if i in tree else one for i, one in enumerate(own))
+    def copy(self, values: Sequence[Any]) -> Any:
+        """The part with other numbers.
+
+        Raises:
+            ValidationError: one that is not allowed by itself.
+            _Wrong: they break a rule.
+        """
+        changed: dict[str, Any] = {}
+        for key, own, inner, checker in self.numbers:
+            changed[key] = checker.validate_python(_put(own, inner, values))
+        for key, change in self.parts:
+            changed[key] = change.copy(values)
+        for key, own, changes in self.lists:
+            parts = list(own)
+            for i, change in changes:
+                parts[i] = change.copy(values)
+            changed[key] = tuple(parts)
+        copied = self.part.model_copy(update=changed)
+        for rule in self.rules:
+            for _ in rule(copied):
+                raise _Wrong
+        return copied
 
 
 class _Wrong(Exception):
     """Signals a rule that is broken."""
-
-
-def _numeric(value: Any) -> bool:
-    """Whether a value is a tuple of numbers."""
-    return isinstance(value, tuple) and all(type(number) in (int, float) for number in value)
 
 
 def _put(own: Any, inner: Any, values: Sequence[Any]) -> Any:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -21,7 +21,7 @@ from pydantic import ModelWrapValidatorHandler, model_validator
 from warpchain.drive import toml as drive_toml
 from warpchain.drive.arms import Arm, stop_damping, stop_stiffness
 from warpchain.drive.attached import with_files
-from warpchain.drive.body_rules import arm_rules, name_rules, place_rules, profile_rules, tensioner_rules
+from warpchain.drive.body_rules import PLACES, arm_rules, name_rules, place_rules, profile_rules, tensioner_rules
 from warpchain.drive.contact import (
     Contact,
     GuideContact,
@@ -33,6 +33,7 @@ from warpchain.drive.part import (
     Allowed,
     Part,
     Problem,
+    Rule,
 )
 from warpchain.drive.parts import Chain, RunSettings, Sprocket
 from warpchain.drive.paths import changed, lookup, settable
@@ -61,13 +62,13 @@ RULES = (
 """What ties the parts of a drive together, in the order in which errors are told."""
 
 NUMBER_RULES = {
-    place_rules: {"sprockets", "guides", "arms", "tensioners", "probes"},
-    guide_rules: {"guides", "contact"},
-    size_rules: {"chain", "contact", "guides"},
-    profile_rules: {"chain", "guides"},
+    place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
+    guide_rules: {"guides.contact", "contact"},
+    size_rules: {"chain", "contact", "guides.contact"},
+    profile_rules: {"chain", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     tensioner_rules: {"chain", "sprockets", "guides", "arms", "tensioners"},
 }
-"""Those of the rules that look at numbers, and what of the drive they read."""
+"""Those of the rules that look at numbers, and in what of the drive, or in which keys of a list's parts."""
 
 
 class Drive(Part):
@@ -322,10 +323,11 @@ class Drive(Part):
             yield from rule(node)
 
     @classmethod
-    def _number_rules(cls, node: Any, changed: Iterable[str]) -> Iterable[Problem]:
-        for rule, read in NUMBER_RULES.items():
-            if not read.isdisjoint(changed):
-                yield from rule(node)
+    def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
+        keys = set(changed)
+        for kind, parts in changed.items():
+            keys.update(f"{kind}.{key}" for place, inner in parts.items() if isinstance(place, int) for key in inner)
+        return [rule for rule, read in NUMBER_RULES.items() if not read.isdisjoint(keys)]
 
     @model_validator(mode="wrap")
     @classmethod

@@ -7,7 +7,7 @@ that biarcs are fitted to.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -26,6 +26,7 @@ from warpchain.drive.part import (
     Part,
     Positive,
     Problem,
+    Rule,
     Value,
     allowed,
     elements,
@@ -177,20 +178,30 @@ class Guide(Part):
                     yield Problem((key,), None, f"missing; {allowed(cls, key)}{other}", BARE)
             if get(node, "end_radius") is None:
                 yield Problem(("end_radius",), None, f"missing; {allowed(cls, 'end_radius')}", BARE)
-        if ends and list(elements(node, "start")) == list(elements(node, "end")) != []:
-            yield Problem(("end",), get(node, "end"), "must be another point than start")
-        far = [problem for key in ("points", "profile") for i, point in enumerate(elements(node, key))
-               for problem in too_far((key, i), point)]  # fmt: skip
-        yield from far
-        yield from _round(node, "end_radius")
-        yield from _round(node, "radius")
         radius = get(node, "radius")
         if radius is not None and "points" not in shapes:
             yield Problem(("radius",), radius, "only together with points, whose corners it rounds")
         if radius is None and len(elements(node, "points")) > 2:
             yield Problem(("radius",), None, f"missing; {allowed(cls, 'radius')}; needed to round the points", BARE)
-        if len(shapes) == 1 and not ends and not far:
-            yield from _shape_rule(node, shapes[0])
+        yield from _face_rules(node)
+
+    @classmethod
+    def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
+        return () if changed.keys() <= {"offset", "contact"} else (_face_rules,)
+
+
+def _face_rules(node: Any) -> Iterable[Problem]:
+    """What numbers forbid, however the face is given."""
+    if list(elements(node, "start")) == list(elements(node, "end")) != []:
+        yield Problem(("end",), get(node, "end"), "must be another point than start")
+    far = [problem for key in ("points", "profile") for i, point in enumerate(elements(node, key))
+           for problem in too_far((key, i), point)]  # fmt: skip
+    yield from far
+    yield from _round(node, "end_radius")
+    yield from _round(node, "radius")
+    shapes = [key for key in SHAPES if elements(node, key)]
+    if len(shapes) == 1 and not far and get(node, "start") is None and get(node, "end") is None:
+        yield from _shape_rule(node, shapes[0])
 
 
 def _shape_rule(node: Any, shape: str) -> Iterable[Problem]:

@@ -61,6 +61,7 @@ class Prescribed(Part):
     harmonics: Annotated[tuple[Harmonic, ...], _HARMONICS] = ()
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {"speed": ("table",), "table": ("speed", "ramp_time")}
+    _judged: ClassVar[frozenset[str]] = frozenset({"ramp_time"})
 
     @property
     def top_speed(self) -> float:

@@ -8,7 +8,7 @@ even where single values are wrong, so that one reading of a file finds every er
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
@@ -147,6 +147,10 @@ class Problem(NamedTuple):
         return self._replace(path=(*keys, *self.path))
 
 
+Rule = Callable[[Any], Iterable[Problem]]
+"""Errors of a part, or of the mapping that should become one."""
+
+
 def get(node: Any, key: str) -> Any:
     """The value of a key in a part, or in a mapping that should become one; None where there is none."""
     kind: Any = type(node)
@@ -232,6 +236,8 @@ class Part(BaseModel):
 
     _replaces: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys that give way when a key is set in `Drive.with_values`, because they stand for the same thing."""
+    _judged: ClassVar[frozenset[str] | None] = None
+    """Keys of the numbers whose size the rules look at, not only whether they are given; None is any."""
 
     if not TYPE_CHECKING:  # the type checker derives the signature from the fields
 
@@ -261,9 +267,13 @@ class Part(BaseModel):
         return ()
 
     @classmethod
-    def _number_rules(cls, node: Any, changed: Iterable[str]) -> Iterable[Problem]:
-        """Those of the rules that look at numbers under keys that have changed."""
-        return cls._rules(node)
+    def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
+        """Those of the rules that a part can break by other numbers in place of some that it has.
+
+        Args:
+            changed: under which keys they are, in parts and lists within by the keys and places there, and so on.
+        """
+        return (cls._rules,) if cls._judged is None or not cls._judged.isdisjoint(changed) else ()
 
     @classmethod
     def _missing(cls, key: str, node: Any) -> Problem:

@@ -364,6 +364,8 @@ class Sprocket(Part):
     balance_wheel: BalanceWheel | None = None
     mount: Mount = FixedMount()
 
+    _judged: ClassVar[frozenset[str]] = frozenset({"teeth"})
+
     @property
     def sign(self) -> int:
         """+1 if forward rotation is counter-clockwise, else -1."""
