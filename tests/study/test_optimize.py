@@ -1,6 +1,7 @@
 """Searches: known fronts and minima, noise, limits, restarts, the cache, what is recommended."""
 
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from stopping import interrupted_at
 from study_helpers import write_study
 
 import warpchain
@@ -16,7 +18,7 @@ from warpchain.cli import main
 from warpchain.drive import load_drive
 from warpchain.errors import StudyError
 from warpchain.study.design.rows import Cube
-from warpchain.study.optimize import Optimizer, open_study, optimize, recommend
+from warpchain.study.optimize import Optimizer, bayes, open_study, optimize, recommend
 from warpchain.study.optimize.goals import goals_of
 from warpchain.study.results import read_results
 from warpchain.study.spec import dumps_study, loads_study
@@ -263,6 +265,39 @@ def test_interrupted_and_gone_on_with_it_ends_the_same(tmp_path, whole, engine, 
     assert not (out / "recommended").exists()
     optimize(path, out)
     assert contents(out) == contents(whole[engine][0])
+
+
+def test_ctrl_c_at_any_moment_ends_a_search_as_asked(tmp_path, whole, capfd):
+    path, ended = written(tmp_path), set()
+    command = ["optimize", str(path), "--quiet", "-o"]
+    _, most = interrupted_at(0, [*command, str(tmp_path / "counted")])
+    capfd.readouterr()
+    for turn in range(6):
+        out = tmp_path / str(turn)
+        status, _ = interrupted_at(1 + (2 * turn + 1) * most // 12, [*command, str(out)])
+        told = capfd.readouterr()
+        ended.add(status)
+        if status == 1:
+            said = [line for line in told.err.splitlines() if "interrupted" in line]
+            assert len(said) == 1 and told.err.count("\n") == 1, (turn, told)
+        else:  # all was done but what needs no time
+            assert status == 0 and (out / "recommended").exists(), (turn, told)
+        optimize(path, out)
+        assert contents(out) == contents(whole["bayes"][0])
+    assert 1 in ended
+
+
+def test_ctrl_c_waits_for_the_fit_under_way(tmp_path, monkeypatch):
+    fitted, fit = [], bayes.fit_process
+
+    def interrupted(*arguments, **named):
+        signal.raise_signal(signal.SIGINT)
+        fitted.append(fit(*arguments, **named))
+        return fitted[-1]
+
+    monkeypatch.setattr(bayes, "fit_process", interrupted)
+    assert main(["optimize", str(written(tmp_path)), "-o", str(tmp_path / "out"), "--quiet"]) == 1
+    assert len(fitted) == 1 and (tmp_path / "out/rounds/0000/rows.parquet").exists()
 
 
 def test_a_killed_process_is_gone_on_with(tmp_path, whole):

@@ -11,6 +11,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
+from stopping import interrupted_at
 from study_helpers import write_study
 from waiting import wait_for
 
@@ -116,36 +117,16 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
     assert 1 <= study_status(out).shards[0] < 16
 
 
-def interrupted_at(line, source, out):
-    """Runs a study, with Ctrl-C at some line of the package's that it runs; its status, and how many lines it has."""
-    lines = 0
-
-    def trace(frame, event, _):
-        nonlocal lines
-        if "warpchain" not in frame.f_code.co_filename:
-            return None
-        lines += event == "line"
-        if event == "line" and lines == line:
-            signal.raise_signal(signal.SIGINT)
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        return cli.main(["study", "run", str(source), "-o", str(out), "--quiet"]), lines
-    finally:
-        sys.settrace(before)
-
-
 def test_ctrl_c_at_any_moment_ends_a_study_as_asked(tmp_path, capfd):
     source = write_study(tmp_path, RECORD, points=2)
     run_study(source, tmp_path / "whole")
-    _, most = interrupted_at(0, source, tmp_path / "counted")
+    command = ["study", "run", str(source), "--quiet", "-o"]
+    _, most = interrupted_at(0, [*command, str(tmp_path / "counted")])
     capfd.readouterr()
     ended = set()
     for turn in range(12):
         out = tmp_path / str(turn)
-        status, _ = interrupted_at(1 + (2 * turn + 1) * most // 24, source, out)
+        status, _ = interrupted_at(1 + (2 * turn + 1) * most // 24, [*command, str(out)])
         told = capfd.readouterr()
         ended.add(status)
         if status == 1:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from warpchain.engine.progress import look_for_stop
 from warpchain.study.analysis.pareto import non_dominated
 from warpchain.study.design.rows import Cube
 from warpchain.study.optimize.goals import Goals, Measured, keeping
@@ -77,6 +78,7 @@ def believe(measured: Measured, x: Array) -> Belief:
     rows = measured.ok
     processes = {}
     for name, column in measured.columns.items():
+        look_for_stop()
         errors = measured.errors.get(name)
         processes[name] = fit_process(x[rows], column[rows], None if errors is None else errors[rows])
     failed = None if rows.all() else fit_process(x, rows.astype(float), isotropic=True)
@@ -103,6 +105,7 @@ def propose(cube: Cube, measured: Measured, points: Array, count: int, seed: int
     chosen: list[Array] = []
     known = points
     for _ in range(count):
+        look_for_stop()
         about = _best(belief, measured, cube, points)
         candidates = np.vstack([_spread(cube, rng, GLOBAL_POINTS), *(_around(p, LOCAL_POINTS, rng) for p in about)])
         ways = np.abs(rng.standard_normal((DRAWS, len(measured.goals.objectives))))

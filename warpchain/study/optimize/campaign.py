@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from warpchain.drive import dumps_drive, load_drive
+from warpchain.engine.progress import interruptible, look_for_stop
 from warpchain.engine.simulation import MEMORY
 from warpchain.errors import StudyError
 from warpchain.results.replaced import with_column
@@ -57,6 +58,7 @@ class Found:
     archives: tuple[tuple[Path, int] | None, ...]
 
 
+@interruptible()
 def optimize(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -90,6 +92,7 @@ def optimize(
     folder = _made(Path(out), bench)
     rounds = 0
     while optimizer.told < search.count:
+        look_for_stop()
         done = round_file(folder, rounds)
         if rounds and search.engine == "bayes" and done.exists():
             table = read_table(done)  # what was asked for follows from the rows before: it need not be found again

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from warpchain.engine.progress import look_for_stop
 from warpchain.errors import StudyError
 from warpchain.study.analysis.pareto import non_dominated
 from warpchain.study.analysis.surface import TRUSTED
@@ -69,6 +70,7 @@ def believed(results: Results, metric: str) -> Believed:
         return Believed(values, np.zeros(len(values)), "set")
     many = rows.sum() > PROCESS_ROWS
     for kind, least in (*((("quadratic", TRUSTED),) if many else ()), ("gaussian", 0.0), ("quadratic", 0.0)):
+        look_for_stop()
         try:
             found = fit_surrogate(results, metric, kind)
         except StudyError:
