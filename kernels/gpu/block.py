@@ -276,7 +276,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
         """Works out the load on the thread's sprocket."""
         if mine.sprocket >= 0 and now.stage == 0:
-            bodies.weigh(ensemble, shared, mine, now.step)
+            bodies.weigh(ensemble, shared, mine, now)
 
     @wp.func
     def sample_rollers(

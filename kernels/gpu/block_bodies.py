@@ -34,7 +34,7 @@ from .block_hub_sums import hub_sums_of, mount_sums_of
 from .block_kind import BlockKind, Mine, now_struct
 from .block_room import COURSE
 from .block_spin_sums import spin_sums_of, sprocket_sums_of
-from .block_wheels import load_wheel, store_turn, store_wheel, velocity_of, within
+from .block_wheels import load_wheel, store_load, store_turn, store_wheel, velocity_of, within
 from .exchange import lanes
 
 
@@ -112,6 +112,8 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     kinds, Now = types(Real), now_struct(Real)
     vec2 = kinds.vec2
     share_geometry = geometry_sharing(kind)
+    # at float32 a load is found ahead by a warp that has no rollers, which waits for the contacts of others
+    weighing = kind.paired and kind.crewed and not rk4
 
     @wp.func
     def body_gone(drive: Drive, shared: kinds.Shared, s: int):
@@ -313,16 +315,28 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         return spin_load(time, torque, wheel, spin, ensemble.split_harmonics)
 
     @wp.func
-    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, step: int):
-        """Works out the load on the thread's body, while other threads are at their contacts; `spin` does so itself."""
-        if wp.static(not kind.paired):
-            s = mine.sprocket
-            time = wp.float64(step) * mine.h
+    def weigh(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, now: Now):
+        """Works out the load on the thread's body ahead, while other threads are at their contacts."""
+        s = mine.sprocket
+        if wp.static(kind.paired):
+            if wp.static(weighing):
+                wheel = load_wheel(shared.wheels, s)
+                store_load(shared.wheels, s, load_on(ensemble, mine, now, wheel, shared.spins[s]))
+        else:
+            time = wp.float64(now.step) * mine.h
             pose = shared.poses[s]
             motion = motion_of(shared, s)
             # of a prescribed body too, and thrown away, so that the threads of a warp do not part
             load = free_load(time, pose.angle, pose.speed, motion, ensemble.curves)
             shared.poses[s].load = wp.where(motion.prescribed == 1, wp.float64(0.0), load)
+
+    @wp.func
+    def weighed(ensemble: kinds.Ensemble, mine: Mine, now: Now, wheel: Wheel, spin: Spin):
+        """The load moment on the thread's sprocket [N m], in float32: what `weigh` has found, or found now."""
+        if wp.static(weighing):
+            return wheel.load
+        else:
+            return load_on(ensemble, mine, now, wheel, spin)
 
     @wp.func
     def settle_at(shared: kinds.Shared, s: int, pose: Pose):
@@ -351,7 +365,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         body.speed = wheel.speed.high
         body.velocity = wheel.velocity
         if spin.prescribed == 0:
-            turning[2] = load_on(ensemble, mine, now, wheel, spin)
+            turning[2] = weighed(ensemble, mine, now, wheel, spin)
         else:
             turning[0] = 1.0
             turning[1] = led_growth(ensemble, mine, mine.sprocket, time, spin)
@@ -458,7 +472,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         seen.speed = wheel.exact_speed
         seen.center = wheel.center
         if spin.prescribed == 0:
-            wheel.load = load_on(ensemble, mine, now, wheel, spin)
+            wheel.load = weighed(ensemble, mine, now, wheel, spin)
             seen.load = wheel.load
             rate = (moment + wheel.load) * spin.inverse_inertia
             seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate

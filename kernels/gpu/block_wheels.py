@@ -108,6 +108,25 @@ def load_wheel(rows: wp.array[wp.vec4f], s: int):
     return wheel
 
 
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    ((float*)(rows.data + i))[3] = value;
+#else
+    assert(i >= 0 && i < rows.shape[0]);
+    rows.data[i][3] = value;
+#endif
+""")
+def store_last(rows: wp.array[wp.vec4f], i: int, value: wp.float32):
+    """The last value of row i, while others read those before."""
+    ...
+
+
+@wp.func
+def store_load(rows: wp.array[wp.vec4f], s: int, load: wp.float32):
+    """The load on body s."""
+    store_last(rows, WHEEL_ROWS * s + 2, load)
+
+
 @wp.func
 def store_turn(rows: wp.array[wp.vec4f], s: int, wheel: Wheel):
     """What changes of body s as it turns about a fixed center."""
