@@ -140,10 +140,10 @@ class _Wrong(Exception):
 
 
 def _put(own: Any, inner: Any, values: Sequence[Any]) -> Any:
-    """A number, or a tuple of some, with other values."""
+    """A number, or a tuple of some or of such tuples, with other values."""
     if not isinstance(inner, dict):
         return values[inner]
-    return tuple(values[inner[i]] if i in inner else number for i, number in enumerate(own))
+    return tuple(_put(part, inner[i], values) if i in inner else part for i, part in enumerate(own))
 
 
 @cache

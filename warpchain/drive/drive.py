@@ -64,11 +64,11 @@ RULES = (
 NUMBER_RULES = {
     place_rules: {f"{kind}.{key}" for kind, keys in PLACES.items() for key in keys},
     guide_rules: {"guides.contact", "contact"},
-    size_rules: {"chain", "contact", "guides.contact"},
-    profile_rules: {"chain", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
-    tensioner_rules: {"chain", "sprockets", "guides", "arms", "tensioners"},
+    size_rules: {"chain.pitch", "chain.roller_radius", "contact", "guides.contact"},
+    profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
+    tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
 }
-"""Those of the rules that look at numbers, and in what of the drive, or in which keys of a list's parts."""
+"""Those of the rules that look at numbers, and in what of the drive, or of the chain or a list's parts."""
 
 
 class Drive(Part):
@@ -325,6 +325,7 @@ class Drive(Part):
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
         keys = set(changed)
+        keys.update(f"chain.{key}" for key in changed.get("chain", ()))
         for kind, parts in changed.items():
             keys.update(f"{kind}.{key}" for place, inner in parts.items() if isinstance(place, int) for key in inner)
         return [rule for rule, read in NUMBER_RULES.items() if not read.isdisjoint(keys)]

@@ -173,6 +173,7 @@ class Chain(Part):
         "damping": ("damping_ratio",),
         "damping_ratio": ("damping",),
     }
+    _judged: ClassVar[frozenset[str]] = frozenset({"links", "pitch", "roller_radius", "play", "worn_links"})
 
     @property
     def mass(self) -> float:
