@@ -34,6 +34,9 @@ from .block_spin_sums import add_spin_hub
 from .block_wheels import seen_wheel
 from .block_wrench import block_wrench
 
+MEETING = wp.constant(16)
+"""Steps after which variants abreast wait for each other."""
+
 
 @cache
 def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
@@ -46,7 +49,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     Real, threads, per, sprockets = kind.Real, kind.threads, kind.per, kind.sprockets
     moving, measuring, rk4 = kind.moving, kind.measuring, kind.rk4
     kinds, Now = types(Real), now_struct(Real)
-    vec2, of_three = kinds.vec2, wp.types.vector(3, Real)
+    vec2, of_three, of_each = kinds.vec2, wp.types.vector(3, Real), wp.types.vector(per, Real)
     row, forces, bodies = block_rows(kind), block_forces(kind), block_bodies(kind)
     sampling, partners = block_sampling(kind, frame), block_partners(kind)
     barrier, shared_arrays, view = row.sharing.barrier, row.sharing.shared_arrays, row.sharing.view
@@ -334,12 +337,18 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         mine: Mine,
         now: Now,
         touch: forces.Touch,
+        rates: of_each,
     ):
-        """A whole step or stage of a variant on one warp, as `look` has `touch`."""
+        """A whole step or stage of a variant on one warp, as `look` has `touch`.
+
+        A step that wants no more than most do adds its links' squared rates to `rates`, if these are carried on.
+        """
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
         touch = look(ensemble, state, shared, mine, now, touch)
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
+        if wp.static(kind.carrying) and now.common != 0:
+            rates = observe.with_rates(rates, rate, now.weight)
         if wp.static(not measuring) and now.common != 0:
             forces.plain_contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         else:
@@ -347,12 +356,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         barrier()
         sample_rollers(ensemble, state, out.tallies, shared, out.frames, mine, now)
         advance_bodies(ensemble, state, out, shared, mine, now)
-        return touch
+        return touch, rates
 
     @wp.func
     def wait_for_others(now: Now):
         """Waits now and then for the variants abreast, so that all go through the same code at the same time."""
-        if wp.static(kind.abreast > 1) and now.step % wp.static(16 if kind.paired else 32) == 0:
+        if wp.static(kind.abreast > 1) and now.step % MEETING == 0:
             row.sharing.together()
 
     @wp.func
@@ -369,8 +378,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """Steps of a variant on one warp that want no more than most do, `now` being one: to an event, or to `end`."""
         now = common(mine, now)
         end = wp.min(end, now.event)
+        rates = of_each()
+        if wp.static(kind.carrying):
+            rates = observe.rates_of(shared, mine.thread)
         while True:
-            touch = step_of_a_warp(ensemble, state, out, shared, mine, now, touch)
+            touch, rates = step_of_a_warp(ensemble, state, out, shared, mine, now, touch, rates)
             now.step = now.step + 1
             barrier()
             if now.step >= end:
@@ -378,6 +390,8 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
             wait_for_others(now)
             if wp.static(measuring):
                 now.watched = wp.where(now.step % WATCH_EVERY == 0, 1, 0)
+        if wp.static(kind.carrying):
+            observe.set_rates(shared, mine.thread, rates)
         return now, touch
 
     @wp.func
@@ -543,7 +557,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                     now, touch = to_event(ensemble, state, out, shared, mine, now, touch, end)
                     continue
                 else:
-                    touch = step_of_a_warp(ensemble, state, out, shared, mine, now, touch)
+                    touch, _ = step_of_a_warp(ensemble, state, out, shared, mine, now, touch, of_each())
             now = next_stage(now)
             if wp.static(early) and (wp.static(per > 1) or i < mine.rollers):
                 touch = look(ensemble, state, shared, mine, now, touch)

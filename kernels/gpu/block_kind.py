@@ -117,6 +117,14 @@ class BlockKind:
         return self.crewed and self.bodies <= 4 and self.room <= 192
 
     @property
+    def carrying(self) -> bool:
+        """Whether links' sums of squared rates stay in registers from one event to the next, where there are enough.
+
+        Shared memory is asked for so much in each step that kernels with few rollers a thread wait for it.
+        """
+        return self.measuring and self.threads == WARP and self.per <= 4
+
+    @property
     def block_threads(self) -> int:
         """Threads of a block."""
         return self.threads * self.abreast

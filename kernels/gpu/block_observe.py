@@ -61,7 +61,9 @@ class ObserveFunctions:
     end_extremes: wp.Function
     find_strands: wp.Function
     watch: wp.Function
-    add_rates: wp.Function
+    rates_of: wp.Function
+    set_rates: wp.Function
+    with_rates: wp.Function
     flush: wp.Function
     add_link: wp.Function
     update_strand: wp.Function
@@ -198,14 +200,28 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             return shared.chain[0]
 
     @wp.func
-    def add_rates(shared: kinds.Shared, i: int, rate: of_each, weight: Real):
-        """One step's squared rates of the thread's links, over the time `weight` that it stands for [s].
+    def rates_of(shared: kinds.Shared, i: int):
+        """The sums of squared rates of thread i's links since they were last flushed.
 
         Each link has a sum of its own, so that what comes out is the same however many links a thread has.
         """
+        sums = of_each()
         for k in range(wp.static(per)):
-            at = RATES + k * wp.static(threads) + i
-            store_row(shared.seen, at, load_row(shared.seen, at) + (weight * rate[k]) * rate[k])
+            sums[k] = load_row(shared.seen, RATES + k * wp.static(threads) + i)
+        return sums
+
+    @wp.func
+    def set_rates(shared: kinds.Shared, i: int, sums: of_each):
+        """Makes these the sums of squared rates of thread i's links."""
+        for k in range(wp.static(per)):
+            store_row(shared.seen, RATES + k * wp.static(threads) + i, sums[k])
+
+    @wp.func
+    def with_rates(sums: of_each, rate: of_each, weight: Real):
+        """Sums with one step's squared rates, over the time `weight` that it stands for [s]."""
+        for k in range(wp.static(per)):
+            sums[k] = sums[k] + (weight * rate[k]) * rate[k]
+        return sums
 
     @wp.func
     def flush(tallies: Tallies, shared: kinds.Shared, mine: Mine):
@@ -353,7 +369,9 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         end_extremes=end_extremes,
         find_strands=find_strands,
         watch=watch,
-        add_rates=add_rates,
+        rates_of=rates_of,
+        set_rates=set_rates,
+        with_rates=with_rates,
         flush=flush,
         add_link=add_link,
         update_strand=update_strand,

@@ -138,7 +138,9 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         """Adds what metrics want of the thread's links in this step; keeps what frames or ends want of them."""
         n = mine.rollers
         if wp.static(measuring) and now.measured != 0:
-            observe.add_rates(shared, mine.thread, rate, now.weight)
+            if wp.static(not kind.carrying) or now.common == 0:
+                sums = observe.with_rates(observe.rates_of(shared, mine.thread), rate, now.weight)
+                observe.set_rates(shared, mine.thread, sums)
             if now.watched != 0:
                 observe.watch(shared, mine.thread, tension)
         if now.flags & EXTRA != 0:

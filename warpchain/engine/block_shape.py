@@ -28,7 +28,7 @@ ROW = 16
 """Variants that a multiprocessor holds where they are abreast, and fewest where they are."""
 
 LONGER_ROW = 20
-"""The same of float32 kernels that are short enough for the registers that threads then have, 96."""
+"""The same of kernels that are short enough for the registers that threads then have, 96."""
 
 CREWED = 2
 """Most variants a multiprocessor at which each may have a warp for its bodies alone."""
@@ -60,13 +60,12 @@ class BlockShape:
     def abreast(self, precision: str, measuring: bool, each: int, simple: bool) -> int:
         """How many variants a block has, of which a multiprocessor gets `each`; arguments as in `resident`.
 
-        One on a warp has its own block unless several were measured to be faster: long code, which is fetched once for
-        all that are abreast, and at float64 no more than four rollers a thread.
+        One on a warp has its own block unless several were measured to be faster: long code at float32, which is
+        fetched once for all that are abreast.
         """
-        if self.threads != WARP or self.per > 6 or each < ROW or not simple:
+        if precision != "float32" or self.threads != WARP or self.per > 6 or each < ROW or not simple:
             return 1
-        faster = measuring or self.per > 4 if precision == "float32" else measuring and self.per <= 4
-        return ABREAST if faster else 1
+        return ABREAST if measuring or self.per > 4 else 1
 
     def resident(self, precision: str, measuring: bool, wanted: int, simple: bool = False, row: int = 0) -> int:
         """How many variants the compiler is to make room for on a multiprocessor, `wanted` at most.
@@ -98,7 +97,7 @@ def row_of(kind: BlockKind) -> int:
     """How many variants of a kind a multiprocessor holds that are abreast, 0 of those that are not."""
     if kind.abreast == 1:
         return 0
-    return LONGER_ROW if kind.paired and kind.per <= 4 and not (kind.sliding or kind.bending) else ROW
+    return LONGER_ROW if kind.per <= 4 and not (kind.sliding or kind.bending) else ROW
 
 
 def room_for(links: NDArray[np.integer]) -> NDArray[np.integer]:
