@@ -709,7 +709,7 @@ def types(Real: type) -> SimpleNamespace:
     class Shared:
         """What the threads of a block share of the variant they are at, in the block's own memory."""
 
-        rows: wp.array[Real]  # of rollers, one after the other (`exchange.shared_rows`)
+        rows: wp.array[Real]  # of rollers, one after the other (`block_room.shared_rows`)
         seen: wp.array[Real]  # extremes of tension, then rows of squared rates, of joint friction (`block_observe`)
         strand_of: wp.array[wp.uint8]  # of links: the strand that each is on, S on none, S + 1 where there is no link
         poses: wp.array[Pose]  # (bodies,), and with profiles the ground
@@ -734,7 +734,7 @@ def types(Real: type) -> SimpleNamespace:
         chain: wp.array[Chain]  # (1,)
         joint: wp.array[Joint]  # (1,)
         links: wp.array[Links]  # (1,)
-        parts: wp.array[Real]  # (3, bodies, `exchange.parts_of_a_body`): of moment [N m] and force (x, y) [N] on each
+        parts: wp.array[Real]  # (3, bodies, `block_room.parts_of_a_body`): of moment [N m], force (x, y) [N] on each
         motions: wp.array[Motion]  # (S,)
         course: wp.array[wp.float64]  # (courses, steps, 2): prescribed angle, speed (`block_room.COURSE`)
         mounts: wp.array[Mount]  # (S,)

@@ -100,7 +100,7 @@ def state_of(pose: Pose):
 
 
 @wp.func
-def course_at(course: int, step: int):
+def plan_at(course: int, step: int):
     """Where the prescribed angle and speed of a body at `step` lie, by the body's place among those."""
     return course * wp.static(COURSE) + step % wp.static(COURSE)
 
@@ -267,7 +267,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
     @wp.func
     def foresee(ensemble: kinds.Ensemble, shared: kinds.Shared, mine: Mine, s: int, step: int):
         """Puts where sprocket s is led at a step in its place."""
-        at = course_at(course_of(shared, s), step)
+        at = plan_at(course_of(shared, s), step)
         if wp.static(kind.paired):
             shared.led[at] = led_at(ensemble, mine, s, counted(step, mine.step), shared.spins[s])
         else:
@@ -395,7 +395,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             seen.velocity = hub_velocity(time_of(mine, now), lag, wheel, hub, rates)
             seen.turning = turning
         if now.going != 0:
-            ahead = shared.led[course_at(mine.course, now.step + 1)]
+            ahead = shared.led[plan_at(mine.course, now.step + 1)]
             kick = leapfrog_kick(now.step, h)
             wheel, hub = hub_moved(counted(now.step + 1, mine.step), kick, h, wheel, hub, rates)
             store_wheel(shared.wheels, s, spun(wheel, kick * rates[2], h, ahead, spin))
@@ -477,7 +477,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
             rate = (moment + wheel.load) * spin.inverse_inertia
             seen.speed = wheel.speed.high + leapfrog_lag(now.step, h) * rate
         if now.going != 0:
-            ahead = shared.led[course_at(mine.course, now.step + 1)]  # which stands for nothing where the angle is free
+            ahead = shared.led[plan_at(mine.course, now.step + 1)]  # which stands for nothing where the angle is free
             change = product(leapfrog_kick(now.step, h) * (moment + wheel.load), spin.inverse_inertia)
             store_turn(shared.wheels, s, spun(wheel, change, h, ahead, spin))
         return seen
@@ -498,7 +498,7 @@ def block_bodies(kind: BlockKind) -> BodyFunctions:
         rates = body_rates(time, body, heading, wrench, pose.load, motion, mount, ensemble.curves)
         observed = body_at(time, leapfrog_lag(now.step, h), body, rates, pose.exact_speed, motion, mount)
         if now.going != 0:
-            at = course_at(mine.course, now.step + 1)  # which stands for nothing where the angle is free
+            at = plan_at(mine.course, now.step + 1)  # which stands for nothing where the angle is free
             ahead = shared.course[2 * at]
             pose.exact_speed = shared.course[2 * at + 1]
             body = leapfrog_body(time, leapfrog_kick(now.step, h), h, body, rates, ahead, motion, mount)
