@@ -25,3 +25,14 @@ def interrupted_at(line, command):
         return cli.main(command), lines
     finally:
         sys.settrace(before)
+
+
+def interruptions(command, folder, count, capfd):
+    """Interrupts a command at so many moments, spread over all lines that it runs, each time with another folder as its
+    last word; yields that folder, the status, and what was told."""
+    _, most = interrupted_at(0, [*command, str(folder / "counted")])
+    capfd.readouterr()
+    for turn in range(count):
+        out = folder / str(turn)
+        status, _ = interrupted_at(1 + (2 * turn + 1) * most // (2 * count), [*command, str(out)])
+        yield out, status, capfd.readouterr()

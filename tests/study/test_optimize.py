@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from stopping import interrupted_at
+from stopping import interruptions
 from study_helpers import write_study
 
 import warpchain
@@ -269,19 +269,12 @@ def test_interrupted_and_gone_on_with_it_ends_the_same(tmp_path, whole, engine, 
 
 def test_ctrl_c_at_any_moment_ends_a_search_as_asked(tmp_path, whole, capfd):
     path, ended = written(tmp_path), set()
-    command = ["optimize", str(path), "--quiet", "-o"]
-    _, most = interrupted_at(0, [*command, str(tmp_path / "counted")])
-    capfd.readouterr()
-    for turn in range(6):
-        out = tmp_path / str(turn)
-        status, _ = interrupted_at(1 + (2 * turn + 1) * most // 12, [*command, str(out)])
-        told = capfd.readouterr()
+    for out, status, told in interruptions(["optimize", str(path), "--quiet", "-o"], tmp_path, 6, capfd):
         ended.add(status)
         if status == 1:
-            said = [line for line in told.err.splitlines() if "interrupted" in line]
-            assert len(said) == 1 and told.err.count("\n") == 1, (turn, told)
+            assert "interrupted" in told.err and told.err.count("\n") == 1, (out, told)
         else:  # all was done but what needs no time
-            assert status == 0 and (out / "recommended").exists(), (turn, told)
+            assert status == 0 and (out / "recommended").exists(), (out, told)
         optimize(path, out)
         assert contents(out) == contents(whole["bayes"][0])
     assert 1 in ended

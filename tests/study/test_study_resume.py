@@ -11,7 +11,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
-from stopping import interrupted_at
+from stopping import interruptions
 from study_helpers import write_study
 from waiting import wait_for
 
@@ -118,21 +118,14 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
 
 
 def test_ctrl_c_at_any_moment_ends_a_study_as_asked(tmp_path, capfd):
-    source = write_study(tmp_path, RECORD, points=2)
+    source, ended = write_study(tmp_path, RECORD, points=2), set()
     run_study(source, tmp_path / "whole")
-    command = ["study", "run", str(source), "--quiet", "-o"]
-    _, most = interrupted_at(0, [*command, str(tmp_path / "counted")])
-    capfd.readouterr()
-    ended = set()
-    for turn in range(12):
-        out = tmp_path / str(turn)
-        status, _ = interrupted_at(1 + (2 * turn + 1) * most // 24, [*command, str(out)])
-        told = capfd.readouterr()
+    for out, status, told in interruptions(["study", "run", str(source), "--quiet", "-o"], tmp_path, 12, capfd):
         ended.add(status)
         if status == 1:
-            assert "interrupted" in told.err and told.err.count("\n") == 1, (turn, told)
+            assert "interrupted" in told.err and told.err.count("\n") == 1, (out, told)
         else:  # all was done but the table, which needs no time
-            assert (status, told.err) == (0, "") and (out / "results.parquet").exists(), (turn, told)
+            assert (status, told.err) == (0, "") and (out / "results.parquet").exists(), (out, told)
         run_study(source, out)
         assert whole_files(out) == whole_files(tmp_path / "whole")
     assert 1 in ended

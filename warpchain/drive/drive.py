@@ -68,7 +68,7 @@ NUMBER_RULES = {
     profile_rules: {"chain.pitch", *(f"guides.{key}" for key in ("offset", "radius", "arcs", "profile", "end_radius"))},
     tensioner_rules: {"chain.pitch", "sprockets", "guides", "arms", "tensioners"},
 }
-"""Those of the rules that look at numbers, and in what of the drive, or of the chain or a list's parts."""
+"""Those of the rules that look at numbers, and in what of the drive, or of its parts, those in lists too."""
 
 
 class Drive(Part):
@@ -325,9 +325,9 @@ class Drive(Part):
     @classmethod
     def _number_rules(cls, changed: Mapping[str, Any]) -> Sequence[Rule]:
         keys = set(changed)
-        keys.update(f"chain.{key}" for key in changed.get("chain", ()))
         for kind, parts in changed.items():
-            keys.update(f"{kind}.{key}" for place, inner in parts.items() if isinstance(place, int) for key in inner)
+            for key, inner in parts.items():
+                keys.update(f"{kind}.{name}" for name in (inner if isinstance(key, int) else (key,)))
         return [rule for rule, read in NUMBER_RULES.items() if not read.isdisjoint(keys)]
 
     @model_validator(mode="wrap")

@@ -74,6 +74,7 @@ def run_study(
 
 
 @rare_collections()
+@interruptible()
 def run_folder(
     folder: Folder,
     *,
@@ -86,16 +87,15 @@ def run_folder(
     """Runs what is left of a study's folder; see `run_study`."""
     options = {"workers": workers, "memory": memory}
     mine = [shard for shard in folder.shards if part is None or shard % part[1] == part[0]]
-    with interruptible():
-        with _bar(progress, folder, mine) as report:
-            left = [shard for shard in mine if not folder.done(shard)]
-            if executor is None:
-                _run_here(folder, left, options, report)
-            else:
-                _run_there(folder, left, executor, options, report)
-        if part is not None:
-            return study_status(folder.path)
-        return finish(folder, executor, options, progress is True)
+    with _bar(progress, folder, mine) as report:
+        left = [shard for shard in mine if not folder.done(shard)]
+        if executor is None:
+            _run_here(folder, left, options, report)
+        else:
+            _run_there(folder, left, executor, options, report)
+    if part is not None:
+        return study_status(folder.path)
+    return finish(folder, executor, options, progress is True)
 
 
 def _run_here(folder: Folder, shards: Sequence[int], options: Mapping[str, Any], report: Advance) -> None:
