@@ -711,7 +711,7 @@ def types(Real: type) -> SimpleNamespace:
 
         rows: wp.array[Real]  # of rollers, one after the other (`block_room.shared_rows`)
         seen: wp.array[Real]  # extremes of tension, then rows of squared rates, of joint friction (`block_observe`)
-        strand_of: wp.array[wp.uint8]  # of links: the strand that each is on, S on none, S + 1 where there is no link
+        strand_of: wp.array[wp.uint32]  # of threads' links: the strand that each is on (`block_strands`)
         poses: wp.array[Pose]  # (bodies,), and with profiles the ground
         wheels: wp.array[wp.vec4f]  # rows of these instead, at float32 (`block_wheels`)
         gears: wp.array[wp.vec4f]  # rows of sprockets' teeth, the same

@@ -31,6 +31,7 @@ from .block_rk4 import block_rk4
 from .block_rows import block_rows
 from .block_sampling import block_sampling
 from .block_spin_sums import add_spin_hub
+from .block_strands import block_strands
 from .block_wheels import seen_wheel
 from .block_wrench import block_wrench
 
@@ -60,7 +61,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
     SPROCKETS, wrenches = block_near(kind).SPROCKETS, block_wrench(kind)
     moment_on, acting_on = wrenches.moment_on, wrenches.acting_on
     wrench_of, body_of = wrenches.wrench_of, wrenches.body_of
-    observe, step_of = block_observing(kind), row.step_of
+    observe, step_of, find_strands = block_observing(kind), row.step_of, block_strands(kind).find_strands
     stage_roller = block_rk4(kind)
     # on several warps, which wait for each other, the next step's link forces are worked out while bodies move, and
     # what rollers may touch unless that depends on where the bodies are
@@ -345,10 +346,11 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         """
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
-        touch = look(ensemble, state, shared, mine, now, touch)
+        # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
         if wp.static(kind.carrying) and now.common != 0:
             rates = observe.with_rates(rates, rate, now.weight)
+        touch = look(ensemble, state, shared, mine, now, touch)
         if wp.static(not measuring) and now.common != 0:
             forces.plain_contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         else:
@@ -441,7 +443,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
                 levers.start_plungers(ensemble, state, sums, shared, mine, mine.sprocket)
         if wp.static(measuring):
             observe.start_extremes(ensemble, sums, shared, mine)
-            observe.find_strands(ensemble, state, shared, mine)
+            find_strands(ensemble, state, shared, mine)
         if wp.static(kind.arms > 0):
             if mine.arm >= 0:
                 if wp.static(kind.paired):

@@ -42,6 +42,7 @@ from .block_kind import WARP, BlockKind, Mine, now_struct
 from .block_room import extremes, seen_rows
 from .block_rows import block_rows
 from .block_spin_sums import add_spin_powers, add_spin_speed
+from .block_strands import block_strands
 from .exchange import add_to_link, add_to_roller, after_turn, lanes, lanes_where, lowest_bit
 
 SIGN_BITS = """
@@ -59,7 +60,6 @@ class ObserveFunctions:
 
     start_extremes: wp.Function
     end_extremes: wp.Function
-    find_strands: wp.Function
     watch: wp.Function
     rates_of: wp.Function
     set_rates: wp.Function
@@ -83,7 +83,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     X, Y = row.X, row.Y
     load_row, store_row = accessors(Real).load_row, accessors(Real).store_row
     RATES, FRICTION = (wp.constant(at) for at in seen_rows(kind)[:2])
-    follow = following(Real).follow
+    follow, strand_at = following(Real).follow, block_strands(kind).strand_at
 
     @wp.func_native(SIGN_BITS if Real == wp.float64 else SIGN_BITS.replace("__double2hiint", "__float_as_int"))
     def sign_bits(value: Real) -> int:
@@ -143,31 +143,10 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
             sums.chain[mine.variant] = merge_extremes(sums.chain[mine.variant], lowest, highest)
 
     @wp.func
-    def strand_under(strands: wp.array[Strand], first: int, j: int, n: int):
-        """Strand that link j is on, S where it is on none, S + 1 where there is no such link; `first` is strand 0."""
-        found = int(wp.static(sprockets))
-        for s in range(wp.static(sprockets)):
-            place = j - strands[first + s].first_link
-            if place < 0:
-                place = place + n
-            if place < strands[first + s].links:
-                found = s
-        return wp.where(j < n, found, wp.static(sprockets + 1))
-
-    @wp.func
-    def find_strands(ensemble: kinds.Ensemble, state: kinds.State, shared: kinds.Shared, mine: Mine):
-        """Brings up to date which strands the thread's links are on."""
-        first = ensemble.drives[mine.variant].first_sprocket
-        j = int(mine.thread)
-        while j < wp.static(kind.slots):
-            shared.strand_of[j] = wp.uint8(strand_under(state.strands, first, j, mine.rollers))
-            j = j + wp.static(threads)
-
-    @wp.func
     def widen(shared: kinds.Shared, i: int, tension: of_each):
         """Holds the tensions of thread i's links against its warp's extremes, which no other thread does just now."""
         for k in range(wp.static(per)):
-            at = extremes_at(i, int(shared.strand_of[k * wp.static(threads) + i]))
+            at = extremes_at(i, strand_at(shared, i, k))
             if tension[k] < load_row(shared.seen, at):
                 store_row(shared.seen, at, tension[k])
             if tension[k] > load_row(shared.seen, at + 1):
@@ -181,7 +160,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
         """
         beyond = int(0)
         for k in range(wp.static(per)):
-            at = extremes_at(i, int(shared.strand_of[k * wp.static(threads) + i]))
+            at = extremes_at(i, strand_at(shared, i, k))
             beyond = beyond | sign_bits(tension[k] - load_row(shared.seen, at))
             beyond = beyond | sign_bits(load_row(shared.seen, at + 1) - tension[k])
         waiting = lanes_where(wp.where(beyond < 0, 1, 0))
@@ -241,7 +220,7 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     @wp.func
     def add_link(tallies: Tallies, drive: Drive, shared: kinds.Shared, j: int, tension: Real):
         """A look at link j, whose tension goes to its tally of the strand it is on; returns that strand."""
-        of = int(shared.strand_of[j])
+        of = strand_at(shared, j % wp.static(threads), j // wp.static(threads))
         seen = add_tension(LinkTally(), tension)
         seen.samples = wp.int64(1)
         add_to_link(tallies.link, drive.first_tally + of * drive.rollers + j, seen)
@@ -367,7 +346,6 @@ def block_observing(kind: BlockKind) -> ObserveFunctions:
     return ObserveFunctions(
         start_extremes=start_extremes,
         end_extremes=end_extremes,
-        find_strands=find_strands,
         watch=watch,
         rates_of=rates_of,
         set_rates=set_rates,

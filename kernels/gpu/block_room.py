@@ -24,6 +24,9 @@ ORDERED = 512
 OF_A_THREAD = 4
 """Bytes that Warp takes of what a launch asks for, for each thread of a block."""
 
+STRAND_WORD = 32
+"""Bits of the numbers that say on which strands links are."""
+
 ALIGNED = 16
 """Bytes of which each array's place is a multiple."""
 
@@ -48,6 +51,16 @@ def extremes(kind: BlockKind) -> int:
     and what threads without a link are held against.
     """
     return 2 * (kind.sprockets + 2)
+
+
+def strand_bits(kind: BlockKind) -> int:
+    """Bits that tell on which strand a link is: of a sprocket each, on none, or that there is no such link."""
+    return (kind.sprockets + 1).bit_length()
+
+
+def strand_words(kind: BlockKind) -> int:
+    """Numbers that hold these bits of all links of a thread."""
+    return -(-kind.per // (STRAND_WORD // strand_bits(kind)))
 
 
 def seen_rows(kind: BlockKind) -> tuple[int, int, int]:
@@ -87,7 +100,7 @@ def _small(kind: BlockKind) -> dict[str, int]:
     counts = _of_bodies(kind) | {"teeth": sprockets, "bands": sprockets, "bars": guides, "chain": 1}
     counts |= {"sliding": (sprockets + guides) * kind.sliding, "joint": int(kind.bending), "links": int(kind.uneven)}
     if kind.measuring:
-        counts |= {"strand_of": kind.slots}
+        counts |= {"strand_of": kind.threads * strand_words(kind)}
     return {name: count for name, count in counts.items() if count > 0}
 
 

@@ -20,6 +20,7 @@ from .block_observe import block_observing
 from .block_rows import block_rows
 from .block_spin_sums import with_recent
 from .block_statistics import block_statistics
+from .block_strands import block_strands
 from .block_wheels import within
 
 
@@ -49,7 +50,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
     barrier, any_thread, place = row.sharing.barrier, row.sharing.any_thread, row.place
     link_of, length_of = row.link_of, row.length_of
     acceleration, velocity, set_velocity = row.acceleration, row.velocity, row.set_velocity
-    step_of = row.step_of
+    step_of, find_strands = row.step_of, block_strands(kind).find_strands
     body_gone, set_heading, plan = bodies.body_gone, bodies.set_heading, bodies.plan
 
     @wp.func
@@ -71,7 +72,7 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
             if wp.static(kind.paired):
                 shared.spin_sums[mine.sprocket] = with_recent(shared.spin_sums[mine.sprocket])
         barrier()
-        observe.find_strands(ensemble, state, shared, mine)
+        find_strands(ensemble, state, shared, mine)
         observe.flush(tallies, shared, mine)
         statistics.look(ensemble, state, sums, tallies, shared, mine)
 
