@@ -1,14 +1,13 @@
 """The window cut into batches of about equal length, at whose ends sums are noted.
 
 With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of
-`STRAND_EVERY` and at least a + k W / BATCHES, before that step is added. The window's end gives the last batch; a
-window of fewer than BATCHES * STRAND_EVERY steps has no batches.
+the drive's `look_every` and at least a + k W / BATCHES, before that step is added. The window's end gives the last
+batch; a window of fewer than BATCHES * MERGE_EVERY steps has no batches.
 """
 
 import warp as wp
 
 from .structs import Drive
-from .sums import STRAND_EVERY
 
 BATCHES = wp.constant(20)
 NOTES = wp.constant(19)
@@ -33,5 +32,5 @@ def batches_ended(drive: Drive, step: int):
 
 @wp.func
 def notes_due(drive: Drive, step: int):
-    """The first note to take at `step`, a multiple of `STRAND_EVERY` in the window, and the one after the last."""
-    return batches_ended(drive, step - STRAND_EVERY), batches_ended(drive, step)
+    """The first note to take at `step`, a look in the window, and the one after the last."""
+    return batches_ended(drive, step - drive.look_every), batches_ended(drive, step)

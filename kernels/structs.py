@@ -72,6 +72,7 @@ class Drive:
     window_end: wp.int32  # to this one
     tension_scale: wp.float64  # of the bins of link tension [N]
     sample_every: wp.int32  # steps between frames; 0: not recorded
+    look_every: wp.int32  # steps between two looks at the chain, a power of two (`sums.is_look`)
     first_value: wp.int64  # of this variant's frames in the block's buffer
     low: wp.vec2d  # bounding box beyond which a roller has left the drive [m]
     high: wp.vec2d

@@ -25,10 +25,11 @@ from .sum_structs import (
     Totals,
 )
 
-STRAND_EVERY = wp.constant(32)
-"""Steps between two looks at the chain: which links lie on a strand, their tensions, where mid-strand is.
+MERGE_EVERY = wp.constant(32)
+"""Steps after which what links and sprockets have gathered since is added to the window's sums.
 
-The chain moves a small part of a pitch in between. The window's first step has a look too.
+Looks at the chain (which links lie on a strand, their tensions, where mid-strand is) are as far apart or twice as far,
+as each drive says (`Drive.look_every`). The chain moves a small part of a pitch in between.
 """
 
 WATCH_EVERY = wp.constant(4)
@@ -38,6 +39,12 @@ The window's first step is watched too. Moments and powers are added up every st
 automatic steps (`assembly.timestep`): of one peak at most 8 % of its part is missed, of the largest of many next to
 nothing.
 """
+
+
+@wp.func
+def is_look(drive: Drive, step: int):
+    """Whether the chain is looked at, at a step in the window: the window's first has a look too."""
+    return step & (drive.look_every - 1) == 0 or step == drive.window_start
 
 
 @wp.func

@@ -24,6 +24,7 @@ from warpchain import Drive, load_drive, loads_drive
 from warpchain.assembly.timestep import resolve_step
 from warpchain.drive.examples import drive_path
 from warpchain.engine.cpu import CpuEngine
+from warpchain.engine.looks import longest_apart
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.results.schedule import Schedule
@@ -67,7 +68,9 @@ sample_rate = 5000.0
 
 def schedule(drive: Drive, metrics: bool) -> Schedule:
     """A run without end, without frames; the window is either all of it or far away."""
-    return Schedule(resolve_step(drive), FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0)
+    step = resolve_step(drive)
+    looks = int(longest_apart(drive, step))  # as far apart as in a long window
+    return Schedule(step, FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0, looks)
 
 
 def reference_input(packed: Packed) -> bytes:

@@ -45,7 +45,7 @@ import numpy as np
 import warp as wp
 from bench.aims import FIVE, SMOOTH, aims
 from bench.work import Found, Store, Task, results
-from bench_cpu import FOREVER, HERE, RUBBING, Reference, bench_drives, engine_rate, reference_input
+from bench_cpu import FOREVER, HERE, RUBBING, Reference, bench_drives, engine_rate, reference_input, schedule
 from count_float64 import KINDS, counts
 
 from warpchain import Drive, Record, load_drive, simulate
@@ -81,8 +81,7 @@ def bare(
     drive: Drive, variants: int, precision: str, steps: int, metrics: bool, rounds: int = 3
 ) -> tuple[float, float, float]:
     """Seconds of `steps` steps of the engine, of its first launch, and GiB that the ensemble takes."""
-    schedule = Schedule(resolve_step(drive), FOREVER, 0 if metrics else FOREVER - 1, FOREVER, 0)
-    packed = repeated(pack([drive], [schedule]).at_precision(precision), variants)
+    packed = repeated(pack([drive], [schedule(drive, metrics)]).at_precision(precision), variants)
     first, best, taken = math.nan, math.inf, math.nan
 
     def run(engine: GpuEngine, count: int) -> float:

@@ -2,10 +2,10 @@
 
     python scripts/looks_study.py
 
-Tensions of links are added up every 32nd step, forces and speeds every fourth, at which they and the tensions are
-held against the largest so far too (`kernels.sums`). A window of each drive is recorded step by step. Of means: how far
-off they are, in standard errors of their own. Of largest values: the share that is missed; of the smallest tension and
-of speeds, of their range. Without friction on teeth, which the hub forces of frames leave out.
+Tensions of links are added up every 32nd or 64th step (`engine.looks`), forces and speeds every fourth, at which they
+and the tensions are held against the largest so far too (`kernels.sums`). A window of each drive is recorded step by
+step. Of means: how far off they are, in standard errors of their own. Of largest values: the share that is missed; of
+the smallest tension and of speeds, of their range. Without friction on teeth, which the hub forces of frames leave out.
 """
 
 import argparse

@@ -240,7 +240,8 @@ def assert_steps_of_the_cpu(drives, many, precision):
     """The block kernel takes the steps of the CPU kernel, with metrics and frames of every channel."""
     variants = drives()
     shape = shape_of(variants, 100 if many else 1)
-    schedules = [Schedule(drive.run.step, 300, 111, 290, 20) for drive in variants]
+    looks = 64 if precision == "float64" else 32
+    schedules = [Schedule(drive.run.step, 300, 111, 290, 20, looks) for drive in variants]
     packed = pack(variants, schedules).at_precision(precision)
     bends = bool(packed.joints["rubs"].any())
     packed = replace(packed, frame=frame_of(NAMES if bends else ()))

@@ -4,9 +4,13 @@ import sys
 import time
 import types
 from concurrent.futures import Future
+from itertools import count
+from typing import ClassVar
 
 import benching
+import numpy as np
 import pytest
+import warp as wp
 from loading import SCRIPTS, load_script
 
 from warpchain import load_drive
@@ -49,23 +53,45 @@ def test_drives_that_differ_do_so_in_five_values_and_can_be_assembled(bench):
     assert ends[0].sprockets[2].load.torque != ends[1].sprockets[2].load.torque
 
 
+class Launched:
+    """An engine that takes no time but for what its clock says, and notes what it is launched with."""
+
+    asked: ClassVar[list] = []
+
+    def __init__(self, packed, device):
+        drives = packed.drives
+        self.what = len(drives), drives["rollers"][0], drives["window_start"][0], drives["look_every"][0], packed.real
+
+    def frame_buffer(self, steps):
+        return steps
+
+    def advance(self, steps, frames):
+        self.asked.append((*self.what, steps))
+        return []
+
+    def progress(self):
+        return {"diverged": np.zeros(1)}
+
+    def close(self):
+        pass
+
+
 @pytest.mark.parametrize(("name", "links"), [("two", 118), ("marine", 162), ("engine", 132)])
 def test_trees_are_compared_by_drives_of_any_name(bench, monkeypatch, capsys, name, links):
-    asked = []
-
-    def bare(drive, count, precision, steps, metrics):
-        asked.append((drive.chain.links, count, precision, steps, metrics))
-        return 1e-3, 0.0, 0.0
-
+    Launched.asked.clear()
     monkeypatch.setitem(sys.modules, "bench_gpu", bench)
-    monkeypatch.setattr(bench, "bare", bare)
-    monkeypatch.setattr(sys, "argv", ["-c", str(SCRIPTS.parent), name, "float32", "50", "1", "4224"])
-    monkeypatch.setattr(sys, "path", sys.path[:])
+    monkeypatch.setattr(bench, "GpuEngine", Launched)
+    monkeypatch.setattr(sys, "argv", ["-c", str(SCRIPTS.parent), name, "float32", "50", "3000", "1", "4224"])
+    monkeypatch.setattr(sys, "path", [*sys.path, str(SCRIPTS)])
+    clock = count(0)
+    monkeypatch.setattr(time, "perf_counter", lambda: 1e-3 * next(clock))
     exec(load_script("bench_trees").ROWS, {})
-    cases = [(count, metrics) for count in (1, 4224) for metrics in (False, True)]
-    assert asked == [(links, count, "float32", 50, metrics) for count, metrics in cases]
+    cases = [(variants, window) for variants in (1, 4224) for window in (bench.FOREVER - 1, 3000)]
+    each = [[(*case, steps) for steps in (3064, 50)] for case in cases]
+    expected = [(n, links, window, 64, wp.float32, steps) for rows in each for n, window, steps in rows]
+    assert list(dict.fromkeys(Launched.asked)) == expected
     rates = [float(line) for line in capsys.readouterr().out.splitlines()]
-    assert rates == pytest.approx([count * links * 50 / 1e9 / 1e-3 for count, _ in cases])
+    assert rates == pytest.approx([variants * links * 50 / 1e9 / 1e-3 for variants, _ in cases])
 
 
 class Asked(dict):

@@ -19,7 +19,7 @@ from ..rows import accessors
 from ..structs import Drive, Wanted, types
 from ..sum_structs import Sums
 from ..sums import (
-    STRAND_EVERY,
+    MERGE_EVERY,
     add_arm,
     add_contact,
     add_contact_force,
@@ -33,6 +33,7 @@ from ..sums import (
     add_tensioner,
     add_touches,
     following,
+    is_look,
     is_watched,
     watch_weight,
 )
@@ -196,7 +197,7 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
             sums.strand[s] = tally.merge_strand_links(w, n, state.strands[s], sums.strand[s])
         tally.clear(w, n)
 
-    @wp.func(inline=False)
+    @wp.func
     def look_at_chain(
         ensemble: kinds.Ensemble,
         state: kinds.State,
@@ -209,7 +210,6 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
         """Brings the strands up to date, and adds tensions and mid-strand displacements of step `step` to the sums."""
         n = drive.rollers
         if step > drive.window_start:
-            merge(ensemble, state, sums, variant, w)
             note(sums, variant, drive, step)
         for i in range(drive.first_sprocket, drive.first_sprocket + drive.sprockets):
             state.strands[i] = follow(w, X, Y, n, state.strands[i])
@@ -219,6 +219,22 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
             strand = state.strands[i]
             strand_sums = tally.add_strand_links(w, n, strand, sums.strand[i])
             sums.strand[i] = add_displacement(strand_sums, tally.mid_displacement(w, n, strand))
+
+    @wp.func(inline=False)
+    def gather(
+        ensemble: kinds.Ensemble,
+        state: kinds.State,
+        sums: Sums,
+        variant: int,
+        drive: Drive,
+        w: wp.array[Real],
+        step: int,
+    ):
+        """What is done before step `step` is added, at some steps only: tallies are merged, the chain looked at."""
+        if step > drive.window_start:
+            merge(ensemble, state, sums, variant, w)
+        if is_look(drive, step):
+            look_at_chain(ensemble, state, sums, variant, drive, w, step)
 
     @wp.func
     def watch(state: kinds.State, sums: Sums, drive: Drive, w: wp.array[Real]):
@@ -255,8 +271,8 @@ def observing(Real: type, capacity: int, frame: Any, plain: bool) -> Observing:
     ):
         """Adds an evaluated step to the sums of the window."""
         n = drive.rollers
-        if at.step % STRAND_EVERY == 0 or at.step == drive.window_start:
-            look_at_chain(ensemble, state, sums, variant, drive, w, at.step)
+        if at.step % MERGE_EVERY == 0 or at.step == drive.window_start:
+            gather(ensemble, state, sums, variant, drive, w, at.step)
         if is_watched(drive, at.step):
             watch(state, sums, drive, w)
         tally.add_rates(w, n, Real(at.weight / drive.step))

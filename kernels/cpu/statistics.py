@@ -1,4 +1,4 @@
-"""What one thread a variant takes for statistics every `STRAND_EVERY` steps: tensions by size, slips, notes of sums."""
+"""What one thread a variant takes for statistics every `look_every` steps: tensions by size, slips, notes of sums."""
 
 from dataclasses import dataclass
 from functools import cache

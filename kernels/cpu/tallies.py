@@ -1,7 +1,7 @@
 """What the rollers of one variant add up to: tensions by link, mid-strand displacement, energy.
 
 Every link has a tally of its own, a value in each of three rows, so that a step adds to all in a loop that vectorizes;
-every `STRAND_EVERY` steps, before strands change their links, tallies are merged into the sums of chain and strands.
+every `MERGE_EVERY` steps, before strands change their links, tallies are merged into the sums of chain and strands.
 """
 
 from dataclasses import dataclass

@@ -8,7 +8,7 @@ import warp as wp
 
 from ..frames import frame_writers
 from ..structs import DIVERGENCE_CHECK, Drive, types
-from ..sums import STRAND_EVERY
+from ..sums import MERGE_EVERY
 
 EVENT = wp.constant(1)
 """What can happen at a step, as bits."""
@@ -26,7 +26,7 @@ def next_event(drive: Drive, step: int):
     """The next step after `step` at which more happens than forces and motion."""
     event = (step // DIVERGENCE_CHECK + 1) * DIVERGENCE_CHECK
     if step < drive.window_end:
-        event = wp.min(event, (step // STRAND_EVERY + 1) * STRAND_EVERY)
+        event = wp.min(event, (step // MERGE_EVERY + 1) * MERGE_EVERY)
         event = wp.min(event, drive.window_end)
     if step < drive.window_start:
         event = wp.min(event, drive.window_start)

@@ -11,7 +11,7 @@ from ..physics.body import in_box
 from ..rows import accessors
 from ..structs import Drive, types
 from ..sum_structs import Sums, Tallies
-from ..sums import STRAND_EVERY, add_energy
+from ..sums import MERGE_EVERY, add_energy, is_look
 from .block_bodies import block_bodies
 from .block_events import CHECK, ENDS, EXTRA, FRAME, LAST, START, block_events, flags_of, next_event
 from .block_joints import block_joints
@@ -69,12 +69,17 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         if mine.sprocket >= 0:
             first = ensemble.drives[mine.variant].first_sprocket
             observe.update_strand(state, shared, mine.rollers, first + mine.sprocket)
-            if wp.static(kind.paired):
-                shared.spin_sums[mine.sprocket] = with_recent(shared.spin_sums[mine.sprocket])
         barrier()
         find_strands(ensemble, state, shared, mine)
-        observe.flush(tallies, shared, mine)
         statistics.look(ensemble, state, sums, tallies, shared, mine)
+
+    @wp.func
+    def merge(tallies: Tallies, shared: kinds.Shared, mine: Mine):
+        """Adds to the sums what the thread's links and its sprocket have gathered since it was done last."""
+        if wp.static(kind.paired):
+            if mine.sprocket >= 0:
+                shared.spin_sums[mine.sprocket] = with_recent(shared.spin_sums[mine.sprocket])
+        observe.flush(tallies, shared, mine)
 
     @wp.func
     def gone_from(drive: Drive, shared: kinds.Shared, mine: Mine):
@@ -111,7 +116,9 @@ def block_sampling(kind: BlockKind, frame: Any) -> SamplingFunctions:
         now.event = next_event(drive, now.step)
         if wp.static(measuring) and now.step >= drive.window_start and now.step <= drive.window_end:
             now.window = 1
-            if now.step % STRAND_EVERY == 0 or now.flags & START != 0:
+            if now.step % MERGE_EVERY == 0:
+                merge(tallies, shared, mine)
+            if is_look(drive, now.step):
                 look_at_chain(ensemble, state, sums, tallies, shared, mine, now)
         if now.flags & CHECK != 0:
             now.diverged = any_thread(gone_from(drive, shared, mine))

@@ -1,4 +1,4 @@
-"""What a block looks at every `STRAND_EVERY` steps: tensions by size, mid-strand, slips, notes of sums."""
+"""What a block looks at every `look_every` steps: tensions by size, mid-strand, slips, notes of sums."""
 
 from dataclasses import dataclass
 from functools import cache

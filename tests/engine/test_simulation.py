@@ -14,7 +14,7 @@ from warpchain.engine.arrays import SUMS, empty_sums, sums_bytes
 from warpchain.engine.pack import pack
 from warpchain.engine.simulation import schedules_of
 from warpchain.errors import DriveError, SimulationError
-from warpchain.kernels.sums import STRAND_EVERY, WATCH_EVERY
+from warpchain.kernels.sums import MERGE_EVERY, WATCH_EVERY
 
 
 def short(**changes):
@@ -94,7 +94,7 @@ def test_metrics_equal_those_taken_from_what_was_recorded():
     steps, tension = np.arange(200, 601), trajectory.tension[inside]
     watched = steps % int(WATCH_EVERY) == 0
     assert (metrics["tension_min"], metrics["tension_max"]) == (tension[watched].min(), tension[watched].max())
-    tension = tension[(steps % int(STRAND_EVERY) == 0) | (steps == 200)]
+    tension = tension[(steps % int(MERGE_EVERY) == 0) | (steps == 200)]
     assert metrics["tension_mean"] == pytest.approx(tension.mean(), rel=1e-12)
     assert metrics["tension_std"] == pytest.approx(tension.std(), rel=1e-9)
     speed, moment = trajectory.sprocket_speed[inside, 1], trajectory.sprocket_moment[inside, 1]

@@ -103,16 +103,18 @@ def test_notes_are_taken_over_where_they_were_taken():
     """Note k of W steps from a is at the first multiple of 32 from a + k W / 20 on; of 2 W, at every other of them."""
 
     def kept(first, last):
-        return Kept({"window": [first, last], "next": stop_of(Schedule(STEP, last, first, last, 0))}, b"")
+        facts = {"window": [first, last], "look_every": 32}
+        return Kept({**facts, "next": stop_of(Schedule(STEP, last, first, last, 0))}, b"")
 
-    assert note_steps(0, 3200).tolist() == [160 * k for k in range(1, 20)]
-    later = note_steps(np.array([0, 3]), np.array([3200, 3203]))[1]
+    assert note_steps(0, 3200, 32).tolist() == [160 * k for k in range(1, 20)]
+    later = note_steps(np.array([0, 3]), np.array([3200, 3203]), 32)[1]
     assert later.tolist() == [32 * -(-(3 + 160 * k) // 32) for k in range(1, 20)]
     assert notes_from(kept(0, 3200), Schedule(STEP, 6400, 0, 6400, 0)) == [(k, 2 * k + 1) for k in range(9)]
     assert notes_from(kept(0, 3200), Schedule(STEP, 4800, 0, 4800, 0)) is None
     assert notes_from(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0)) == []  # the first is still ahead
     assert takes_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0))
     assert not takes_sums(kept(0, 3200), Schedule(STEP, 64000, 8, 64008, 0))
+    assert not takes_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0, look_every=64))  # looks weigh otherwise
 
 
 def test_variants_of_many_steps_are_kept_at_few():

@@ -59,14 +59,18 @@ def due(drive: wp.array[Drive], steps: wp.array[int], notes: wp.array2d[int]):
     notes[k, 1] = end
 
 
-@pytest.mark.parametrize(("start", "end"), [(0, 640), (111, 4711), (500, 1139 + 1), (7, 100_000_007)])
-def test_batches_end_where_their_durations_say(start, end):
-    """Every note is taken once, at the first multiple of 32 that is not before its share of the window."""
+@pytest.mark.parametrize(
+    ("start", "end", "every"),
+    [(0, 640, 32), (111, 4711, 32), (500, 1139 + 1, 32), (7, 100_000_007, 32), (7, 5127, 64), (40, 100_000_007, 64)],
+)
+def test_batches_end_where_their_durations_say(start, end, every):
+    """Every note is taken once, at the first look that is not before its share of the window."""
     drive = np.zeros(1, dtype=Drive.numpy_dtype())
     drive["window_start"], drive["window_end"], drive["step"] = start, end, 1.0
+    drive["look_every"] = every
     shares = start + (end - start) * np.arange(1, 20) / 20
-    expected = (-(-shares // 32) * 32).astype(int)
-    steps = np.unique(np.concatenate([expected + 32 * k for k in (-2, -1, 0, 1, 2)]))
+    expected = (-(-shares // every) * every).astype(int)
+    steps = np.unique(np.concatenate([expected + every * k for k in (-2, -1, 0, 1, 2)]))
     steps = steps[(steps > start) & (steps <= end)]
     notes = wp.zeros((len(steps), 2), dtype=int, device="cpu")
     rows = wp.array(drive, dtype=Drive, device="cpu")

@@ -36,9 +36,7 @@ def working_tensions(drive: Drive, preload: float, links: list[int]) -> list[flo
     Centrifugal force adds (m / p) v^2 throughout.
     """
     count = len(drive.sprockets)
-    travel = drive.sprockets[drive.driver].prescribed
-    assert travel is not None
-    chain_speed = travel.top_speed * drive.pitch_radius(drive.driver)
+    chain_speed = drive.chain_speed
     rise = [0.0] * count
     for turn in range(1, count):
         s = (drive.driver + turn) % count
@@ -72,13 +70,11 @@ def _links_and_joints(drive: Drive, strands: list[dict[str, Any]]) -> dict[str, 
 
 def _joint_rates(drive: Drive, strands: list[dict[str, Any]]) -> dict[str, Any]:
     """Above what rate of turning joint friction acts in full, and at what rate the slowest sprocket bends [rad/s]."""
-    travel = drive.sprockets[drive.driver].prescribed
-    assert travel is not None
     largest = max(strand["working_tension"] for strand in strands)
     reach = max(drive.pitch_radius(s) for s in range(len(drive.sprockets)))
     return {
         "full_friction_rate": full_friction_rate(drive.chain, largest, resolve_step(drive)),
-        "slowest_rate": travel.top_speed * drive.pitch_radius(drive.driver) / reach,
+        "slowest_rate": drive.chain_speed / reach,
     }
 
 

@@ -133,6 +133,13 @@ class Drive(Part):
         return next(s for s, sprocket in enumerate(self.sprockets) if sprocket.prescribed is not None)
 
     @property
+    def chain_speed(self) -> float:
+        """Speed of the chain [m/s] where the driver turns at its top speed, its harmonics aside."""
+        driver = self.sprockets[self.driver].prescribed
+        assert driver is not None
+        return abs(driver.top_speed) * self.pitch_radius(self.driver)
+
+    @property
     def strand_names(self) -> tuple[str, ...]:
         """(S,) "FROM->TO": strand k leaves sprocket k and reaches the next."""
         names = [sprocket.name for sprocket in self.sprockets]

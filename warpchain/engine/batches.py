@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.kernels.batches import BATCHES, NOTES
-from warpchain.kernels.sums import STRAND_EVERY, WATCH_EVERY
+from warpchain.kernels.sums import MERGE_EVERY, WATCH_EVERY
 
 Rows = Mapping[str, NDArray[Any]]
 
 
-def note_steps(start: NDArray[Any] | int, end: NDArray[Any] | int) -> NDArray[np.int64]:
+def note_steps(start: NDArray[Any] | int, end: NDArray[Any] | int, look_every: NDArray[Any] | int) -> NDArray[np.int64]:
     """(..., notes) steps at which a window's notes are taken, if it is long enough for batches (`kernels.batches`)."""
-    first, last = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end))
-    batches, every = int(BATCHES), int(STRAND_EVERY)
+    first, last, every = (np.asarray(step, dtype=np.int64)[..., None] for step in (start, end, look_every))
+    batches = int(BATCHES)
     reached = first - (first - last) * np.arange(1, batches) // batches  # rounded up
     return np.asarray(-(-reached // every) * every)
 
@@ -28,7 +28,7 @@ def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
     Args:
         drives: (V,) `kernels.structs.Drive`.
     """
-    batches, every = int(BATCHES), int(STRAND_EVERY)
+    batches, every = int(BATCHES), int(MERGE_EVERY)
     start, noted, end = _edges(drives)
     half = 0.5  # the first and the last step of a window stand for half a step
     steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
@@ -39,7 +39,7 @@ def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
 def _edges(drives: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Steps at which windows begin (V, 1), notes are taken (V, notes) and windows end (V, 1)."""
     start, end = drives["window_start"].astype(np.int64)[:, None], drives["window_end"].astype(np.int64)[:, None]
-    return start, note_steps(drives["window_start"], drives["window_end"]), end
+    return start, note_steps(*(drives[name] for name in ("window_start", "window_end", "look_every"))), end
 
 
 def watched_in_batches(drives: NDArray[Any]) -> NDArray[np.float64]:

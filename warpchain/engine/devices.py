@@ -171,13 +171,13 @@ def loading(devices: Sequence[str], packed: Packed, precision: str) -> Iterator[
 def launch_steps(devices: Sequence[str], packed: Packed, wanted: int) -> int:
     """Steps of a launch on these devices, `wanted` at most.
 
-    On the CPU whole rounds of `STRAND_EVERY` where they fit: at a launch's end sums are merged, so that how a run is
+    On the CPU whole rounds of `MERGE_EVERY` where they fit: at a launch's end sums are merged, so that how a run is
     cut into launches does not change them in their last digits.
     """
     if tuple(devices) == ("cpu",):
-        from warpchain.kernels.sums import STRAND_EVERY
+        from warpchain.kernels.sums import MERGE_EVERY
 
-        every = int(STRAND_EVERY)
+        every = int(MERGE_EVERY)
         return wanted // every * every or wanted
     from warpchain.engine.gpu import launch_steps as on_gpu
 

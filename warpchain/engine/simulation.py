@@ -171,35 +171,48 @@ def schedules_of(
         DriveError: a step beyond a variant's limit.
         SimulationError: a duration that is not positive, or a window outside the run.
     """
+    from warpchain.engine.looks import look_every
+
     if duration is not None and not (np.isfinite(duration) and duration > 0.0):
         raise SimulationError(f"duration = {duration!r}: allowed is a finite number above 0 (s)")
     recorded = set(record.indices(len(drives)))
     found: list[Schedule] = []
-    known: dict[tuple[float, float, float, bool], Schedule] = {}
-    for v, (drive, h) in enumerate(zip(drives, _steps(drives, step, stacks), strict=True)):
+    known: dict[tuple[float, int, float, float, bool], Schedule] = {}
+    for v, (drive, h, longest) in enumerate(zip(drives, *_steps(drives, step, stacks), strict=True)):
         length = duration if duration is not None else drive.run.duration
         rate = record.rate if record.rate is not None else drive.run.sample_rate
-        key = h, length, rate, v in recorded
+        key = h, longest, length, rate, v in recorded
         if key not in known:
             start, end = window if window is not None else (0.5 * length, length)
-            known[key] = _schedule(v, h, length, (start, end), rate if v in recorded else None)
+            schedule = _schedule(v, h, length, (start, end), rate if v in recorded else None)
+            looks = look_every(longest, schedule.window_end - schedule.window_start)
+            known[key] = replace(schedule, look_every=looks)
         found.append(known[key])
     return found
 
 
-def _steps(drives: Sequence[Drive], step: float | str | None, stacks: Sequence[Stack] | None) -> list[float]:
-    """The step that each variant takes [s]; a DriveError names the first that cannot."""
+def _steps(
+    drives: Sequence[Drive], step: float | str | None, stacks: Sequence[Stack] | None
+) -> tuple[list[float], list[int]]:
+    """The step that each variant takes [s], and how many of these may be between looks at its chain.
+
+    Raises:
+        DriveError: naming the first variant that cannot take a step.
+    """
+    from warpchain.engine.looks import longest_apart
+
     found = np.zeros(len(drives))
+    longest = np.zeros(len(drives), dtype=np.int64)
     refused: list[tuple[int, DriveError]] = []
     for stack in stacks_of(drives) if stacks is None else stacks:
         try:
             found[stack.members] = resolve_step(stack.drive, step)
+            longest[stack.members] = longest_apart(stack.drive, found[stack.members])
         except DriveError:
             refused.append(first_refused(stack, lambda drive: resolve_step(drive, step)))
     if refused:
         raise first_of(refused)
-    steps: list[float] = found.tolist()
-    return steps
+    return found.tolist(), longest.tolist()
 
 
 def _schedule(v: int, h: float, length: float, window: tuple[float, float], rate: float | None) -> Schedule:

@@ -4,8 +4,9 @@ A variant is kept at the last step of its window that is a multiple of `DIVERGEN
 what moves, what contacts and tensioners remember, and what the window has summed up. Kernels can end a launch at such a
 step without a trace, so a run that is gone on with gives the same bits as a run of that length.
 
-A longer run can take a state over, with its sums, where its window begins at the same step, and where each note of its
-batches (`kernels.batches`) that lies behind was taken: always where the window becomes a whole number of times as long.
+A longer run can take a state over, with its sums, where its window begins at the same step, the chain is looked at as
+often (`looks`), and each note of its batches (`kernels.batches`) that lies behind was taken: always where the window
+becomes a whole number of times as long.
 It can take a state over without its sums where its window begins later, on a CPU: a GPU steps by another kernel where
 it sums up, and the two round differently. Nor does a GPU mix variants that go on with others in one call: which kernel
 steps hangs on the earliest window. Else the variant begins anew.
@@ -30,7 +31,7 @@ from warpchain.errors import SimulationError
 from warpchain.kernels.batches import BATCHES, NOTES
 from warpchain.kernels.rows import STATE_ROWS
 from warpchain.kernels.structs import DIVERGENCE_CHECK
-from warpchain.kernels.sums import STRAND_EVERY
+from warpchain.kernels.sums import MERGE_EVERY
 from warpchain.kernels.tension_bins import BINS
 from warpchain.results.schedule import Schedule
 from warpchain.version import installed
@@ -177,6 +178,8 @@ def stop_of(schedule: Schedule) -> int:
 def takes_sums(kept: Kept, schedule: Schedule) -> bool:
     """Whether a run can take over what a state has summed up: the same window so far, and its notes."""
     first, last = kept.facts["window"]
+    if kept.facts["look_every"] != schedule.look_every:
+        return False
     if schedule.window_start != first or schedule.window_end < kept.step or kept.step < first:
         return False
     return schedule.window_end == last or notes_from(kept, schedule) is not None
@@ -185,10 +188,11 @@ def takes_sums(kept: Kept, schedule: Schedule) -> bool:
 def notes_from(kept: Kept, schedule: Schedule) -> list[tuple[int, int]] | None:
     """(note of the longer run, note of the state) of each that lies behind; None where one was not taken."""
     first, last = kept.facts["window"]
-    wanted = note_steps(schedule.window_start, schedule.window_end)
-    if schedule.window_end - schedule.window_start < int(BATCHES) * int(STRAND_EVERY):
+    every = schedule.look_every
+    wanted = note_steps(schedule.window_start, schedule.window_end, every)
+    if schedule.window_end - schedule.window_start < int(BATCHES) * int(MERGE_EVERY):
         return []
-    taken = {step: k for k, step in reversed(list(enumerate(note_steps(first, last).tolist())))}
+    taken = {step: k for k, step in reversed(list(enumerate(note_steps(first, last, every).tolist())))}
     behind = [(k, step) for k, step in enumerate(wanted.tolist()) if step < kept.step]
     return [(k, taken[step]) for k, step in behind] if all(step in taken for _, step in behind) else None
 
@@ -290,7 +294,7 @@ class Keeper:
     def _of(self, v: int, data: bytes) -> Kept:
         schedule = self._schedules[v]
         window = [schedule.window_start, schedule.window_end]
-        more = {"next": int(self._stops[v]), "window": window, **self._ends[v]}
+        more = {"next": int(self._stops[v]), "window": window, "look_every": schedule.look_every, **self._ends[v]}
         return Kept({**_facts(self._drives[v], schedule, self._run), **more}, data)
 
 

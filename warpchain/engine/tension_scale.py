@@ -33,8 +33,7 @@ def tension_scale(drive: Drive, assembly: Assembly) -> NDArray[np.float64]:
         assembly: its states, (V, ...) of a stack.
     """
     chain = drive.chain
-    driver = drive.sprockets[drive.driver].prescribed
-    speed = abs(driver.top_speed) * drive.pitch_radius(drive.driver) if driver else 0.0
+    speed = drive.chain_speed
     stretched = np.maximum(0.0, chain.stiffness * assembly.path.pitch * assembly.strain)
     tension = stretched + chain.mass / chain.pitch * power(speed, 2)
     for s, sprocket in enumerate(drive.sprockets):

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from warpchain.errors import SimulationError
 
+LOOK_EVERY = 32
+"""Fewest steps between two looks at the chain: as many as kernels gather before they add to sums."""
+
 MOST_STEPS = 2**31 - 2
 """Kernels count steps in 32 bits."""
 
@@ -38,6 +41,7 @@ class Schedule:
     window_start: int
     window_end: int
     sample_every: int  # 0: not recorded
+    look_every: int = LOOK_EVERY  # between two looks at the chain (`engine.looks`)
 
     @property
     def frames(self) -> int:
