@@ -61,7 +61,7 @@ def test_what_watched_steps_add_up_to_is_scaled_to_what_they_stand_for(window):
 
 
 def test_looks_are_further_apart_where_sixteen_of_them_are_in_a_pitch_all_the_same():
-    """p = 25 mm, 20 teeth: v = omega p / (2 sin(pi/20)), and 64 steps of h are a sixteenth of p / v or less."""
+    """64 steps h are at most a sixteenth of the time p / v in which the chain moves on by a pitch, v = omega R."""
     assert int(MERGE_EVERY) == LOOK_EVERY
     drive = two_sprockets(speed=20.0)
     most = drive.chain.pitch / (16 * 64 * drive.chain_speed)
