@@ -2,7 +2,7 @@
 
 With W steps in the window that begins at step a, note k (from 1) is taken at the first step that is a multiple of
 the drive's `look_every` and at least a + k W / BATCHES, before that step is added. The window's end gives the last
-batch; a window of fewer than BATCHES * MERGE_EVERY steps has no batches.
+batch; a window of fewer than BATCHES looks has no batches.
 """
 
 import warp as wp

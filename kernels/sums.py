@@ -28,8 +28,8 @@ from .sum_structs import (
 MERGE_EVERY = wp.constant(32)
 """Steps after which what links and sprockets have gathered since is added to the window's sums.
 
-Looks at the chain (which links lie on a strand, their tensions, where mid-strand is) are as far apart or twice as far,
-as each drive says (`Drive.look_every`). The chain moves a small part of a pitch in between.
+Looks at the chain (which links lie on a strand, their tensions, where mid-strand is) are as far apart, or a power of
+two times as far (`Drive.look_every`). The chain moves a small part of a pitch in between.
 """
 
 WATCH_EVERY = wp.constant(4)

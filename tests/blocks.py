@@ -279,7 +279,7 @@ def assert_steps_of_the_cpu(drives, many, precision):
             exact = 1.2e-7 if (name, field) == ("chain", "friction") else 1e-9  # of couples that are kept as float32
             loose = exact if precision == "float64" else 1e-2
             close(mine[field], theirs_[field], rtol=loose, atol=loose * scale, err_msg=f"{name}.{field}")
-    # 7 looks at each link (steps 111, 128 to 288); round-off may take a tension over the edge of its bin to the next
+    # looks at each link at step 111, then at multiples; round-off may take a tension over the edge of its bin
     mine, theirs_ = (each.reshape(-1, BINS) for each in (sums.tension_counts.numpy(), summed["tension_counts"]))
     seen = sum(step == 111 or step % looks == 0 for step in range(111, 291))
     assert mine.sum() == theirs_.sum() == seen * sum(drive.chain.links for drive in variants)

@@ -1,6 +1,6 @@
 """What a block's threads take from an evaluated step: sums of the window, and the energy balance.
 
-Every step a thread adds up the squared rates of its own links; every other step it holds their tensions
+Every step a thread adds up the squared rates of its own links; at watched ones it holds their tensions
 against the extremes of the strands that they are on, which hardly ever change. Looks add tensions to tallies of each
 link and strand. One thread keeps the sums of a sprocket and its strand. `collect` makes one row a variant of it.
 """

@@ -1,6 +1,7 @@
 """On which strand each link of a block's threads is: a few bits a link, several links in one shared number.
 
-So a thread learns with one access where all its links are. It reads and writes its own numbers only.
+So a thread learns with one access where all its links are. It reads and writes its own numbers only, so that with a
+roller a thread there is a number a link.
 """
 
 from dataclasses import dataclass

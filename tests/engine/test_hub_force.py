@@ -41,7 +41,7 @@ def test_frames_tell_the_same_without_tooth_friction(run):
 
 def test_share_of_links_without_tension(run):
     row, tension = run.metrics.to_pylist()[0], run[0].tension[run[0].time >= 0.3]
-    # bins end at no tension, so that the share is counted, every 32nd step; frames come every 20th
+    # bins end at no tension, so that the share is counted, every 64th step; frames come every 20th
     assert 0.0 < row["slack"] < 1.0
     assert row["slack"] == pytest.approx((tension < 0.0).mean(), abs=0.01)
 

@@ -56,6 +56,22 @@ def test_a_run_that_is_gone_on_with_has_the_bits_of_one_run(precision, window, l
     same(plain.metrics, at_once.metrics)  # stopping leaves no trace
 
 
+@pytest.mark.parametrize("start", [8, 40])
+def test_a_run_is_gone_on_with_where_looks_are_64_steps_apart(start):
+    """Kept at a step with a look, and between two; of windows that are long enough for such looks."""
+    drive = two_sprockets().with_values({"run.step": STEP})
+    end = start + 20 * 16 * 64
+    same_run = {"step": None, "record": Record("none"), "device": "cpu"}
+    short = States()
+    simulate([drive], duration=end * STEP, window=(start * STEP, end * STEP), states=short, **same_run)
+    assert short.kept[0].facts["look_every"] == 64
+    longer = {"duration": 2 * end * STEP, "window": (start * STEP, (2 * end - start) * STEP)}
+    on = States(begin=short.kept)
+    gone_on = simulate([drive], states=on, **longer, **same_run)
+    assert on.used == [True]
+    same(gone_on.metrics, simulate([drive], **longer, **same_run).metrics)
+
+
 def test_what_does_not_fit_begins_anew():
     """Half a window more: notes were not taken there; another drive, step or precision; a recorded variant."""
     drive = two_sprockets().with_values({"run.step": STEP})
@@ -115,6 +131,16 @@ def test_notes_are_taken_over_where_they_were_taken():
     assert takes_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0))
     assert not takes_sums(kept(0, 3200), Schedule(STEP, 64000, 8, 64008, 0))
     assert not takes_sums(kept(0, 3200), Schedule(STEP, 64000, 0, 64000, 0, look_every=64))  # looks weigh otherwise
+    before = kept(0, 3200)  # of a version in which looks were always 32 steps apart
+    before = Kept({name: value for name, value in before.facts.items() if name != "look_every"}, before.data)
+    assert takes_sums(before, Schedule(STEP, 64000, 0, 64000, 0))
+    assert not takes_sums(before, Schedule(STEP, 64000, 0, 64000, 0, look_every=64))
+
+
+@pytest.mark.parametrize("every", [0, 16, 48, 96, -32])
+def test_looks_fall_on_steps_at_which_sums_are_merged(every):
+    with pytest.raises(ValueError, match="allowed is 32 times a power of two"):
+        Schedule(STEP, 100, 0, 100, 0, every)
 
 
 def test_variants_of_many_steps_are_kept_at_few():

@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+import warp as wp
 from blocks import (
     assert_steps_of_the_cpu,
     bending,
@@ -25,6 +26,8 @@ from blocks import (
 from warpchain.engine.block_shape import BlockShape
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
+from warpchain.kernels.gpu.block_kind import BlockKind
+from warpchain.kernels.gpu.block_room import strand_words
 from warpchain.results.schedule import Schedule
 
 FOREVER = 10**8
@@ -82,6 +85,19 @@ def test_rows_beyond_shared_memory(fibers):
     np.testing.assert_allclose(state.rollers.numpy(), serial.state.rollers.numpy(), atol=1e-9, rtol=1e-9)
     theirs = serial.sums()["chain"]
     np.testing.assert_allclose(sums.chain.numpy()["tension"], theirs["tension"], rtol=1e-9)
+
+
+def test_how_many_rollers_a_thread_might_have_does_not_matter(fibers):
+    """Of twelve links a thread two numbers tell the strands, of six one; a thread's links are the same six."""
+    variants = marine()[:1]
+    packed = pack(variants, [Schedule(drive.run.step, 300, 11, 300, 0) for drive in variants])
+    none = wp.zeros(1, dtype=packed.real, device="cpu")
+    few, many = (run_blocks(packed, BlockShape(32, per), [301], [0], none) for per in (6, 12))
+    assert [strand_words(BlockKind(packed.real, 32, per, 3, 1)) for per in (6, 12)] == [1, 2]
+    for name in ("chain", "strand", "sprocket", "tension_counts"):
+        mine, theirs = (getattr(sums, name).numpy() for _, sums in (few, many))
+        np.testing.assert_array_equal(mine, theirs, err_msg=name)
+    assert (few[1].strand.numpy()["samples"] > 0).all()
 
 
 @pytest.mark.parametrize("drives", [equal_sprockets, rk4])

@@ -29,7 +29,7 @@ from warpchain.engine.block_shape import BlockShape
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.settling import cushion, elastic, quickened
-from warpchain.engine.states import GROUPS, Keeper, States
+from warpchain.engine.states import GROUPS, Keeper, States, stop_of
 from warpchain.kernels.gpu.block import block_kernel
 from warpchain.kernels.gpu.block_kind import BlockKind
 from warpchain.kernels.gpu.block_relax import block_relax_kernel
@@ -170,19 +170,21 @@ class Blocks:
 
 
 @pytest.mark.parametrize(
-    ("drives", "precision"),
+    ("drives", "precision", "every"),
     some_of(
-        [*product([marine, bending_rk4, arms], ["float64", "float32"])],
-        [(marine, "float64"), (bending_rk4, "float32"), (arms, "float64")],
+        [*product([marine, bending_rk4, arms], ["float64", "float32"], [32, 64])],
+        [(marine, "float64", 64), (bending_rk4, "float32", 32), (arms, "float64", 32)],
     ),
 )
-def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, precision):
-    """A window of 320 steps from step 33 that becomes 640: kept at step 352, and so on from there."""
+def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, precision, every):
+    """A window of ten looks from step 33 that becomes twenty: kept at step 352, or 672, which is between two looks."""
     variants = drives()
     shape = shape_of(variants, 0)
     short, long = (
-        [Schedule(drive.run.step, 33 + steps, 33, 33 + steps, 0) for drive in variants] for steps in (320, 640)
+        [Schedule(drive.run.step, 33 + steps, 33, 33 + steps, 0, every) for drive in variants]
+        for steps in (10 * every, 20 * every)
     )
+    half, end = (stop_of(schedules[0]) for schedules in (short, long))
 
     def engine(schedules):
         return Blocks(pack(variants, schedules).at_precision(precision), shape)
@@ -196,10 +198,10 @@ def test_a_longer_run_goes_on_with_the_bits_of_one_run(fibers, drives, precision
         keeper.take(of, of.state.progress.numpy())
         return states
 
-    first = kept(engine(short), short, States(), 352)
+    first = kept(engine(short), short, States(), half)
     whole, on = engine(long), engine(long)
-    at_once = kept(whole, long, States(), 672)
-    gone_on = kept(on, long, States(begin=first.kept), 320)
+    at_once = kept(whole, long, States(), end)
+    gone_on = kept(on, long, States(begin=first.kept), end - half)
     assert gone_on.used == [True, True]
     assert [one.data for one in gone_on.kept] == [one.data for one in at_once.kept]
     for each in (whole, on):

@@ -480,8 +480,8 @@ def test_metrics_at_float32_take_float64_at_looks_and_ends_only(tmp_path, name):
         common = largest_part_without_float64(ptx)
         assert len(common) > 0.25 * len(loop)
         assert sum("rsqrt" in line or "sqrt" in line for line in common) > 3
-    # beside it: looks (every 32 steps), and at the window's ends the energies of rollers, bodies and tensioners, and
-    # what these have metered
+    # beside it: what is merged every 32 steps, looks, and at the window's ends the energies of rollers, bodies and
+    # tensioners, and what these have metered
     counts = sorted(sum(float64_arithmetic(branch).values()) for branch in branches)
     arms = MEASURING[name].arms
     assert len(counts) <= 3 + 2 * arms and counts[-1] <= 180 and sum(counts[:-1]) <= 40 + 40 * arms, counts

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from warpchain.kernels.batches import BATCHES, NOTES
-from warpchain.kernels.sums import MERGE_EVERY, WATCH_EVERY
+from warpchain.kernels.sums import WATCH_EVERY
 
 Rows = Mapping[str, NDArray[Any]]
 
@@ -28,11 +28,11 @@ def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
     Args:
         drives: (V,) `kernels.structs.Drive`.
     """
-    batches, every = int(BATCHES), int(MERGE_EVERY)
     start, noted, end = _edges(drives)
     half = 0.5  # the first and the last step of a window stand for half a step
     steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
-    steps[((end - start) < batches * every)[:, 0]] = np.nan
+    short = end[:, 0] - start[:, 0] < int(BATCHES) * drives["look_every"].astype(np.int64)
+    steps[short] = np.nan
     return steps * drives["step"][:, None]
 
 

@@ -24,7 +24,7 @@ FURTHER = 2 * LOOK_EVERY
 
 
 def longest_apart(drive: Drive, step: float | NDArray[np.float64]) -> NDArray[np.int64]:
-    """() or (V,) steps between two looks at the chain that its speed allows at a time step [s].
+    """() or (V,) steps between two looks at the chain that its speed, harmonics aside, allows at a time step [s].
 
     Args:
         drive: one, or a stack; where the driver stands still nothing is known of how the chain moves.

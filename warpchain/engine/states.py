@@ -5,7 +5,7 @@ what moves, what contacts and tensioners remember, and what the window has summe
 step without a trace, so a run that is gone on with gives the same bits as a run of that length.
 
 A longer run can take a state over, with its sums, where its window begins at the same step, the chain is looked at as
-often (`looks`), and each note of its batches (`kernels.batches`) that lies behind was taken: always where the window
+often (`looks`), and each note of its batches (`kernels.batches`) that lies behind was taken, as it was where the window
 becomes a whole number of times as long.
 It can take a state over without its sums where its window begins later, on a CPU: a GPU steps by another kernel where
 it sums up, and the two round differently. Nor does a GPU mix variants that go on with others in one call: which kernel
@@ -31,9 +31,8 @@ from warpchain.errors import SimulationError
 from warpchain.kernels.batches import BATCHES, NOTES
 from warpchain.kernels.rows import STATE_ROWS
 from warpchain.kernels.structs import DIVERGENCE_CHECK
-from warpchain.kernels.sums import MERGE_EVERY
 from warpchain.kernels.tension_bins import BINS
-from warpchain.results.schedule import Schedule
+from warpchain.results.schedule import LOOK_EVERY, Schedule
 from warpchain.version import installed
 
 STATE = {
@@ -178,7 +177,7 @@ def stop_of(schedule: Schedule) -> int:
 def takes_sums(kept: Kept, schedule: Schedule) -> bool:
     """Whether a run can take over what a state has summed up: the same window so far, and its notes."""
     first, last = kept.facts["window"]
-    if kept.facts["look_every"] != schedule.look_every:
+    if kept.facts.get("look_every", LOOK_EVERY) != schedule.look_every:  # before it was a fact it was always the same
         return False
     if schedule.window_start != first or schedule.window_end < kept.step or kept.step < first:
         return False
@@ -190,7 +189,7 @@ def notes_from(kept: Kept, schedule: Schedule) -> list[tuple[int, int]] | None:
     first, last = kept.facts["window"]
     every = schedule.look_every
     wanted = note_steps(schedule.window_start, schedule.window_end, every)
-    if schedule.window_end - schedule.window_start < int(BATCHES) * int(MERGE_EVERY):
+    if schedule.window_end - schedule.window_start < int(BATCHES) * every:
         return []
     taken = {step: k for k, step in reversed(list(enumerate(note_steps(first, last, every).tolist())))}
     behind = [(k, step) for k, step in enumerate(wanted.tolist()) if step < kept.step]

@@ -41,7 +41,12 @@ class Schedule:
     window_start: int
     window_end: int
     sample_every: int  # 0: not recorded
-    look_every: int = LOOK_EVERY  # between two looks at the chain (`engine.looks`)
+    look_every: int = LOOK_EVERY  # steps between two looks at the chain (`engine.looks`)
+
+    def __post_init__(self) -> None:
+        times, rest = divmod(self.look_every, LOOK_EVERY)
+        if rest or times < 1 or times & (times - 1):
+            raise ValueError(f"look_every = {self.look_every}: allowed is {LOOK_EVERY} times a power of two")
 
     @property
     def frames(self) -> int:
