@@ -45,7 +45,7 @@ import numpy as np
 import warp as wp
 from bench.aims import FIVE, SMOOTH, aims
 from bench.work import Found, Store, Task, results
-from bench_cpu import FOREVER, HERE, RUBBING, Reference, bench_drives, engine_rate, reference_input, schedule
+from bench_cpu import HERE, RUBBING, Reference, bench_drives, engine_rate, reference_input, schedule
 from count_float64 import KINDS, counts
 
 from warpchain import Drive, Record, load_drive, simulate
@@ -55,7 +55,6 @@ from warpchain.engine.gpu import GpuEngine
 from warpchain.engine.pack import pack
 from warpchain.engine.packed import Packed
 from warpchain.engine.simulation import available_cores
-from warpchain.results.schedule import Schedule
 
 DEVICE = "cuda:0"
 PRECISIONS = ("float64", "float32")
@@ -119,7 +118,7 @@ def reference(drive: Drive, steps: int, count: int, folder: Path) -> tuple[dict[
     program = compiled(HERE / "chain_reference.cu", folder)
     if program is None:
         return {}, None
-    packed = pack([drive], [Schedule(resolve_step(drive), FOREVER, FOREVER - 1, FOREVER, 0)])
+    packed = pack([drive], [schedule(drive, False)])
     with tempfile.TemporaryDirectory() as name:
         (Path(name) / "in").write_bytes(reference_input(packed))
         command = [str(program), f"{name}/in", f"{name}/out", str(steps), str(count)]
@@ -132,7 +131,7 @@ def reference(drive: Drive, steps: int, count: int, folder: Path) -> tuple[dict[
 def difference(drive: Drive, folder: Path) -> float:
     """Largest distance between the engine's rollers and the reference's after 500 steps [m]."""
     _, theirs = reference(drive, 500, 1, folder)
-    engine = GpuEngine(pack([drive], [Schedule(resolve_step(drive), FOREVER, FOREVER - 1, FOREVER, 0)]), DEVICE)
+    engine = GpuEngine(pack([drive], [schedule(drive, False)]), DEVICE)
     for future in engine.advance(500, engine.frame_buffer(0)):
         future.result()
     ours = engine.rollers()[: 2 * drive.chain.links]
@@ -432,7 +431,7 @@ def cpu(task: Task, title: str) -> Found:
     if not wp.is_cpu_available() or compiler is None:
         return NO_COMPILER if compiler else f"{NOT_HERE}: no C compiler", {}
     drive, steps = DRIVES[title], 10_000
-    packed = pack([drive], [Schedule(resolve_step(drive), FOREVER, FOREVER - 1, FOREVER, 0)])
+    packed = pack([drive], [schedule(drive, False)])
     work = drive.chain.links * steps
     with tempfile.TemporaryDirectory() as name:
         programs = [Reference(Path(name), compiler, *flags) for flags in ([], ["-fno-math-errno"])]

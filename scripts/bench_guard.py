@@ -26,33 +26,25 @@ LIMIT = 0.97
 
 RATES = """
 import json, sys, time
+asked = json.load(sys.stdin)
+sys.path.append(asked["tree"] + "/scripts")
 import warp as wp
 wp.config.log_level = wp.LOG_ERROR
-from dataclasses import replace
+from bench_cpu import schedule
 from pathlib import Path
 import warpchain
 from warpchain import loads_drive
-from warpchain.assembly.timestep import resolve_step
 from warpchain.engine.cpu import CpuEngine
 from warpchain.engine.pack import pack
 from warpchain.results.schedule import Schedule
-try:
-    from warpchain.engine.looks import longest_apart
-except ImportError:  # a commit in which looks are always as far apart
-    longest_apart = None
-asked = json.load(sys.stdin)
 assert Path(warpchain.__file__).resolve().is_relative_to(Path(asked["tree"]).resolve()), warpchain.__file__
-FOREVER = 10**9
 found = {}
 for title, text in asked["drives"].items():
     drive = loads_drive(text)
-    kinds = (("bare", FOREVER - 1, "float64"), ("metrics", 0, "float64"), ("float32", FOREVER - 1, "float32"))
-    for kind, window, precision in kinds:
-        schedule = Schedule(resolve_step(drive), FOREVER, window, FOREVER, 0)
-        if longest_apart:
-            schedule = replace(schedule, look_every=int(longest_apart(drive, schedule.step)))
+    for kind, precision in (("bare", "float64"), ("metrics", "float64"), ("float32", "float32")):
+        when = schedule(drive, kind == "metrics")
         for variants in (1, 8):
-            engine = CpuEngine(pack([drive] * variants, [schedule] * variants).at_precision(precision), 1)
+            engine = CpuEngine(pack([drive] * variants, [when] * variants).at_precision(precision), 1)
             frames = engine.frame_buffer(1)
             def run(steps):
                 begin = time.process_time()

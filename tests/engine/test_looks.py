@@ -24,7 +24,7 @@ def missed(request):
     drive = two_sprockets(speed=20.0, duration=1.0, ramp=0.1, load_ramp=0.1, viscous=5.0, span=20.0 * (1 + 1e-3))
     every = look_every(int(longest_apart(drive, resolve_step(drive))), request.param)
     assert every == (32 if request.param == 8000 else 64)
-    return looks_study.misses(drive, 0.3, request.param)
+    return looks_study.misses(drive, 0.3, request.param) | {"looks": request.param // every}
 
 
 @pytest.mark.parametrize("name", ["tension_mean", "hub_force_mean", "speed_mean", "displacement_mean"])
@@ -36,8 +36,8 @@ def test_spreads_and_integrals_stay(missed):
     for name in ("tension_std", "impulse", "speed_std"):
         assert missed[name] < 1e-3, name
     # of L looks the window's first is one too many: so the mean square is off by its share of it, and the root by half
-    # of that, 1 / 2 L for a sample of twice the mean square; L is 251 and 376
-    assert missed["displacement_rms"] < 2e-3
+    # of that, 1 / 2 L for a sample of twice the mean square; with L = 375 looks less often that is 1.3e-3
+    assert missed["displacement_rms"] < {250: 1e-3, 375: 2e-3}[missed["looks"]]
 
 
 def test_of_peaks_next_to_nothing_is_missed(missed):

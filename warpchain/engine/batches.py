@@ -22,6 +22,11 @@ def note_steps(start: NDArray[Any] | int, end: NDArray[Any] | int, look_every: N
     return np.asarray(-(-reached // every) * every)
 
 
+def has_batches(window: NDArray[Any] | int, look_every: NDArray[Any] | int) -> Any:
+    """(...) whether a window of so many steps has a look for each batch, at the least."""
+    return window >= int(BATCHES) * look_every
+
+
 def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
     """(V, batches) time that each batch stands for [s], nan where the window is too short for batches.
 
@@ -31,8 +36,7 @@ def batch_durations(drives: NDArray[Any]) -> NDArray[np.float64]:
     start, noted, end = _edges(drives)
     half = 0.5  # the first and the last step of a window stand for half a step
     steps = np.diff(np.concatenate([start + half, noted, end + half], axis=1), axis=1)
-    short = end[:, 0] - start[:, 0] < int(BATCHES) * drives["look_every"].astype(np.int64)
-    steps[short] = np.nan
+    steps[~has_batches((end - start)[:, 0], drives["look_every"].astype(np.int64))] = np.nan
     return steps * drives["step"][:, None]
 
 

@@ -171,8 +171,6 @@ def schedules_of(
         DriveError: a step beyond a variant's limit.
         SimulationError: a duration that is not positive, or a window outside the run.
     """
-    from warpchain.engine.looks import look_every
-
     if duration is not None and not (np.isfinite(duration) and duration > 0.0):
         raise SimulationError(f"duration = {duration!r}: allowed is a finite number above 0 (s)")
     recorded = set(record.indices(len(drives)))
@@ -184,9 +182,7 @@ def schedules_of(
         key = h, longest, length, rate, v in recorded
         if key not in known:
             start, end = window if window is not None else (0.5 * length, length)
-            schedule = _schedule(v, h, length, (start, end), rate if v in recorded else None)
-            looks = look_every(longest, schedule.window_end - schedule.window_start)
-            known[key] = replace(schedule, look_every=looks)
+            known[key] = _schedule(v, h, longest, length, (start, end), rate if v in recorded else None)
         found.append(known[key])
     return found
 
@@ -215,8 +211,11 @@ def _steps(
     return found.tolist(), longest.tolist()
 
 
-def _schedule(v: int, h: float, length: float, window: tuple[float, float], rate: float | None) -> Schedule:
-    """The steps of variant v, with the sample rate of its frames [Hz]; None for no frames."""
+def _schedule(
+    v: int, h: float, longest: int, length: float, window: tuple[float, float], rate: float | None
+) -> Schedule:
+    """The steps of variant v, looks `longest` apart at most; `rate` is that of its frames [Hz], None for no frames."""
+    from warpchain.engine.looks import look_every
     from warpchain.results.schedule import Schedule, whole_steps
 
     start, end = window
@@ -230,7 +229,7 @@ def _schedule(v: int, h: float, length: float, window: tuple[float, float], rate
     if rate is not None:
         period = 1.0 / (rate * h) if rate * h > 0.0 else np.inf
         every = max(1, whole_steps(f"rate = {rate:g} Hz: a sample's period at a step of {h:.4g} s", period))
-    return Schedule(h, steps, first, last, every)
+    return Schedule(h, steps, first, last, every, look_every(longest, last - first))
 
 
 def _run_info(devices: Sequence[str], precision: str, schedules: Sequence[Schedule]) -> RunInfo:

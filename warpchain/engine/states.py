@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from warpchain.drive import Drive
 from warpchain.engine.arrays import OF_CONTACTS
-from warpchain.engine.batches import note_steps
+from warpchain.engine.batches import has_batches, note_steps
 from warpchain.engine.packed import Packed
 from warpchain.errors import SimulationError
-from warpchain.kernels.batches import BATCHES, NOTES
+from warpchain.kernels.batches import NOTES
 from warpchain.kernels.rows import STATE_ROWS
 from warpchain.kernels.structs import DIVERGENCE_CHECK
 from warpchain.kernels.tension_bins import BINS
@@ -189,7 +189,7 @@ def notes_from(kept: Kept, schedule: Schedule) -> list[tuple[int, int]] | None:
     first, last = kept.facts["window"]
     every = schedule.look_every
     wanted = note_steps(schedule.window_start, schedule.window_end, every)
-    if schedule.window_end - schedule.window_start < int(BATCHES) * every:
+    if not has_batches(schedule.window_end - schedule.window_start, every):
         return []
     taken = {step: k for k, step in reversed(list(enumerate(note_steps(first, last, every).tolist())))}
     behind = [(k, step) for k, step in enumerate(wanted.tolist()) if step < kept.step]
