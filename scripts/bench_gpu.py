@@ -5,6 +5,7 @@
 `table`: the time loop bare and with metrics, by precision and number of variants, one alone among them, two drives,
 each beside chain_reference.cu in the same run. `joints`: with joint friction beside without.
 `recording`: whole runs without records, with 16 variants in full, and with metrics over the whole run.
+`runs`: whole runs of 16,896 variants with metrics over the second half, as is usual, beside ones without.
 `rollers`: by length of chain. `gpus`: on one GPU and on all. `headline`: 10,000 variants of the marine drive, two
 simulated seconds each, metrics for all, equal but for a load and different in five values, these also without friction.
 `kinds`: 8,000 two-sprocket drives of 224 kinds beside 8,000 of one. `study`: the study command beside a run of the same
@@ -212,6 +213,23 @@ def recording(task: Task, precision: str) -> Found:
         f"({recorded / nothing - 1:+.1%}), metrics over all of it {metrics:.3f} ({metrics / nothing - 1:+.1%})"
     )
     return line, {"recorded": recorded / nothing, "metrics": metrics / nothing}
+
+
+def runs(task: Task, title: str, precision: str) -> Found:
+    """Whole runs of many variants with metrics over the second half, as is usual, and without; no settling."""
+    drive = DRIVES[title].with_values({"run.settle": False})
+    length = 0.001 if task.compile_only else drive.run.duration
+    drives = [drive] * VARIANTS[-1]
+    options: dict[str, Any] = {"device": DEVICE, "precision": precision, "duration": length}
+    options["record"] = Record(variants="none")
+    best = {"none": math.inf, "second half": math.inf}
+    for _ in range(1 if task.compile_only or task.quick else 2):  # in turns
+        best["none"] = min(best["none"], timed(drives, 1, window=(length - resolve_step(drive), length), **options))
+        best["second half"] = min(best["second half"], timed(drives, 1, **options))
+    without, measured = best.values()
+    work = len(drives) * drive.chain.links * length / resolve_step(drive) / 1e9
+    line = f"{title:28s} {precision:9s} {length:4.1f} {without:8.2f} {measured:8.2f} {without / measured:8.2f}"
+    return f"{line} {work / without:8.2f} {work / measured:8.2f}", {"of bare": without / measured}
 
 
 def rollers(task: Task, links: int, precision: str) -> Found:
@@ -475,6 +493,13 @@ PARTS = {
     ),
     "recording": Part(
         recording, [(p,) for p in PRECISIONS], "2,112 variants of the marine drive, 2 s, no settling: seconds", 40
+    ),
+    "runs": Part(
+        runs,
+        list(product(DRIVES, PRECISIONS)),
+        "16,896 variants, no settling: seconds of whole runs without metrics and with those of the second half\n"
+        "drive                        precision  [s]  without  metrics  of bare  1e9 roller-steps/s",
+        45,
     ),
     "rollers": Part(
         rollers,

@@ -116,6 +116,26 @@ def test_what_is_aimed_at_is_measured_also_where_less_is(bench, tmp_path):
     assert asked.keys_asked <= quick < every
 
 
+@pytest.mark.parametrize(("quick", "rounds"), [(True, 1), (False, 2)])
+def test_whole_runs_are_measured_with_metrics_of_the_second_half_and_without(
+    bench, tmp_path, monkeypatch, quick, rounds
+):
+    """Seconds 8, 10, then 9, 8.5 in turns: the best without metrics is 8, with them 10 or 8.5."""
+    asked, seconds = [], iter([8.0, 10.0, 9.0, 8.5])
+
+    def timed(drives, count, **options):
+        asked.append((len(drives), count, options.get("window"), options["duration"], options["precision"]))
+        return next(seconds)
+
+    monkeypatch.setattr(bench, "timed", timed)
+    task = bench.Task("runs", ("marine drive", "float32"), tmp_path, quick=quick)
+    line, figures = bench.runs(task, *task.case)
+    last = (2.0 - 1e-5, 2.0)  # its last step
+    assert asked == [(16896, 1, last, 2.0, "float32"), (16896, 1, None, 2.0, "float32")] * rounds
+    assert figures["of bare"] == 8.0 / (10.0 if quick else 8.5)
+    assert f"{16896 * 162 * 2.0 / 1e-5 / 8.0 / 1e9:.2f}" in line
+
+
 def test_float64_at_looks_does_not_count_as_that_of_a_step(bench, tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "counts", lambda kind: (166, [136, 30]) if kind.measuring else (0, []))
     line, figures = bench.float64(bench.Task("float64", (), tmp_path))

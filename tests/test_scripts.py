@@ -74,4 +74,7 @@ def test_words_that_a_script_does_not_know_are_refused(capsys):
         with pytest.raises(SystemExit) as left:
             load_script(name).parser().parse_args(words)
         assert left.value.code == 2
-    assert "'tables': allowed are table, joints, recording, rollers, gpus, headline, kinds" in capsys.readouterr().err
+    assert (
+        "'tables': allowed are table, joints, recording, runs, rollers, gpus, headline, kinds"
+        in capsys.readouterr().err
+    )

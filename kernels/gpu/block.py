@@ -345,12 +345,12 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         A step that wants no more than most do adds its links' squared rates to `rates`, if these are carried on.
         """
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
+        touch = look(ensemble, state, shared, mine, now, touch)
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
         # before anything else, so that tensions and rates do not stay in registers any longer
         sampling.sample_links(state, shared, mine, now, lengths, tension, rate)
         if wp.static(kind.carrying) and now.common != 0:
             rates = observe.with_rates(rates, rate, now.weight)
-        touch = look(ensemble, state, shared, mine, now, touch)
         if wp.static(not measuring) and now.common != 0:
             forces.plain_contacts(ensemble, state, out.tallies, shared, mine, now, touch)
         else:
