@@ -222,11 +222,11 @@ def runs(task: Task, title: str, precision: str) -> Found:
     drives = [drive] * VARIANTS[-1]
     options: dict[str, Any] = {"device": DEVICE, "precision": precision, "duration": length}
     options["record"] = Record(variants="none")
-    best = {"none": math.inf, "second half": math.inf}
+    last = (length - resolve_step(drive), length)
+    without, measured = math.inf, math.inf
     for _ in range(1 if task.compile_only or task.quick else 2):  # in turns
-        best["none"] = min(best["none"], timed(drives, 1, window=(length - resolve_step(drive), length), **options))
-        best["second half"] = min(best["second half"], timed(drives, 1, **options))
-    without, measured = best.values()
+        without = min(without, timed(drives, 1, window=last, **options))
+        measured = min(measured, timed(drives, 1, **options))
     work = len(drives) * drive.chain.links * length / resolve_step(drive) / 1e9
     line = f"{title:28s} {precision:9s} {length:4.1f} {without:8.2f} {measured:8.2f} {without / measured:8.2f}"
     return f"{line} {work / without:8.2f} {work / measured:8.2f}", {"of bare": without / measured}

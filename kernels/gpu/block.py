@@ -345,6 +345,7 @@ def block_kernel(kind: BlockKind, blocks: int, frame: Any) -> wp.Kernel:
         A step that wants no more than most do adds its links' squared rates to `rates`, if these are carried on.
         """
         lengths = view(ensemble.lengths, mine.first, wp.static(kind.slots))
+        # first, so that both read places of rollers once, and nothing branches while they wait for them
         touch = look(ensemble, state, shared, mine, now, touch)
         tension, rate = pull(shared, lengths, mine.rollers, mine.thread)
         # before anything else, so that tensions and rates do not stay in registers any longer
