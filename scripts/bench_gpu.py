@@ -196,6 +196,11 @@ def timed(drives: list[Drive], rounds: int, **options: Any) -> float:
     return min(simulate(drives, **options).info.wall_time for _ in range(rounds))
 
 
+def last_step(drive: Drive, length: float) -> tuple[float, float]:
+    """The window of a run of `length` [s] that is to go without metrics."""
+    return length - resolve_step(drive), length
+
+
 def recording(task: Task, precision: str) -> Found:
     """Whole runs of 2,112 variants, two seconds each, without settling."""
     drive = DRIVES[MARINE].with_values({"run.settle": False})
@@ -203,7 +208,7 @@ def recording(task: Task, precision: str) -> Found:
     none, some = Record(variants="none"), Record(variants=range(0, 2112, 132), rate=5000.0)
     length = 0.001 if task.compile_only else 2.0
     options: dict[str, Any] = {"device": DEVICE, "precision": precision, "duration": length}
-    last = (length - resolve_step(drive), length)
+    last = last_step(drive, length)
     rounds = 1 if task.compile_only else 2
     nothing = timed(drives, rounds, record=none, window=last, **options)
     recorded = timed(drives, rounds, record=some, window=last, **options)
@@ -220,13 +225,11 @@ def runs(task: Task, title: str, precision: str) -> Found:
     drive = DRIVES[title].with_values({"run.settle": False})
     length = 0.001 if task.compile_only else drive.run.duration
     drives = [drive] * VARIANTS[-1]
-    options: dict[str, Any] = {"device": DEVICE, "precision": precision, "duration": length}
-    options["record"] = Record(variants="none")
-    last = (length - resolve_step(drive), length)
+    options: dict[str, Any] = {"device": DEVICE, "precision": precision, "record": Record(variants="none")}
     without, measured = math.inf, math.inf
     for _ in range(1 if task.compile_only or task.quick else 2):  # in turns
-        without = min(without, timed(drives, 1, window=last, **options))
-        measured = min(measured, timed(drives, 1, **options))
+        without = min(without, timed(drives, 1, duration=length, window=last_step(drive, length), **options))
+        measured = min(measured, timed(drives, 1, duration=length, **options))
     work = len(drives) * drive.chain.links * length / resolve_step(drive) / 1e9
     line = f"{title:28s} {precision:9s} {length:4.1f} {without:8.2f} {measured:8.2f} {without / measured:8.2f}"
     return f"{line} {work / without:8.2f} {work / measured:8.2f}", {"of bare": without / measured}
